@@ -1,0 +1,4 @@
+"""Worlds: the physics, and one file per task."""
+
+if not __name__.startswith("swarmdata."):
+    raise ImportError(f"import swarmdata.{__name__}, not {__name__}")

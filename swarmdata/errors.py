@@ -1,0 +1,113 @@
+"""Every error that swarmdata raises on purpose.
+
+    SwarmdataError
+    ├── UnknownNameError (KeyError)         a registry or the catalog has no such name
+    ├── SpecError (ValueError)              a TaskSpec or Recipe is malformed or asks for what is not available
+    ├── SchemaError (ValueError)            arrays do not have the shape, dtype or range that was promised
+    ├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
+    ├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
+    ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
+    ├── BuildError (RuntimeError)           a dataset could not be made
+    │   └── RecipeConflictError             the folder holds parts of another recipe
+    └── DatasetError (OSError)              a stored dataset cannot be used
+        ├── DatasetNotFoundError            there is nothing at that path
+        ├── MissingManifestError            the folder has no manifest, so it was never finished
+        ├── ManifestError                   the manifest cannot be read or contradicts itself
+        ├── FormatVersionError              written by a newer swarmdata
+        ├── MissingFileError                a listed file or chunk is absent
+        ├── TruncatedFileError              a file is shorter or longer than listed
+        └── ChecksumError                   the bytes are not those that were written
+"""
+
+import difflib
+from collections.abc import Iterable
+
+
+class SwarmdataError(Exception):
+    """Base class of every error this library raises on purpose."""
+
+    def __str__(self) -> str:
+        """The message itself; `KeyError` would otherwise show it quoted."""
+        return str(self.args[0]) if self.args else ""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Returns " Did you mean 'x'?" for the nearest known name, or an empty string."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
+class UnknownNameError(SwarmdataError, KeyError):
+    """A registry or the catalog was asked for a name that it does not hold."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        options = sorted(known)
+        super().__init__(
+            f"unknown {kind} {name!r}.{did_you_mean(name, options)} Known: {', '.join(options)}."
+        )
+
+
+class SpecError(SwarmdataError, ValueError):
+    """A TaskSpec or Recipe is malformed, or asks for something that is not available."""
+
+
+class SchemaError(SwarmdataError, ValueError):
+    """Arrays do not have the shape, dtype or range that was promised."""
+
+
+class SpawnError(SwarmdataError, RuntimeError):
+    """No collision-free layout could be drawn for this spec."""
+
+
+class CheckpointError(SwarmdataError, ValueError):
+    """A checkpoint is malformed or is not the one that the recipe names."""
+
+
+class MissingExtraError(SwarmdataError, ImportError):
+    """An optional dependency is needed and absent."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs {package!r}, which is not installed. "
+            f"Install it with: pip install 'swarmdata[{extra}]'"
+        )
+
+
+class BuildError(SwarmdataError, RuntimeError):
+    """A dataset could not be made; finished parts are kept."""
+
+
+class RecipeConflictError(BuildError):
+    """The build folder holds parts of another recipe."""
+
+
+class DatasetError(SwarmdataError, OSError):
+    """A stored dataset cannot be used."""
+
+
+class DatasetNotFoundError(DatasetError):
+    """There is no dataset at that path."""
+
+
+class MissingManifestError(DatasetError):
+    """The folder has no manifest: the dataset was never finished, or the file was lost."""
+
+
+class ManifestError(DatasetError):
+    """The manifest cannot be read, or contradicts itself or the arrays."""
+
+
+class FormatVersionError(DatasetError):
+    """The dataset was written in a format newer than this library reads."""
+
+
+class MissingFileError(DatasetError):
+    """A file or chunk that the manifest lists is absent."""
+
+
+class TruncatedFileError(DatasetError):
+    """A file does not have the size that the manifest lists."""
+
+
+class ChecksumError(DatasetError):
+    """The stored bytes are not those that were written."""

@@ -1,0 +1,111 @@
+"""Distances between circular robots, obstacles and walls: numba kernels over plain arrays.
+
+All arithmetic is float64 with `+ - * /` and `sqrt`, each correctly rounded by IEEE 754, so that the
+bits are the same on every platform. No fast-math, no library transcendental function.
+"""
+
+import math
+
+from numba import njit
+
+from swarmdata.types import Double, Float
+
+OBSTACLE = ("kind", "x", "y", "ux", "uy", "a", "b", "t")
+"""Columns of a layout row: shape code, centre, direction of the local x axis (unit vector), half
+length and half width of the bounding rectangle (`a` is the radius of a circle), half thickness of
+the bars."""
+
+CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
+"""Shape codes. A corner has bars along the lower and left sides of its rectangle; a pocket also
+along the right side, so that it opens towards local +y."""
+
+N_BARS = {CIRCLE: 0, BOX: 1, CORNER: 2, POCKET: 3}
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _bar(lx: float, ly: float, cx: float, cy: float, hx: float, hy: float) -> tuple[float, float]:
+    """Vector from the local point to the nearest point of an axis-aligned bar."""
+    qx = min(max(lx, cx - hx), cx + hx)
+    qy = min(max(ly, cy - hy), cy + hy)
+    return qx - lx, qy - ly
+
+
+@njit(nogil=True, cache=True)
+def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
+    """Returns the distance from a point to an obstacle's surface and the vector to it.
+
+    The distance is 0 inside an obstacle.
+
+    Args:
+        px: point, m.
+        py: point, m.
+        row: one obstacle, columns `OBSTACLE`, [8].
+    """
+    kind = row[0]
+    dx, dy = float(row[1]) - px, float(row[2]) - py
+    a, b, t = float(row[5]), float(row[6]), float(row[7])
+    if kind == CIRCLE:
+        d = math.sqrt(dx * dx + dy * dy)
+        if d <= a:
+            return 0.0, 0.0, 0.0
+        s = (d - a) / d
+        return d - a, dx * s, dy * s
+    ux, uy = float(row[3]), float(row[4])
+    lx, ly = -(dx * ux + dy * uy), -(dy * ux - dx * uy)
+    if kind == BOX:
+        vx, vy = _bar(lx, ly, 0.0, 0.0, a, b)
+    else:
+        vx, vy = _bar(lx, ly, 0.0, t - b, a, t)
+        wx, wy = _bar(lx, ly, t - a, 0.0, t, b)
+        if wx * wx + wy * wy < vx * vx + vy * vy:
+            vx, vy = wx, wy
+        if kind == POCKET:
+            wx, wy = _bar(lx, ly, a - t, 0.0, t, b)
+            if wx * wx + wy * wy < vx * vx + vy * vy:
+                vx, vy = wx, wy
+    return math.sqrt(vx * vx + vy * vy), vx * ux - vy * uy, vx * uy + vy * ux
+
+
+@njit(nogil=True, cache=True)
+def bounding_radius(row: Float) -> float:
+    """Radius of the smallest circle about the obstacle's centre that holds it."""
+    a, b = float(row[5]), float(row[6])
+    return a if row[0] == CIRCLE else math.sqrt(a * a + b * b)
+
+
+@njit(nogil=True, cache=True)
+def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
+    """Distance from a point to the inner face of one wall: 0 right, 1 left, 2 top, 3 bottom.
+
+    Args:
+        px: point, m.
+        py: point, m.
+        half: half width and half height of the arena, [2].
+        wall: which wall.
+    """
+    if wall == 0:
+        return half[0] - px
+    if wall == 1:
+        return half[0] + px
+    if wall == 2:
+        return half[1] - py
+    return half[1] + py
+
+
+@njit(nogil=True, cache=True)
+def clearance(px: float, py: float, layout: Float, half: Double) -> float:
+    """Distance from a point to the nearest obstacle surface or wall.
+
+    Args:
+        px: point, m.
+        py: point, m.
+        layout: obstacles, [M, 8].
+        half: half width and half height of the arena, [2].
+    """
+    best = min(half[0] - abs(px), half[1] - abs(py))
+    for m in range(layout.shape[0]):
+        dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
+        reach = best + bounding_radius(layout[m])
+        if reach > 0.0 and dx * dx + dy * dy < reach * reach:
+            best = min(best, nearest(px, py, layout[m])[0])
+    return best

@@ -1,0 +1,50 @@
+"""Names to code, as literal tables of "module:Name", imported only when asked for."""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from swarmdata.errors import UnknownNameError
+from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.spec import TaskSpec
+
+TASKS = {"coop_nav": "swarmdata.envs.coop_nav:CoopNav"}
+
+POLICIES = {
+    "idle": "swarmdata.behavior_policies.simple:Idle",
+    "random": "swarmdata.behavior_policies.simple:Random",
+    "straight": "swarmdata.behavior_policies.simple:Straight",
+    "scripted": "swarmdata.behavior_policies.scripted:Scripted",
+    "learned": "swarmdata.behavior_policies.learned:Learned",
+}
+
+OFFLINE_ALGORITHMS = {
+    "bc": "swarmdata.offline_algos.bc:BC",
+    "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+}
+
+ONLINE_ALGORITHMS = {"mappo": "swarmdata.online_algos.mappo:MAPPO"}
+
+
+def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:
+    """Imports what `table` names.
+
+    Raises:
+        UnknownNameError: with the nearest known name.
+    """
+    if name not in table:
+        raise UnknownNameError(kind, name, table)
+    module, attribute = table[name].split(":")
+    return getattr(import_module(module), attribute)
+
+
+def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
+    """Builds `n_copies` copies of the task that `spec` describes."""
+    build: Callable[[TaskSpec, int], VecEnv] = resolve("task", TASKS, spec.task)
+    return build(spec, n_copies)
+
+
+def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
+    """Builds the named policy for the task that `spec` describes."""
+    build: Callable[..., Policy] = resolve("policy", POLICIES, name)
+    return build(spec, **options)

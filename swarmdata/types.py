@@ -1,0 +1,153 @@
+"""The values that flow from worlds to reports.
+
+Axis letters, always in this order: E copies of a task or B batch, T time, N agents, then features:
+O observation, S state, A action. M obstacles of a layout.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import MissingExtraError, SchemaError
+
+if TYPE_CHECKING:
+    import torch
+
+Float = NDArray[np.float32]
+Double = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+Int = NDArray[np.int64]
+Seeds = NDArray[np.uint64]
+Counts = NDArray[np.uint8]
+
+EVENTS = ("robot_contact", "obstacle_contact", "robot_onsets", "obstacle_onsets")
+"""Columns of `events`: was touching during the step (0 or 1), and contacts that began in it."""
+
+END_REASONS = ("success", "failure", "horizon")
+"""Why an episode ended, by code: two terminations, then the truncation."""
+
+
+class Step(NamedTuple):
+    """What every copy of a task returned for one joint action, or for a reset.
+
+    The arrays are the caller's to keep: the environment never writes to them again.
+    A copy that has ended stays as it is, with zero rewards, until it is reset.
+    """
+
+    observations: Float  # [E, N, O]
+    states: Float  # [E, S]
+    rewards: Float  # [E, N]
+    terminations: Bool  # [E] the task ended: success, or a failure that the spec names
+    truncations: Bool  # [E] the horizon cut the episode
+    successes: Bool  # [E] the task was solved in this step (implies termination)
+    events: Counts  # [E, N, 4] safety events of this step, columns `EVENTS`
+    seeds: Seeds  # [E] the episode that runs in each copy
+    times: Int  # [E] control steps taken since that episode's reset
+    layouts: Float  # [E, M, 8] obstacles of that episode, columns `geometry.OBSTACLE`
+
+    @property
+    def ended(self) -> Bool:
+        """Which copies need a reset, [E]."""
+        return self.terminations | self.truncations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Episode:
+    """One finished run of a task, time first.
+
+    `observations` and `states` have one row more than `actions`: the last row is what was reached
+    by the last action, so that bootstrapping at a truncation needs no guessing.
+    """
+
+    observations: Float  # [T+1, N, O]
+    states: Float  # [T+1, S]
+    actions: Float  # [T, N, A]
+    rewards: Float  # [T, N]
+    terminations: Bool  # [T]
+    truncations: Bool  # [T]
+    events: Counts  # [T, N, 4]
+    layout: Float  # [M, 8]
+    seed: int
+    policy: int  # index into the recipe's policies
+    end_reason: int  # index into END_REASONS
+
+    def __post_init__(self) -> None:
+        """Checks that all time axes agree."""
+        steps = len(self)
+        for name in ("observations", "states", "rewards", "terminations", "truncations", "events"):
+            rows = len(getattr(self, name))
+            expected = steps + (name in ("observations", "states"))
+            if rows != expected:
+                raise SchemaError(
+                    f"episode field {name!r} has {rows} rows, expected {expected} "
+                    f"(actions has {steps}). Pass the state reached by the last action as well."
+                )
+
+    def __len__(self) -> int:
+        """Number of joint steps, T."""
+        return len(self.actions)
+
+    def __repr__(self) -> str:
+        """Shows shapes instead of values."""
+        arrays = [f for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)]
+        shapes = ", ".join(f"{f.name}={getattr(self, f.name).shape}" for f in arrays)
+        return f"Episode({shapes}, seed={self.seed}, end_reason={END_REASONS[self.end_reason]!r})"
+
+    @property
+    def success(self) -> bool:
+        """Whether the episode ended because the task was solved."""
+        return END_REASONS[self.end_reason] == "success"
+
+    @property
+    def team_return(self) -> float:
+        """Undiscounted sum over time of the mean reward over agents."""
+        return float(self.rewards.mean(axis=1, dtype=np.float64).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """Transitions (L = 1, time axis dropped) or fixed-length sequences, batch first.
+
+    `mask` is False on padding. `terminations` stop a bootstrap, `truncations` do not.
+    """
+
+    observations: Any  # [B, N, O] or [B, L, N, O]
+    actions: Any  # [B, N, A] or [B, L, N, A]
+    rewards: Any  # [B, N] or [B, L, N]
+    next_observations: Any  # as observations
+    states: Any  # [B, S] or [B, L, S]
+    next_states: Any  # as states
+    terminations: Any  # [B] or [B, L]
+    truncations: Any  # [B] or [B, L]
+    mask: Any  # [B] or [B, L]
+
+    def __len__(self) -> int:
+        """Batch size, B."""
+        return len(self.mask)
+
+    def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
+        """Returns the same batch as tensors on `device`; on the CPU the memory is shared."""
+        try:
+            import torch  # noqa: PLC0415  (torch is an extra)
+        except ImportError as error:
+            raise MissingExtraError("torch", "torch", "Batch.to_torch") from error
+        arrays = {f.name: torch.from_numpy(getattr(self, f.name)) for f in fields(self)}
+        return Batch(**{name: tensor.to(device) for name, tensor in arrays.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvalResult:
+    """Per-episode metrics of one policy; every figure and table derives from it.
+
+    `metrics` maps each name of `metrics.EPISODE_METRICS` to one float64 value per episode; an
+    undefined value (the time to goal of a failed episode) is NaN.
+    """
+
+    policy: str
+    task: str
+    spec_hash: str
+    seeds: Seeds  # [n_episodes]
+    metrics: Mapping[str, Double]  # name -> [n_episodes]
