@@ -1,4 +1,6 @@
-"""TaskSpec: the whole problem as frozen data; two equal specs give the same world.
+"""TaskSpec, the whole problem as frozen data, and Recipe, all that makes a dataset again.
+
+Two equal specs give the same world; two equal recipes give the same dataset.
 
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
@@ -218,6 +220,51 @@ class TaskSpec(Frozen):
     def with_updates(self, **changes: Any) -> "TaskSpec":
         """Returns a validated copy with top-level fields replaced."""
         return type(self).parse({**self.model_dump(), **changes})
+
+
+class PolicySource(Frozen):
+    """One behaviour policy of a recipe, and its share of the joint steps."""
+
+    label: str  # unique in the recipe, such as "expert-0"
+    name: str  # registered policy
+    checkpoint: str | None = None  # file in the package's `behavior_policies/checkpoints`
+    sha256: str | None = None  # of that file
+    noise: NonNegative = 0.0  # standard deviation of the Gaussian action noise
+    share: Positive = 1.0  # relative share of the joint steps
+
+
+class Splits(Frozen):
+    """Episodes of each split in every block of `block` consecutive episodes of one policy."""
+
+    block: Annotated[int, Field(ge=3)] = 20
+    validation: Annotated[int, Field(ge=1)] = 1
+    test: Annotated[int, Field(ge=1)] = 1
+
+
+class Recipe(Frozen):
+    """Everything needed to make a dataset again, bit for bit.
+
+    Each policy has its own stream of episodes, cut into parts of `part_episodes` episodes; part k
+    of a policy is a pure function of the recipe and k. The dataset takes, again and again, the next
+    episode of the policy that lags most behind its share of the steps, until there are at least
+    `n_steps` joint steps. So a recipe with fewer steps makes a prefix of the same dataset.
+    """
+
+    id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
+    tier: str
+    spec: TaskSpec
+    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    n_steps: Annotated[int, Field(ge=1)] = 1_000_000
+    part_episodes: Annotated[int, Field(ge=1)] = 256
+    splits: Splits = Splits()
+
+    @model_validator(mode="after")
+    def _check_labels(self) -> Self:
+        labels = [policy.label for policy in self.policies]
+        if len(set(labels)) != len(labels):
+            raise ValueError(f"policy labels must be unique, got {labels}")
+        return self
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):
