@@ -10,6 +10,7 @@ class Contacts(NamedTuple):
 
     robots: Bool  # [E, N, N] upper triangle: pairs in contact and not yet separated
     obstacles: Bool  # [E, N, M + 4] robots in contact with obstacles, then walls
+    slack: Double  # [E, N, 3] where, and how far from everything static, a robot last was
     events: Counts  # [E, N, 4] columns types.EVENTS
 
 

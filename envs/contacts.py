@@ -14,6 +14,9 @@ from swarmdata.types import Bool, Counts, Double, Float
 SEPARATION = 0.01
 """A contact ends when the gap exceeds this (m); a resting contact jitters by less."""
 
+SKIP = 0.25
+"""Gaps to obstacles beyond this (m) need not be exact."""
+
 
 @njit(nogil=True, cache=True, inline="always")
 def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
@@ -21,6 +24,50 @@ def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
     if touching:
         return gap <= SEPARATION, False
     return gap <= 0.0, gap <= 0.0
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _robot_contacts(positions: Double, radii: Double, robots: Bool, events: Counts) -> None:
+    for i in range(positions.shape[0]):
+        for j in range(i + 1, positions.shape[0]):
+            dx, dy = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1]
+            reach = radii[i] + radii[j] + 2.0 * SEPARATION
+            square = dx * dx + dy * dy
+            if square > reach * reach and not robots[i, j]:
+                continue
+            gap = math.sqrt(square) - radii[i] - radii[j]
+            robots[i, j], began = _judge(gap, robots[i, j])
+            if gap <= 0.0:
+                events[i, 0] = 1
+                events[j, 0] = 1
+            if began:
+                events[i, 2] += 1
+                events[j, 2] += 1
+
+
+@njit(nogil=True, cache=True)
+def _static_contacts(
+    px: float, py: float, radius: float, layout: Float, half: Double, touching: Bool, events: Counts
+) -> float:
+    """Updates one robot's contacts with obstacles and walls; returns a lower bound of its gap."""
+    smallest = math.inf
+    n_obstacles = layout.shape[0]
+    for m in range(n_obstacles + 4):
+        if m < n_obstacles:
+            dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
+            outer = bounding_radius(layout[m]) + radius
+            reach = outer + SKIP
+            square = dx * dx + dy * dy
+            gap = SKIP if square > reach * reach else nearest(px, py, layout[m])[0] - radius
+        else:
+            gap = wall_gap(px, py, half, m - n_obstacles) - radius
+        smallest = min(smallest, gap)
+        touching[m], began = _judge(gap, touching[m])
+        if gap <= 0.0:
+            events[1] = 1
+        if began:
+            events[3] += 1
+    return smallest
 
 
 @njit(nogil=True, cache=True)
@@ -31,6 +78,7 @@ def update_contacts(
     half: Double,
     robots: Bool,
     obstacles: Bool,
+    slack: Double,
     events: Counts,
 ) -> None:
     """Updates the contacts of one copy and adds to its events.
@@ -42,37 +90,16 @@ def update_contacts(
         half: half width and half height of the arena, m, [2].
         robots: read and written, [N, N] upper triangle.
         obstacles: read and written, [N, M + 4].
+        slack: read and written, [N, 3]: the position at which a robot's gap to everything static
+            was last computed, and that gap (m). A robot that has moved less than it cannot touch.
         events: added to, [N, 4] columns `types.EVENTS`; onsets count for both robots of a pair.
     """
-    n, m_obstacles = positions.shape[0], layout.shape[0]
-    for i in range(n):
+    _robot_contacts(positions, radii, robots, events)
+    for i in range(positions.shape[0]):
         px, py = positions[i, 0], positions[i, 1]
-        for j in range(i + 1, n):
-            dx, dy = positions[j, 0] - px, positions[j, 1] - py
-            gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
-            robots[i, j], began = _judge(gap, robots[i, j])
-            if gap <= 0.0:
-                events[i, 0] = 1
-                events[j, 0] = 1
-            if began:
-                events[i, 2] += 1
-                events[j, 2] += 1
-        for m in range(m_obstacles + 4):
-            gap = _static_gap(px, py, radii[i], layout, half, m)
-            obstacles[i, m], began = _judge(gap, obstacles[i, m])
-            if gap <= 0.0:
-                events[i, 1] = 1
-            if began:
-                events[i, 3] += 1
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _static_gap(px: float, py: float, radius: float, layout: Float, half: Double, m: int) -> float:
-    """Gap to obstacle m, or to wall m - M; far obstacles give a lower bound above SEPARATION."""
-    if m >= layout.shape[0]:
-        return wall_gap(px, py, half, m - layout.shape[0]) - radius
-    dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-    reach = bounding_radius(layout[m]) + radius + 2.0 * SEPARATION
-    if dx * dx + dy * dy > reach * reach:
-        return 2.0 * SEPARATION
-    return nearest(px, py, layout[m])[0] - radius
+        moved = abs(px - slack[i, 0]) + abs(py - slack[i, 1])
+        if moved < slack[i, 2] - 2.0 * SEPARATION:
+            continue
+        slack[i, 2] = _static_contacts(px, py, radii[i], layout, half, obstacles[i], events[i])
+        slack[i, 0] = px
+        slack[i, 1] = py

@@ -154,7 +154,7 @@ def _advance(
                 positions[b, i, 0], positions[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
             update_contacts(
                 positions[b], radii, layouts[b], half,
-                contacts.robots[b], contacts.obstacles[b], contacts.events[b],
+                contacts.robots[b], contacts.obstacles[b], contacts.slack[b], contacts.events[b],
             )  # fmt: skip
         for i in range(n):
             velocities[b, i, 0], velocities[b, i, 1] = call_p_v(calls[GET_VELOCITY], bodies[b, i])
@@ -162,7 +162,7 @@ def _advance(
 
 @njit(nogil=True, cache=True)
 def _reset_one(
-    calls: Int, space: int, shapes: Int, bodies: Int, layout: Float, verts: Double, starts: Double, dt: float
+    calls: Int, space: int, shapes: Int, bodies: Int, layout: Float, corners: Double, starts: Double, dt: float
 ) -> None:
     for shape in shapes:
         call_pp(calls[REMOVE], space, shape)
@@ -170,17 +170,16 @@ def _reset_one(
     for i in range(bodies.shape[0]):
         call_pv(calls[SET_POSITION], bodies[i], starts[i, 0], starts[i, 1])
         call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
-    s, v = 4, 0
+    s = 4  # after the walls
     for m in range(layout.shape[0]):
         if layout[m, 0] == CIRCLE:
             call_pd(calls[SET_RADIUS], shapes[s], float(layout[m, 5]))
             call_pv(calls[SET_OFFSET], shapes[s], float(layout[m, 1]), float(layout[m, 2]))
             s += 1
         else:
-            for _ in range(int(layout[m, 0])):
-                call_pip(calls[SET_VERTS], shapes[s], 4, verts[v].ctypes.data)
+            for k in range(bars(layout[m], corners)):
+                call_pip(calls[SET_VERTS], shapes[s], 4, corners[k].ctypes.data)
                 s += 1
-                v += 1
     call_pp(calls[SET_ID], space, 0)
     for shape in shapes:
         call_pp(calls[ADD], space, shape)
@@ -198,6 +197,7 @@ class MunkBackend:
         self._bodies = np.zeros((n_copies, spec.n_agents), dtype=np.int64)
         n_shapes = 4 + n_static_shapes(spec) + spec.n_agents
         self._shapes = np.zeros((n_copies, n_shapes), dtype=np.int64)
+        self._corners: Double = np.empty((3, 4, 2))
         self._layouts: Float | None = None
         self.positions: Double = np.zeros((n_copies, spec.n_agents, 2))
         self.velocities: Double = np.zeros((n_copies, spec.n_agents, 2))
@@ -208,10 +208,9 @@ class MunkBackend:
             if self._keep[b] is None:
                 self._build(b, layouts[b], starts[b])
             else:
-                verts = np.concatenate([bars(row) for row in layouts[b] if row[0] != CIRCLE] or [np.empty((0, 4, 2))])
                 _reset_one(
                     self._calls, self._spaces[b], self._shapes[b], self._bodies[b],
-                    layouts[b], verts, starts[b], self._spec.physics_dt,
+                    layouts[b], self._corners, starts[b], self._spec.physics_dt,
                 )  # fmt: skip
         self.positions[copies] = starts[copies]
         self.velocities[copies] = 0.0

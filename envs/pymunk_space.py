@@ -7,10 +7,11 @@ private names are missing.
 
 import numpy as np
 import pymunk
+from numba import njit
 
 from swarmdata.envs.backend import Contacts
 from swarmdata.envs.contacts import update_contacts
-from swarmdata.geometry import BOX, CIRCLE, CORNER, N_BARS
+from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
@@ -21,29 +22,45 @@ ITERATIONS = 10
 FRICTION = 0.2
 
 
-def bars(row: Float) -> Double:
-    """Returns the corners of the obstacle's bars, [n_bars, 4, 2], counter-clockwise.
+@njit(nogil=True, cache=True)
+def bars(row: Float, out: Double) -> int:
+    """Writes the corners of the obstacle's bars, counter-clockwise; returns how many bars it has.
 
     The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
     gives, so that a shape built by hull and one written in place have the same vertices.
+
+    Args:
+        row: one obstacle, columns `geometry.OBSTACLE`, [8].
+        out: written, m, [3, 4, 2].
     """
-    kind = float(row[0])
-    x, y, ux, uy, a, b, t = (float(value) for value in row[1:])
-    boxes = [(0.0, 0.0, a, b)] if kind == BOX else [(0.0, t - b, a, t), (t - a, 0.0, t, b), (a - t, 0.0, t, b)]
-    n_bars = N_BARS[kind]
-    out = np.empty((n_bars, 4, 2))
-    for k, (cx, cy, hx, hy) in enumerate(boxes[:n_bars]):
-        local = [(cx - hx, cy - hy), (cx + hx, cy - hy), (cx + hx, cy + hy), (cx - hx, cy + hy)]
-        corners = [(x + lx * ux - ly * uy, y + lx * uy + ly * ux) for lx, ly in local]
-        first = min(range(4), key=lambda c, corners=corners: corners[c])  # type: ignore[misc]
-        out[k] = corners[first:] + corners[:first]
-    return out
+    x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
+    a, b, t = float(row[5]), float(row[6]), float(row[7])
+    n_bars = int(row[0])  # shape codes count bars: circle 0, box 1, corner 2, pocket 3
+    local = np.empty((4, 2))
+    for k in range(n_bars):
+        cx, cy, hx, hy = 0.0, 0.0, a, b
+        if n_bars > 1:
+            cx, cy = (0.0, t - b) if k == 0 else (t - a if k == 1 else a - t, 0.0)
+            hx, hy = (a, t) if k == 0 else (t, b)
+        first = 0
+        for c in range(4):
+            lx = cx + hx if c in (1, 2) else cx - hx
+            ly = cy + hy if c in (2, 3) else cy - hy
+            local[c, 0] = x + lx * ux - ly * uy
+            local[c, 1] = y + lx * uy + ly * ux
+            lower = local[c, 1] < local[first, 1]
+            if local[c, 0] < local[first, 0] or (local[c, 0] == local[first, 0] and lower):
+                first = c
+        for c in range(4):
+            out[k, c, 0] = local[(first + c) % 4, 0]
+            out[k, c, 1] = local[(first + c) % 4, 1]
+    return n_bars
 
 
 def n_static_shapes(spec: TaskSpec) -> int:
     """Number of shapes of all obstacles, without the walls."""
     o = spec.obstacles
-    return o.circles + o.boxes + o.corners * N_BARS[CORNER] + o.pockets * 3
+    return o.circles + int(o.boxes * BOX + o.corners * CORNER + o.pockets * POCKET)
 
 
 def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
@@ -67,11 +84,13 @@ def build_space(spec: TaskSpec, layout: Float, starts: Double) -> tuple[pymunk.S
     space.damping = 1.0  # drag is part of the robots, not of the world
     ground = space.static_body
     shapes = _walls(spec, ground)
+    corners = np.empty((3, 4, 2))
     for row in layout:
         if row[0] == CIRCLE:
             shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
         else:
-            shapes += [pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in bars(row).tolist()]
+            n_bars = bars(row, corners)
+            shapes += [pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()]
     bodies = []
     for robot, (x, y) in zip(spec.robots, starts.tolist(), strict=True):
         body = pymunk.Body(1.0, float("inf"))
@@ -118,6 +137,6 @@ class PublicBackend:
                 self.positions[b] = [body.position for body in bodies]
                 update_contacts(
                     self.positions[b], self._radii, self._layouts[b], self._half,
-                    contacts.robots[b], contacts.obstacles[b], contacts.events[b],
+                    contacts.robots[b], contacts.obstacles[b], contacts.slack[b], contacts.events[b],
                 )  # fmt: skip
             self.velocities[b] = [body.velocity for body in bodies]

@@ -102,6 +102,7 @@ class World:
         self.contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
             obstacles=np.zeros((n_copies, n, m + 4), dtype=np.bool_),
+            slack=np.zeros((n_copies, n, 3)),
             events=np.zeros((n_copies, n, 4), dtype=np.uint8),
         )
         self.backend = make_backend(spec, n_copies)
