@@ -33,17 +33,25 @@ def state_observation_fields(n_neighbors: int, n_obstacles: int) -> tuple[str, .
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _insert(distances: Double, indices: Double, k: int, distance: float, index: int) -> None:
-    """Keeps the k smallest distances in order; equal distances keep the lower index first."""
-    if k == 0 or distance >= distances[k - 1]:
+def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float) -> None:
+    """Keeps the k smallest gaps in order, as rows (gap, index, vx, vy); ties keep the first."""
+    if k == 0 or gap >= found[k - 1, 0]:
         return
     slot = k - 1
-    while slot > 0 and distances[slot - 1] > distance:
-        distances[slot] = distances[slot - 1]
-        indices[slot] = indices[slot - 1]
+    while slot > 0 and found[slot - 1, 0] > gap:
+        found[slot] = found[slot - 1]
         slot -= 1
-    distances[slot] = distance
-    indices[slot] = index
+    found[slot, 0] = gap
+    found[slot, 1] = index
+    found[slot, 2] = vx
+    found[slot, 3] = vy
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _forget(found: Double, k: int) -> None:
+    for slot in range(k):
+        found[slot, 0] = np.inf
+        found[slot, 1] = -1.0
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -68,30 +76,26 @@ def _own(out: Float, state: Float, i: int) -> None:
 
 @njit(nogil=True, cache=True)
 def _neighbors(
-    out: Float, state: Float, i: int, radii: Double, k: int, reach: float, near: Double, who: Double
+    out: Float, state: Float, i: int, radii: Double, k: int, reach: float, found: Double
 ) -> float:
     """Fills the neighbour slots of robot i, nearest first; returns the smallest gap to a robot."""
-    n = radii.shape[0]
-    for slot in range(k):
-        near[slot] = np.inf
-        who[slot] = -1.0
+    _forget(found, k)
     smallest = np.inf
-    for j in range(n):
+    for j in range(radii.shape[0]):
         if j != i:
             dx = float(state[6 * j]) - float(state[6 * i])
             dy = float(state[6 * j + 1]) - float(state[6 * i + 1])
             gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
             smallest = min(smallest, gap)
-            _insert(near, who, k, gap, j)
+            _insert(found, k, gap, j, dx, dy)
     for slot in range(k):
         o = out[7 * slot : 7 * slot + 7]
-        j = int(who[slot])
+        gap, dx, dy = found[slot, 0], found[slot, 2], found[slot, 3]
+        j = int(found[slot, 1])
         if j < 0:
             o[:] = 0.0
             continue
-        dx = float(state[6 * j]) - float(state[6 * i])
-        dy = float(state[6 * j + 1]) - float(state[6 * i + 1])
-        close = _closeness(near[slot], reach) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
+        close = _closeness(gap, reach) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
         o[0] = dx
         o[1] = dy
         o[2] = float(state[6 * j + 2]) - float(state[6 * i + 2])
@@ -104,35 +108,40 @@ def _neighbors(
 
 @njit(nogil=True, cache=True)
 def _obstacles(
-    out: Float, px: float, py: float, layout: Float, radius: float, k: int, reach: float, near: Double, who: Double
+    out: Float,
+    px: float,
+    py: float,
+    layout: Float,
+    sizes: Double,
+    radius: float,
+    k: int,
+    reach: float,
+    found: Double,
 ) -> float:
     """Fills the obstacle slots of a robot, nearest surface first; returns the smallest gap."""
-    for slot in range(k):
-        near[slot] = np.inf
-        who[slot] = -1.0
+    _forget(found, k)
     smallest = np.inf
     for m in range(layout.shape[0]):
         dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-        bound = math.sqrt(dx * dx + dy * dy) - bounding_radius(layout[m]) - radius
-        if bound < smallest or (k > 0 and bound < near[k - 1]):
-            gap = nearest(px, py, layout[m])[0] - radius
-            smallest = min(smallest, gap)
-            _insert(near, who, k, gap, m)
+        bound = max(smallest, found[k - 1, 0] if k > 0 else -np.inf) + radius + sizes[m]
+        if bound > 0.0 and dx * dx + dy * dy < bound * bound:
+            distance, vx, vy = nearest(px, py, layout[m])
+            smallest = min(smallest, distance - radius)
+            _insert(found, k, distance - radius, m, vx, vy)
     for slot in range(k):
         o = out[8 * slot : 8 * slot + 8]
-        m = int(who[slot])
+        gap, vx, vy = found[slot, 0], found[slot, 2], found[slot, 3]
+        m = int(found[slot, 1])
         if m < 0:
             o[:] = 0.0
             continue
-        distance, vx, vy = nearest(px, py, layout[m])
-        close = _closeness(near[slot], reach) / max(distance, 1e-9)
-        size = bounding_radius(layout[m])
+        close = _closeness(gap, reach) / max(gap + radius, 1e-9)
         o[0] = vx * close
         o[1] = vy * close
         o[2] = float(layout[m, 1]) - px
         o[3] = float(layout[m, 2]) - py
-        o[4] = float(layout[m, 3]) * size
-        o[5] = float(layout[m, 4]) * size
+        o[4] = float(layout[m, 3]) * sizes[m]
+        o[5] = float(layout[m, 4]) * sizes[m]
         o[6] = float(layout[m, 0]) / 3.0
         o[7] = 1.0
     return smallest
@@ -163,18 +172,24 @@ def observe_states(
         observations: written, [E, N, O].
         gaps: written, smallest gap of each robot to another robot, an obstacle or a wall, m, [E, N].
     """
-    near = np.empty(max(slots[0], slots[1]))
-    who = np.empty(max(slots[0], slots[1]))
+    found = np.empty((max(slots[0], slots[1]), 4))
+    sizes = np.empty(layouts.shape[1])
     first = 8 + 7 * slots[0]
     for b in range(states.shape[0]):
         if not active[b]:
             continue
+        layout = layouts[b]
+        for m in range(layout.shape[0]):
+            sizes[m] = bounding_radius(layout[m])
         for i in range(radii.shape[0]):
             out = observations[b, i]
             px, py = float(states[b, 6 * i]), float(states[b, 6 * i + 1])
             _own(out, states[b], i)
-            gap = _neighbors(out[8:first], states[b], i, radii, slots[0], reach, near, who)
-            gap = min(gap, _obstacles(out[first:], px, py, layouts[b], radii[i], slots[1], reach, near, who))
+            gap = _neighbors(out[8:first], states[b], i, radii, slots[0], reach, found)
+            around = _obstacles(
+                out[first:], px, py, layout, sizes, radii[i], slots[1], reach, found
+            )
+            gap = min(gap, around)
             for wall in range(4):
                 gap = min(gap, wall_gap(px, py, half, wall) - radii[i])
             gaps[b, i] = gap
