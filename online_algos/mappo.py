@@ -33,7 +33,7 @@ from swarmdata.types import Bool, Float, Step
 class Config:
     """Hyperparameters; frames are joint steps of one world."""
 
-    n_frames: int = 12_000_000
+    n_frames: int = 16_000_000
     n_copies: int = 64
     n_steps: int = 64  # per rollout and copy
     hidden: int = 128
@@ -48,11 +48,11 @@ class Config:
     value_weight: float = 0.5
     max_grad_norm: float = 0.5
     std: float = 0.5
-    final_std: float = 0.12
+    final_std: float = 0.1
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
-    contact_cost: float = 3.0  # final extra weight of contacts and collisions, in units of the spec's
-    contact_ramp: tuple[float, float] = (0.2, 0.7)  # part of training in which it grows from 0
+    contact_cost: float = 5.0  # final extra weight of contacts and collisions, in units of the spec's
+    contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
 
 
 class Rollout(NamedTuple):

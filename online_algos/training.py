@@ -28,7 +28,9 @@ from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 
-CHECKPOINT_UPDATES = 10
+EARLY, EARLY_UPDATES, LATER_UPDATES = 0.2, 10, 50
+"""Updates between checkpoints: more in the first part of training, where mediums are found."""
+
 CURVE = ("success", "clean_success", "return", "robot_collisions", "obstacle_collisions", "length")
 
 SELECTION_OFFSET = np.uint64(1 << 32)
@@ -69,7 +71,7 @@ def train_run(spec: TaskSpec, config: Config, seed: int, out: Path, *, n_episode
         _drop_rows_after(out / "curve.csv", run.frames)
     with tqdm(total=config.n_frames, initial=run.frames, unit="frame", unit_scale=True, desc=out.name) as bar:
         while run.progress < 1:
-            for _ in range(CHECKPOINT_UPDATES):
+            for _ in range(EARLY_UPDATES if run.progress < EARLY else LATER_UPDATES):
                 losses = run.update()
                 if run.progress >= 1:
                     break
