@@ -170,11 +170,10 @@ def plot_table(table: Table, path: Path, *, keys: Sequence[str] = ("score", "suc
 
 def _points(panel: Any, table: Table, index: int) -> None:
     column: Column = table.columns[index]
-    colors = _colors(len(table.rows))
-    for y, (row, color) in enumerate(zip(table.rows, colors, strict=True)):
+    for y, row in enumerate(table.rows):
         value, low, high = (column.factor * number for number in row.estimates[index])
-        panel.plot([low, high], [y, y], color=color, lw=2.4, solid_capstyle="butt")
-        panel.plot([value], [y], "o", color=color, ms=6.5, mec="white", mew=1.0)
+        panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
+        panel.plot([value], [y], "o", color=COLORS[0], ms=5)
     panel.set_xlabel(column.header)
     panel.grid(axis="x", color=_FAINT, lw=0.8)
     panel.set_axisbelow(True)
@@ -197,7 +196,7 @@ def _thousands(value: float, _position: int) -> str:
 
 @contextmanager
 def _figure(path: Path, *, width: float, height: float) -> Iterator[Any]:
-    """A figure in inches, in the house style, saved at the end; pyplot's global state is not used."""
+    """A figure in inches, in the house style, saved at the end; pyplot's global state stays."""
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise SchemaError(f"{path} has suffix {path.suffix!r}, expected one of {_SUFFIXES}.")

@@ -40,7 +40,7 @@ def cells(table: Table, row: int = 0) -> dict[str, Estimate]:
 def test_one_run_is_averaged_over_episodes() -> None:
     made = result()
     row = cells(results_table({"bc": [made]}, SPEC, reference=Reference(0.0, 2.0)))
-    assert list(row)[0] == "score"
+    assert next(iter(row)) == "score"
     mean = made.metrics["return"].mean()
     assert row["return"].value == pytest.approx(mean)
     assert row["score"].value == pytest.approx(50 * mean)
