@@ -133,5 +133,5 @@ def test_panels_are_columns_in_shown_units() -> None:
     assert list(panels) == ["success (%)", "score"]
     assert panels["success (%)"]["straight"] == pytest.approx((30.5, 28.0, 33.5))
     assert list(panels["score"]) == ["straight", "bc|x"]
-    with pytest.raises(UnknownNameError, match="unknown column 'scor'. Did you mean 'score'"):
+    with pytest.raises(UnknownNameError, match=r"unknown column 'scor'. Did you mean 'score'"):
         TABLE.panels(["scor"])
