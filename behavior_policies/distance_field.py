@@ -1,9 +1,8 @@
 """The map of an episode: clearances on a grid, and the cheapest way to a goal from every node.
 
-Ways come from Dijkstra's algorithm ("A note on two problems in connexion with graphs", 1959) with
-the bucket queue of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM
-1969), since costs are small integers. Nodes near surfaces cost more, so that ways keep to the
-middle of passages.
+Ways come from Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket queue
+of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM 1969), since costs
+are small integers. Nodes near surfaces cost more, so that ways keep to the middle of passages.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
@@ -171,7 +170,7 @@ def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -
     column = min(max(int(u + 0.5), 0), columns - 1)
     row = min(max(int(v + 0.5), 0), rows - 1)
     if costs[row * columns + column] >= 0:
-        return row * columns + column
+        return int(row * columns + column)
     best, found = 1e9, -1
     for r in range(max(row - 2, 0), min(row + 3, rows)):
         for c in range(max(column - 2, 0), min(column + 3, columns)):

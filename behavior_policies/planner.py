@@ -21,8 +21,8 @@ LOOKAHEAD = 40
 """Nodes of the way that are searched for a visible one: 2 to 2.8 m."""
 
 UNPLANNED = -2
-"""Cost of node 0 until the ways are computed: most robots see their goal from the start to the end,
-so ways are computed when a goal is out of sight for the first time. Node 0 lies in a wall."""
+"""Cost of node 0 until the ways are computed, which is when the goal is out of sight for the first
+time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
 
 N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
 
@@ -43,7 +43,7 @@ def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
     u, v = u - column, v - row
     below = (1.0 - u) * grid[row, column] + u * grid[row, column + 1]
     above = (1.0 - u) * grid[row + 1, column] + u * grid[row + 1, column + 1]
-    return (1.0 - v) * below + v * above
+    return float((1.0 - v) * below + v * above)
 
 
 @njit(nogil=True, cache=True)
@@ -53,7 +53,8 @@ def is_visible(
     """Returns whether the straight line between two points keeps `need` metres of clearance.
 
     Where the start or the end has less, the line may have as little. The line is walked in steps as
-    long as what is free beyond the need (sphere tracing: Hart, 1996), at least half a spacing.
+    long as what is free beyond the need, at least half a spacing ("Sphere tracing", The Visual
+    Computer 12, 1996, section 2).
     """
     dx, dy = to_x - x, to_y - y
     length = math.sqrt(dx * dx + dy * dy)

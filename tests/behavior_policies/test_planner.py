@@ -9,6 +9,7 @@ from swarmdata.behavior_policies.distance_field import (
     DIAGONAL,
     SPACING,
     STRAIGHT,
+    Int32,
     fill_clearances,
     fill_ways,
     grid_shape,
@@ -42,7 +43,8 @@ def grid_of(layout: Float, cap: float = 0.27) -> Float:
 
 
 def layout_of(seed: int) -> Float:
-    return make_env(SPEC, 1).reset(evaluation_seeds(seed + 1)[-1:]).layouts[0]
+    layout: Float = make_env(SPEC, 1).reset(evaluation_seeds(seed + 1)[-1:]).layouts[0]
+    return layout
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -65,9 +67,7 @@ def test_interpolated_clearance_is_close() -> None:
         assert free_distance(x, y, grid, HALF) == pytest.approx(expected, abs=0.02)
 
 
-def plain_costs(
-    goal: int, columns: int, weights: "np.ndarray[tuple[int], np.dtype[np.int32]]"
-) -> Double:
+def plain_costs(goal: int, columns: int, weights: Int32) -> Double:
     costs = np.full(len(weights), np.inf)
     costs[goal], queue = 0, [(0, goal)]
     while queue:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.scripted import Scripted, gives_way
+from swarmdata.behavior_policies.avoidance import gives_way
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE, POCKET, clearance
 from swarmdata.registry import make_env, make_policy
@@ -62,7 +63,7 @@ def smallest_separation(paths: Double) -> float:
 
 
 def smallest_clearance(paths: Double, layout: Float) -> float:
-    return min(clearance(x, y, layout, HALF) for x, y in paths.reshape(-1, 2))
+    return min(float(clearance(x, y, layout, HALF)) for x, y in paths.reshape(-1, 2))
 
 
 def test_two_robots_pass_each_other_head_on() -> None:
