@@ -18,7 +18,7 @@ def rollout(
     seeds: Seeds,
     *,
     policy_index: int = 0,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> Iterator[Episode]:
     """Runs one episode per seed and yields them in the order of `seeds`.
 
@@ -49,7 +49,7 @@ def rollout(
 
 
 def _in_order(
-    finished: Iterator[tuple[int, Episode]], progress: Callable[[int], None] | None
+    finished: Iterator[tuple[int, Episode]], progress: Callable[[int], object] | None
 ) -> Iterator[Episode]:
     """Sorts (position, episode) pairs by position, holding back those that are early."""
     waiting: dict[int, Episode] = {}

@@ -101,7 +101,7 @@ class Noisy:
 
 
 def run(
-    seeds: Seeds, n_copies: int, progress: Callable[[int], None] | None = None
+    seeds: Seeds, n_copies: int, progress: Callable[[int], object] | None = None
 ) -> list[Episode]:
     env = Counting(n_copies)
     return list(rollout(env, Noisy(n_copies), seeds, policy_index=5, progress=progress))
