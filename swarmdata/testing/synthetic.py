@@ -1,4 +1,4 @@
-"""Synthetic episodes and datasets: small episodes whose values name their episode, time and agent."""
+"""Synthetic episodes and datasets, whose values name their episode, time and agent."""
 
 from collections.abc import Sequence
 from pathlib import Path
