@@ -22,6 +22,7 @@ from swarmdata.store import (
     open_store,
     read_part_table,
     remove_leftovers,
+    split_codes,
     write_part,
 )
 from swarmdata.store.atomic import new_folder, write_file
@@ -53,9 +54,13 @@ def test_a_part_is_written_once(tmp_path: Path) -> None:
 
 
 def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="half way"), new_folder(tmp_path / "x") as folder:
-        (folder / "half").write_text("half")
-        raise RuntimeError("half way")
+    def fail_half_way() -> None:
+        with new_folder(tmp_path / "x") as folder:
+            (folder / "half").write_text("half")
+            raise RuntimeError("half way")
+
+    with pytest.raises(RuntimeError, match="half way"):
+        fail_half_way()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -114,17 +119,17 @@ def test_impossible_orders_are_refused(tmp_path: Path, order: list[tuple[int, in
 def test_parts_of_another_policy_are_refused(tmp_path: Path) -> None:
     parts = write_streams(tmp_path, make_streams(LENGTHS))
     with pytest.raises(SchemaError, match="other policies"):
-        assemble(
-            tmp_path / "ds", recipe=make_recipe(8, 2), parts={0: parts[1]}, order=[(0, 0)]
-        )
+        assemble(tmp_path / "ds", recipe=make_recipe(8, 2), parts={0: parts[1]}, order=[(0, 0)])
 
 
 def test_a_dataset_without_train_episodes_is_refused(tmp_path: Path) -> None:
     parts = write_streams(tmp_path, make_streams([[1] * 10]))
     recipe = make_recipe(1, block=3)
+    order = [(0, episode) for episode in range(3)]
+    held_out = [one for one, code in zip(order, split_codes(recipe, order), strict=True) if code]
+    assert len(held_out) == 2
     with pytest.raises(BuildError, match="train"):
-        for episode in range(3):
-            assemble(tmp_path / f"{episode}", recipe=recipe, parts=parts, order=[(0, episode)])
+        assemble(tmp_path / "ds", recipe=recipe, parts=parts, order=held_out)
 
 
 def test_assembling_again_keeps_the_dataset(tmp_path: Path) -> None:

@@ -66,9 +66,7 @@ def test_stored_episodes_are_the_written_ones(tmp_path: Path) -> None:
         assert np.array_equal(stored.table.layouts[index], episode.layout)
 
 
-def test_digest_ignores_parts_and_chunks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_digest_ignores_parts_and_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, _ = make_dataset(tmp_path / "a", LENGTHS, n_steps=30)
     monkeypatch.setattr(layout_module, "CHUNK_ROWS", 3)
     recipe = make_recipe(30, n_policies=2)

@@ -10,9 +10,7 @@ from swarmdata.spec import Splits
 from swarmdata.store import SPLITS, merge_order, split_codes
 from swarmdata.testing.synthetic import make_recipe
 
-streams = st.lists(
-    st.lists(st.integers(1, 30), min_size=1, max_size=25), min_size=1, max_size=4
-)
+streams = st.lists(st.lists(st.integers(1, 30), min_size=1, max_size=25), min_size=1, max_size=4)
 
 
 @settings(deadline=None)
