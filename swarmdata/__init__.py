@@ -1,3 +1,57 @@
-"""Offline multi-agent RL datasets for multi-robot tasks."""
+"""Offline multi-agent RL datasets for multi-robot tasks.
+
+    >>> import swarmdata
+    >>> dataset = swarmdata.load("coop_nav-medium-mini")
+    >>> batch = dataset.sampler(256, seed=0).sample()
+
+The names below are loaded when they are first used, so that `import swarmdata` costs nothing: it
+loads neither NumPy, pydantic, zarr, numba, Pymunk nor torch. Error types are in
+`swarmdata.errors`; `swarmdata.evaluate` and `swarmdata.rollout` are modules.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from swarmdata.errors import SwarmdataError
+    from swarmdata.registry import make_env
+    from swarmdata.spec import Recipe, TaskSpec
+    from swarmdata.types import Batch, Episode, EvalResult, Step
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Batch",
+    "Episode",
+    "EvalResult",
+    "Recipe",
+    "Step",
+    "SwarmdataError",
+    "TaskSpec",
+    "make_env",
+]
+
+_HOMES = {
+    "Batch": "swarmdata.types",
+    "Episode": "swarmdata.types",
+    "EvalResult": "swarmdata.types",
+    "Recipe": "swarmdata.spec",
+    "Step": "swarmdata.types",
+    "SwarmdataError": "swarmdata.errors",
+    "TaskSpec": "swarmdata.spec",
+    "make_env": "swarmdata.registry",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name on first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'swarmdata' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return [*__all__, "__version__"]

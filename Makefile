@@ -1,0 +1,86 @@
+# Every command of this project. `make quickstart` and `make test` need Python and make, nothing else.
+#
+#   make quickstart              dataset, two algorithms, table, curves and an animation, in quickstart/
+#   make test                    the default tests; PYTHON=python3.12 runs them on another Python
+#   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
+#   make slow | bench | wheel    the long tests, the timings, the installable file
+#   make clean                   removes what the targets made, datasets in the user cache excepted
+
+PYTHON ?= python3
+ARGS ?=
+
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+ifeq ($(VERSION),)
+$(error $(PYTHON) does not run; name a Python from 3.11 on, as in: make test PYTHON=python3.12)
+endif
+
+# The default Python lives in .venv, any other in a folder of its own.
+VENV ?= $(if $(filter python3,$(PYTHON)),.venv,.venv-$(VERSION))
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/.stamps
+
+# constraints.txt holds the torch that the results were made with, for Python 3.11. On other Pythons
+# the tests that need torch are skipped with a reason.
+TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
+comma := ,
+
+INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+
+.PHONY: quickstart test check fix slow learns bench wheel clean
+.DELETE_ON_ERROR:
+
+$(STAMPS)/venv:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'  # the first pip with --group
+	mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
+	$(INSTALL) --editable '.[torch,plots]'
+	touch $@
+
+$(STAMPS)/test: pyproject.toml constraints.txt | $(STAMPS)/venv
+	$(INSTALL) --editable '.$(TEST_EXTRAS)' --group test
+	touch $@
+
+$(STAMPS)/lint: $(STAMPS)/test
+	$(INSTALL) --group lint
+	touch $@
+
+# One process trains well on one thread per core; more only makes two cores fight.
+quickstart: export OMP_NUM_THREADS ?= 2
+quickstart: $(STAMPS)/package
+	$(BIN)/swarmdata generate coop_nav-medium-mini
+	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --out quickstart/bc
+	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --out quickstart/maddpg_bc
+	$(BIN)/swarmdata evaluate random coop_nav-medium coop_nav-expert quickstart/bc quickstart/maddpg_bc --episodes 200 --out quickstart/results
+	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart
+	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
+
+test: $(STAMPS)/test
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(STAMPS)/lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/codespell $$(git ls-files '*.py' '*.md' '*.toml' Makefile)
+
+fix: $(STAMPS)/lint
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+slow: $(STAMPS)/test
+	$(BIN)/python -m pytest -m 'slow and not learns and not gpu' $(ARGS)
+
+learns: $(STAMPS)/test
+	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
+
+bench: $(STAMPS)/test
+	set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+
+wheel: $(STAMPS)/test
+	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist
+
+clean:
+	rm -rf .venv .venv-* dist quickstart .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

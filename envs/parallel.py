@@ -1,0 +1,135 @@
+"""PettingZoo's ParallelEnv over one copy of a task, as a thin view."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.registry import make_env
+from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Float, Step
+
+RENDER_MODES = ("rgb_array",)
+
+
+class ParallelWorld(ParallelEnv[str, Float, Float]):
+    """One copy of a task behind PettingZoo's API.
+
+    The team ends together: all agents stay in `agents` until the episode ends. Infos hold, per
+    agent, `success` and the safety events of the step.
+
+    Args:
+        spec: the task.
+        render_mode: "rgb_array", or None.
+
+    Raises:
+        SpecError: another render mode.
+    """
+
+    def __init__(self, spec: TaskSpec, render_mode: str | None = None) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise SpecError(f"render_mode {render_mode!r} is unknown; use None or one of {RENDER_MODES}")
+        self.metadata = {
+            "name": f"{spec.task}_v{spec.version}",
+            "render_modes": list(RENDER_MODES),
+            "render_fps": round(1 / spec.control_dt),
+            "is_parallelizable": True,
+        }
+        self.spec, self.render_mode = spec, render_mode
+        self.possible_agents = list(spec.agent_names)
+        self.agents: list[str] = []
+        self._env = make_env(spec, 1)
+        self._step: Step | None = None
+        self._seed, self._episode = int(np.random.SeedSequence().entropy or 0) % 2**63, 0
+        high = np.full(self._env.observation_size, np.inf, dtype=np.float32)
+        self.observation_spaces = {name: gymnasium.spaces.Box(-high, high) for name in self.possible_agents}
+        one = np.ones(self._env.action_size, dtype=np.float32)
+        self.action_spaces = {name: gymnasium.spaces.Box(-one, one) for name in self.possible_agents}
+        wide = np.full(self._env.state_size, np.inf, dtype=np.float32)
+        self.state_space = gymnasium.spaces.Box(-wide, wide)
+
+    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The space of one agent's observations, Box [O], metres and metres per second."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The space of one agent's actions, Box(-1, 1) [A]."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Float], dict[str, dict[str, Any]]]:
+        """Starts an episode.
+
+        With a seed s the episode is the vectorised environment's episode s, and the episodes of
+        later resets without a seed follow from it.
+        """
+        if seed is not None:
+            self._seed, self._episode = int(seed) % 2**64, 0
+            episode = np.array([self._seed], dtype=np.uint64)
+        else:
+            self._episode += 1
+            episode = derive(np.uint64(self._seed), self._episode) % np.uint64(EVALUATION_BASE)
+        self.agents = list(self.possible_agents)
+        step = self._env.reset(episode)
+        self._step = step
+        return self._observations(step), {name: self._info(step, i) for i, name in enumerate(self.agents)}
+
+    def step(
+        self, actions: dict[str, Float]
+    ) -> tuple[
+        dict[str, Float], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Advances the episode by one control step; actions are one array [A] per agent."""
+        if not self.agents:
+            raise SchemaError("the episode has ended or was never started; call reset() first")
+        missing = [name for name in self.agents if name not in actions]
+        if missing:
+            raise SchemaError(f"no action for {', '.join(missing)}; give one for each of {self.agents}")
+        joint = np.stack([np.asarray(actions[name], dtype=np.float32) for name in self.agents])
+        step = self._env.step(joint[None])
+        self._step = step
+        names = self.agents
+        rewards = {name: float(step.rewards[0, i]) for i, name in enumerate(names)}
+        infos = {name: self._info(step, i) for i, name in enumerate(names)}
+        observations = self._observations(step)
+        if step.ended[0]:
+            self.agents = []
+        return (
+            observations,
+            rewards,
+            dict.fromkeys(names, bool(step.terminations[0])),
+            dict.fromkeys(names, bool(step.truncations[0])),
+            infos,
+        )
+
+    def state(self) -> Float:
+        """The global state, [S]."""
+        return self._require_step().states[0].copy()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of the world, [H, W, 3], or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        from swarmdata.envs.render import draw  # noqa: PLC0415  (drawing is an extra)
+
+        step = self._require_step()
+        return draw(self.spec, step.layouts[0], step.states[0], events=step.events[0])
+
+    def close(self) -> None:
+        """Does nothing: there is no window."""
+
+    def _observations(self, step: Step) -> dict[str, Float]:
+        return {name: step.observations[0, i].copy() for i, name in enumerate(self.agents)}
+
+    def _info(self, step: Step, agent: int) -> dict[str, Any]:
+        return {"success": bool(step.successes[0]), "events": step.events[0, agent].copy()}
+
+    def _require_step(self) -> Step:
+        if self._step is None:
+            raise SchemaError("the environment was not reset yet; call reset() first")
+        return self._step

@@ -1,0 +1,142 @@
+"""How a world is built in Pymunk, and a backend that uses only Pymunk's public interface.
+
+This backend builds every space anew at reset. `envs.munk` does the same work about ten times
+faster through Munk2D's own functions, and must give the same bits; this one takes over where the
+private names are missing.
+"""
+
+import numpy as np
+import pymunk
+from numba import njit
+
+from swarmdata.envs.backend import Contacts
+from swarmdata.envs.contacts import update_contacts
+from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Bool, Double, Float, Int
+
+SLOP = 0.002
+"""Overlap (m) that Munk2D leaves at rest; its default of 0.1 is meant for pixels."""
+
+ITERATIONS = 10
+FRICTION = 0.2
+
+
+@njit(nogil=True, cache=True)
+def bars(row: Float, out: Double) -> int:
+    """Writes the corners of the obstacle's bars, counter-clockwise; returns how many bars it has.
+
+    The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
+    gives, so that a shape built by hull and one written in place have the same vertices.
+
+    Args:
+        row: one obstacle, columns `geometry.OBSTACLE`, [8].
+        out: written, m, [3, 4, 2].
+    """
+    x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
+    a, b, t = float(row[5]), float(row[6]), float(row[7])
+    n_bars = int(row[0])  # shape codes count bars: circle 0, box 1, corner 2, pocket 3
+    local = np.empty((4, 2))
+    for k in range(n_bars):
+        cx, cy, hx, hy = 0.0, 0.0, a, b
+        if n_bars > 1:
+            cx, cy = (0.0, t - b) if k == 0 else (t - a if k == 1 else a - t, 0.0)
+            hx, hy = (a, t) if k == 0 else (t, b)
+        first = 0
+        for c in range(4):
+            lx = cx + hx if c in (1, 2) else cx - hx
+            ly = cy + hy if c in (2, 3) else cy - hy
+            local[c, 0] = x + lx * ux - ly * uy
+            local[c, 1] = y + lx * uy + ly * ux
+            lower = local[c, 1] < local[first, 1]
+            if local[c, 0] < local[first, 0] or (local[c, 0] == local[first, 0] and lower):
+                first = c
+        for c in range(4):
+            out[k, c, 0] = local[(first + c) % 4, 0]
+            out[k, c, 1] = local[(first + c) % 4, 1]
+    return n_bars
+
+
+def n_static_shapes(spec: TaskSpec) -> int:
+    """Number of shapes of all obstacles, without the walls."""
+    o = spec.obstacles
+    return o.circles + int(o.boxes * BOX + o.corners * CORNER + o.pockets * POCKET)
+
+
+def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
+    t = spec.arena.wall_thickness
+    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
+    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    return [pymunk.Segment(body, corners[i], corners[(i + 1) % 4], t) for i in range(4)]
+
+
+def build_space(spec: TaskSpec, layout: Float, starts: Double) -> tuple[pymunk.Space, list[pymunk.Body]]:
+    """Builds one world: walls, obstacles in layout order, then robots at rest.
+
+    Args:
+        spec: the task.
+        layout: obstacles, [M, 8].
+        starts: robot positions, m, [N, 2].
+    """
+    space = pymunk.Space()
+    space.collision_slop = SLOP
+    space.iterations = ITERATIONS
+    space.damping = 1.0  # drag is part of the robots, not of the world
+    ground = space.static_body
+    shapes = _walls(spec, ground)
+    corners = np.empty((3, 4, 2))
+    for row in layout:
+        if row[0] == CIRCLE:
+            shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
+        else:
+            n_bars = bars(row, corners)
+            shapes += [pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()]
+    bodies = []
+    for robot, (x, y) in zip(spec.robots, starts.tolist(), strict=True):
+        body = pymunk.Body(1.0, float("inf"))
+        body.position = x, y
+        shapes.append(pymunk.Circle(body, robot.radius))
+        bodies.append(body)
+    for shape in shapes:
+        shape.friction, shape.elasticity = FRICTION, 0.0
+    space.add(*bodies)
+    space.add(*shapes)
+    return space, bodies
+
+
+class PublicBackend:
+    """The backend interface over attribute access; slow, and the reference for the fast one."""
+
+    def __init__(self, spec: TaskSpec, n_copies: int) -> None:
+        self._spec = spec
+        self._radii = np.array([robot.radius for robot in spec.robots])
+        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
+        self._layouts: dict[int, Float] = {}
+        self.positions: Double = np.zeros((n_copies, spec.n_agents, 2))
+        self.velocities: Double = np.zeros((n_copies, spec.n_agents, 2))
+
+    def reset(self, copies: Int, layouts: Float, starts: Double) -> None:
+        for b in copies.tolist():
+            self._layouts[b] = layouts[b].copy()
+            self._worlds[b] = build_space(self._spec, layouts[b], starts[b])
+            self.positions[b] = starts[b]
+            self.velocities[b] = 0.0
+
+    def step(self, active: Bool, accelerations: Double, contacts: Contacts) -> None:
+        for b in np.flatnonzero(active).tolist():
+            world = self._worlds[b]
+            if world is None:
+                raise RuntimeError(f"copy {b} was stepped before its first reset")
+            space, bodies = world
+            contacts.events[b] = 0
+            for _ in range(self._spec.n_substeps):
+                for body, force in zip(bodies, accelerations[b].tolist(), strict=True):
+                    body.force = tuple(force)
+                space.step(self._spec.physics_dt)
+                self.positions[b] = [body.position for body in bodies]
+                update_contacts(
+                    self.positions[b], self._radii, self._layouts[b], self._half,
+                    contacts.robots[b], contacts.obstacles[b], contacts.slack[b], contacts.events[b],
+                )  # fmt: skip
+            self.velocities[b] = [body.velocity for body in bodies]

@@ -1,0 +1,189 @@
+"""Random layouts, starts and goals: solvable by construction, one pure function of the episode seed.
+
+Bounding circles of obstacles keep a gap from each other and from the walls in which a robot fits,
+and every concave shape opens into free space, so the free space is connected: any start reaches any
+goal. The random numbers are SplitMix64's, as in `seeding`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
+from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Double, Float, Int, Seeds
+
+TRIES = 64
+"""Draws of one place before the whole layout is drawn anew."""
+
+_STREAM = (STREAMS["layout"] + 1) * GOLDEN % 2**64
+
+SizeTable = Double
+"""One row per obstacle: kind, smallest and largest half length, half thickness, [M, 4]."""
+
+
+def size_table(spec: TaskSpec) -> SizeTable:
+    """Lists the obstacles to draw, largest shapes first, as [M, 4]."""
+    o, t = spec.obstacles, spec.obstacles.bar_half_thickness
+    rows = (
+        [(POCKET, *o.pocket_half_length, t)] * o.pockets
+        + [(CORNER, *o.corner_half_length, t)] * o.corners
+        + [(BOX, *o.box_half_length, 0.0)] * o.boxes
+        + [(CIRCLE, *o.circle_radius, 0.0)] * o.circles
+    )
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _next(state: Seeds) -> float:
+    """Advances the generator; returns a multiple of 2**-53 in [0, 1)."""
+    state[0] += np.uint64(GOLDEN)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(MIX_1)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(MIX_2)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@njit(nogil=True, cache=True)
+def _shape(state: Seeds, size: Double, row: Float) -> None:
+    """Draws shape and orientation of one obstacle; its direction is a rational point of the circle."""
+    low, high = size[1], size[2]
+    row[0] = size[0]
+    row[5] = low + (high - low) * _next(state)
+    row[6] = row[5] if size[0] == CIRCLE else low + (high - low) * _next(state)
+    row[7] = size[3]
+    t = 2.0 * _next(state) - 1.0
+    sign = 1.0 if _next(state) < 0.5 else -1.0
+    row[3] = sign * (1.0 - t * t) / (1.0 + t * t)
+    row[4] = sign * 2.0 * t / (1.0 + t * t)
+
+
+@njit(nogil=True, cache=True)
+def _place_obstacles(state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float) -> bool:
+    """Draws all obstacles; False if one of them found no place."""
+    for m in range(sizes.shape[0]):
+        row = layout[m]
+        _shape(state, sizes[m], row)
+        r = bounding_radius(row)
+        room_x, room_y = half[0] - r - gap, half[1] - r - gap
+        if room_x <= 0.0 or room_y <= 0.0:
+            return False
+        for attempt in range(TRIES + 1):
+            if attempt == TRIES:
+                return False
+            row[1] = room_x * (2.0 * _next(state) - 1.0)
+            row[2] = room_y * (2.0 * _next(state) - 1.0)
+            if _is_free(row, r, layout, m, gap):
+                break
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _is_free(row: Float, r: float, layout: Float, m: int, gap: float) -> bool:
+    for k in range(m):
+        dx, dy = float(layout[k, 1]) - float(row[1]), float(layout[k, 2]) - float(row[2])
+        need = r + bounding_radius(layout[k]) + gap
+        if dx * dx + dy * dy < need * need:
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _place_points(
+    state: Seeds,
+    layout: Float,
+    half: Double,
+    radii: Double,
+    margins: Double,
+    points: Float,
+    far: Float,
+    min_distance: float,
+) -> bool:
+    """Draws one point per robot, clear of obstacles and each other and away from `far`."""
+    for i in range(radii.shape[0]):
+        for attempt in range(TRIES + 1):
+            if attempt == TRIES:
+                return False
+            points[i, 0] = (half[0] - radii[i]) * (2.0 * _next(state) - 1.0)
+            points[i, 1] = (half[1] - radii[i]) * (2.0 * _next(state) - 1.0)
+            x, y = float(points[i, 0]), float(points[i, 1])
+            dx, dy = float(far[i, 0]) - x, float(far[i, 1]) - y
+            free = dx * dx + dy * dy >= min_distance * min_distance
+            for j in range(i):
+                dx, dy = float(points[j, 0]) - x, float(points[j, 1]) - y
+                need = radii[i] + radii[j] + margins[1]
+                free = free and dx * dx + dy * dy >= need * need
+            if free and clearance(x, y, layout, half) >= radii[i] + margins[0]:
+                break
+    return True
+
+
+@njit(nogil=True, cache=True)
+def spawn(
+    seeds: Seeds,
+    copies: Int,
+    sizes: SizeTable,
+    half: Double,
+    radii: Double,
+    margins: Double,
+    max_attempts: int,
+    layouts: Float,
+    starts: Float,
+    goals: Float,
+) -> int:
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+
+    Args:
+        seeds: episode seeds, [len(copies)].
+        copies: rows to write.
+        sizes: obstacles to draw, from `size_table`, [M, 4].
+        half: half width and half height of the arena, m, [2].
+        radii: robot radii, m, [N].
+        margins: gap between obstacles; clearance and separation of starts; clearance and separation
+            of goals; smallest distance from start to goal; all m, [6].
+        max_attempts: whole layouts to try before giving up.
+        layouts: written, [E, M, 8].
+        starts: written, [E, N, 2].
+        goals: written, [E, N, 2].
+    """
+    state = np.empty(1, np.uint64)
+    for k in range(copies.shape[0]):
+        b = copies[k]
+        state[0] = seeds[k] + np.uint64(_STREAM)
+        for attempt in range(max_attempts + 1):
+            if attempt == max_attempts:
+                return k
+            if not _place_obstacles(state, sizes, half, margins[0], layouts[b]):
+                continue
+            if not _place_points(state, layouts[b], half, radii, margins[1:3], starts[b], starts[b], 0.0):
+                continue
+            if _place_points(state, layouts[b], half, radii, margins[3:5], goals[b], starts[b], margins[5]):
+                break
+    return copies.shape[0]
+
+
+def spawn_margins(spec: TaskSpec) -> Double:
+    """The distances that `spawn` needs, from the spec, [6]."""
+    s = spec.spawn
+    return np.array(
+        [
+            spec.obstacles.gap,
+            s.start_clearance,
+            s.start_separation,
+            s.goal_clearance,
+            s.goal_separation,
+            s.min_goal_distance,
+        ]
+    )
+
+
+def density(spec: TaskSpec) -> float:
+    """Part of the arena that robots and the bounding circles of obstacles cover, with their gaps."""
+    sizes = size_table(spec)
+    longest = sizes[:, 2]
+    reach = np.where(sizes[:, 0] == CIRCLE, longest, longest * math.sqrt(2)) + spec.obstacles.gap / 2
+    robots = sum((robot.radius + spec.spawn.start_separation / 2) ** 2 for robot in spec.robots)
+    return math.pi * (float((reach**2).sum()) + robots) / (spec.arena.width * spec.arena.height)

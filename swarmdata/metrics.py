@@ -1,0 +1,280 @@
+"""What is measured of an episode, and how many episodes, runs and tasks become one number.
+
+All functions are pure. Aggregates take `scores[..., runs, tasks]` and reduce the last two axes, so
+that a bootstrap is one call on a leading axis of resamples. The definitions follow Agarwal et al.,
+"Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from statistics import NormalDist
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.spec import TaskSpec
+from swarmdata.types import EVENTS, Double, Episode, Float
+
+_ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
+_STATE_PER_ROBOT = 6  # x, y, vx, vy, goal_x, goal_y
+_CHUNK = 1 << 22  # resampled scores held at once
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """What one per-episode number means."""
+
+    label: str
+    unit: str  # empty for counts, fractions and returns
+    better: Literal["higher", "lower", "neither"]
+    meaning: str
+
+
+EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "return": Metric("return", "", "higher", "sum over time of the mean reward over robots"),
+        "success": Metric("success", "", "higher", "1 if the task was solved, else 0"),
+        "clean_success": Metric(
+            "clean success", "", "higher", "1 if the task was solved and nothing was ever touched"
+        ),
+        "reached_fraction": Metric(
+            "robots at goal", "", "higher", "share of robots within the goal radius at the end"
+        ),
+        "time_to_goal": Metric("time to goal", "s", "lower", "duration; NaN unless solved"),
+        "length": Metric("length", "steps", "neither", "joint steps"),
+        "robot_collisions": Metric(
+            "robot collisions", "", "lower", "contacts that began between robots, each pair once"
+        ),
+        "obstacle_collisions": Metric(
+            "obstacle collisions", "", "lower", "contacts that began with obstacles or walls"
+        ),
+        "contact_steps": Metric(
+            "contact steps", "robot-steps", "lower", "robot-steps in contact with anything"
+        ),
+        "min_separation": Metric(
+            "smallest gap",
+            "m",
+            "higher",
+            "smallest gap between two robots' surfaces in any state; negative if they overlap; "
+            "NaN for a single robot",
+        ),
+        "path_length": Metric("path length", "m", "lower", "way travelled, mean over robots"),
+    }
+)
+"""Every per-episode metric by name, in the order of `episode_metrics`."""
+
+
+def episode_metrics(episode: Episode, spec: TaskSpec) -> dict[str, float]:
+    """Returns one value per name of `EPISODE_METRICS`.
+
+    Raises:
+        SchemaError: the episode's states are not those of this spec's team.
+    """
+    positions, goals = _positions_and_goals(episode.states, spec)
+    events = episode.events.astype(np.int64)  # uint8 sums would wrap
+    touched = events[..., _ROBOT_CONTACT] | events[..., _OBSTACLE_CONTACT]  # [T, N]
+    onsets = events[..., _ROBOT_ONSETS].sum(), events[..., _OBSTACLE_ONSETS].sum()
+    untouched = not (events > 0).any()
+    at_goal = _norm(goals[-1] - positions[-1]) <= spec.termination.goal_radius
+    return {
+        "return": episode.team_return,
+        "success": float(episode.success),
+        "clean_success": float(episode.success and untouched),
+        "reached_fraction": float(at_goal.mean()),
+        "time_to_goal": len(episode) * spec.control_dt if episode.success else float("nan"),
+        "length": float(len(episode)),
+        "robot_collisions": float(onsets[0]) / 2,  # each robot of a pair counts the onset
+        "obstacle_collisions": float(onsets[1]),
+        "contact_steps": float((touched > 0).sum()),
+        "min_separation": _min_separation(positions, spec),
+        "path_length": float(_norm(np.diff(positions, axis=0)).sum(axis=0).mean()),
+    }
+
+
+def _positions_and_goals(states: Float, spec: TaskSpec) -> tuple[Double, Double]:
+    """Splits navigation states into positions and goals, m, both [T+1, N, 2]."""
+    expected = spec.n_agents * _STATE_PER_ROBOT
+    if states.ndim != 2 or states.shape[1] != expected:
+        raise SchemaError(
+            f"states are {list(states.shape)}, expected [T+1, {expected}] for the "
+            f"{spec.n_agents} robots of task {spec.task!r}. Pass the spec that made the episode."
+        )
+    rows = states.astype(np.float64).reshape(len(states), spec.n_agents, _STATE_PER_ROBOT)
+    return rows[..., :2], rows[..., 4:]
+
+
+def _norm(vectors: Double) -> Double:
+    """Euclidean length of the last axis."""
+    lengths: Double = np.sqrt(np.square(vectors).sum(axis=-1))
+    return lengths
+
+
+def _min_separation(positions: Double, spec: TaskSpec) -> float:
+    """Smallest surface-to-surface gap between two robots over all states, m."""
+    if spec.n_agents == 1:
+        return float("nan")
+    first, second = np.triu_indices(spec.n_agents, k=1)
+    radii = np.array([robot.radius for robot in spec.robots])
+    gaps = _norm(positions[:, first] - positions[:, second]) - (radii[first] + radii[second])
+    return float(gaps.min())
+
+
+class Reference(NamedTuple):
+    """The two returns between which a score is measured, on the fixed evaluation seeds."""
+
+    no_skill: float  # the better of an idle and a random team
+    expert: float
+
+
+def normalized_score(returns: Double | float, reference: Reference) -> Double:
+    """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
+
+    Same shape as `returns`; neither end is clipped.
+
+    Raises:
+        SchemaError: the expert is not better than no skill.
+    """
+    span = reference.expert - reference.no_skill
+    if not span > 0:
+        raise SchemaError(
+            f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
+            "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
+        )
+    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
+
+
+def restricted_mean_time(times: Double, limit: float) -> float:
+    """Mean of min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
+
+    This is the restricted mean survival time, the area under the Kaplan-Meier curve up to `limit`
+    (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013): nothing is censored before
+    the limit, so the curve is the empirical one. The mean over successes alone would reward a
+    policy for failing on the long episodes.
+
+    Args:
+        times: time to goal of each episode, s, [n_episodes].
+        limit: the horizon, s.
+    """
+    return float(censored_times(times, limit).mean())
+
+
+def censored_times(times: Double, limit: float) -> Double:
+    """Returns min(time, limit) with NaN as `limit`: the terms of `restricted_mean_time`."""
+    return np.asarray(np.fmin(times, limit))  # fmin ignores NaN
+
+
+def mean(scores: Double) -> Double:
+    """Mean over runs and tasks; `scores[..., runs, tasks] -> [...]`."""
+    return np.asarray(scores.mean(axis=(-2, -1)))
+
+
+def iqm(scores: Double) -> Double:
+    """Interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
+
+    The mean of what is left of the n = runs * tasks scores when the floor(n / 4) smallest and as
+    many largest are dropped (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
+    """
+    flat = scores.reshape(*scores.shape[:-2], -1)
+    n = flat.shape[-1]
+    cut = n // 4
+    middle = np.partition(flat, (cut, n - cut - 1), axis=-1)[..., cut : n - cut]
+    return np.asarray(middle.mean(axis=-1))
+
+
+def optimality_gap(scores: Double, target: float = 100.0) -> Double:
+    """How far runs stay below `target`, on average; `scores[..., runs, tasks] -> [...]`.
+
+    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
+    """
+    return np.asarray(target - np.minimum(scores, target).mean(axis=(-2, -1)))
+
+
+def probability_of_improvement(x: Double, y: Double) -> Double:
+    """Probability that a run of X beats a run of Y on a random task, ties counting one half.
+
+    The mean over tasks of the Mann-Whitney statistic U / (runs_x runs_y) (Agarwal et al. 2021,
+    section 4.3 and appendix). `x[..., runs_x, tasks], y[..., runs_y, tasks] -> [...]`.
+    """
+    a, b = x[..., :, None, :], y[..., None, :, :]
+    wins: Double = (a > b) + 0.5 * (a == b)
+    return np.asarray(wins.mean(axis=(-3, -2, -1)))
+
+
+class Estimate(NamedTuple):
+    """A value and the ends of its confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def bootstrap(
+    statistic: Callable[..., Double],
+    *scores: Double,
+    generator: np.random.Generator,
+    n_resamples: int = 2000,
+    level: float = 0.95,
+) -> Estimate:
+    """Stratified percentile bootstrap of a statistic of one or more score tables.
+
+    A resample draws, in every table and independently for every task, as many runs as there are,
+    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The ends are the
+    (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
+    interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
+
+    Args:
+        statistic: maps tables [..., runs, tasks] to [...]; for example `iqm`.
+        scores: finite tables [runs, tasks]; episodes of one policy are runs of one task.
+        generator: source of the resamples.
+        n_resamples: how many.
+        level: probability that the interval is to cover, in (0, 1).
+
+    Raises:
+        SchemaError: a table is not a finite, non-empty [runs, tasks].
+    """
+    for table in scores:
+        if table.ndim != 2 or not table.size or not np.isfinite(table).all():
+            raise SchemaError(
+                f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
+                "that are not finite, expected finite [runs, tasks] with at least one of each."
+            )
+    size = max(1, _CHUNK // sum(table.size for table in scores))
+    chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
+    draws = [statistic(*(_resample(t, generator, n) for t in scores)) for n in chunks]
+    tail = (1.0 - level) / 2.0
+    low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
+    return Estimate(float(statistic(*scores)), float(low), float(high))
+
+
+def _resample(table: Double, generator: np.random.Generator, n: int) -> Double:
+    """`n` tables whose runs are drawn with replacement within each task, [n, runs, tasks]."""
+    n_runs, n_tasks = table.shape
+    rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
+    return table[rows, np.arange(n_tasks)]
+
+
+def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> Estimate:
+    """Success rate with the Wilson score interval, which is also right near 0 and 1.
+
+    (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
+    Binomial Proportion", Statistical Science 16:2, 2001.)
+
+    Raises:
+        SchemaError: not 0 <= n_successes <= n_episodes with at least one episode.
+    """
+    if not 0 <= n_successes <= n_episodes or n_episodes == 0:
+        raise SchemaError(
+            f"{n_successes} successes in {n_episodes} episodes, "
+            "expected 0 <= successes <= episodes and at least one episode."
+        )
+    z = NormalDist().inv_cdf((1.0 + level) / 2.0)
+    rate, shrink = n_successes / n_episodes, z * z / n_episodes
+    center = (rate + shrink / 2.0) / (1.0 + shrink)
+    margin = (z / (1.0 + shrink)) * np.sqrt(
+        rate * (1.0 - rate) / n_episodes + shrink / (4.0 * n_episodes)
+    )
+    low = 0.0 if n_successes == 0 else float(center - margin)  # exact, without rounding noise
+    high = 1.0 if n_successes == n_episodes else float(center + margin)
+    return Estimate(rate, low, high)

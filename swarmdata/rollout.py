@@ -1,0 +1,171 @@
+"""Runs a policy in the copies of a task and yields the finished episodes, in the order of seeds."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.types import END_REASONS, EVENTS, Bool, Episode, Float, Int, Seeds, Step
+
+_SUCCESS, _FAILURE, _HORIZON = (END_REASONS.index(r) for r in ("success", "failure", "horizon"))
+_IDLE = -1  # position of a copy that runs no wanted episode
+
+
+def rollout(
+    env: VecEnv,
+    policy: Policy,
+    seeds: Seeds,
+    *,
+    policy_index: int = 0,
+    progress: Callable[[int], object] | None = None,
+) -> Iterator[Episode]:
+    """Runs one episode per seed and yields them in the order of `seeds`.
+
+    Each copy takes the next seed when its episode has ended. Episodes that finish before their turn
+    wait in memory. Every episode is the same bits for any number of copies. With fewer seeds than
+    copies, the surplus copies repeat seeds and their episodes are dropped.
+
+    Args:
+        env: copies of a task; all of them are reset.
+        policy: chooses the joint actions, float32 [E, N, A].
+        seeds: episode seeds, uint64 [n_episodes]; may be empty.
+        policy_index: stored as `Episode.policy`.
+        progress: called with the number of episodes that have just finished (`tqdm.update` fits).
+
+    Returns:
+        An iterator of `len(seeds)` episodes; their arrays are the caller's.
+
+    Raises:
+        SchemaError: `seeds` is not uint64 [n], the policy's actions are not float32 [E, N, A], or
+            an episode outlives the horizon of its spec.
+    """
+    if seeds.dtype != np.uint64 or seeds.ndim != 1:
+        raise SchemaError(
+            f"seeds are {seeds.dtype} {list(seeds.shape)}, expected uint64 [n_episodes]. "
+            "Use seeding.evaluation_seeds or np.asarray(seeds, np.uint64)."
+        )
+    return _in_order(_run(env, policy, seeds, policy_index), progress)
+
+
+def _in_order(
+    finished: Iterator[tuple[int, Episode]], progress: Callable[[int], object] | None
+) -> Iterator[Episode]:
+    """Sorts (position, episode) pairs by position, holding back those that are early."""
+    waiting: dict[int, Episode] = {}
+    wanted = 0
+    for position, episode in finished:
+        if progress is not None:
+            progress(1)
+        waiting[position] = episode
+        while wanted in waiting:
+            yield waiting.pop(wanted)
+            wanted += 1
+
+
+def _run(
+    env: VecEnv, policy: Policy, seeds: Seeds, policy_index: int
+) -> Iterator[tuple[int, Episode]]:
+    """Yields (position in `seeds`, episode) as episodes finish."""
+    if not len(seeds):
+        return
+    n_copies = env.n_copies
+    queued = min(n_copies, len(seeds))
+    positions = np.where(np.arange(n_copies) < queued, np.arange(n_copies), _IDLE)
+    step = env.reset(np.resize(seeds, n_copies))
+    policy.reset(step, np.arange(n_copies))
+    tape = _Tape(env, step)
+    tape.write_start(step)
+    while (wanted := positions != _IDLE).any():
+        step = tape.advance(env, policy, step, wanted)
+        ended = np.flatnonzero(step.ended & wanted)
+        for copy in ended:
+            yield int(positions[copy]), tape.cut(int(copy), step, policy_index)
+        n_new = min(len(ended), len(seeds) - queued)
+        fresh, positions[ended[n_new:]] = ended[:n_new], _IDLE
+        if n_new:
+            positions[fresh] = np.arange(queued, queued + n_new)
+            step = env.reset(seeds[queued : queued + n_new], fresh)
+            policy.reset(step, fresh)
+            tape.write_start(step, fresh)
+            queued += n_new
+
+
+class _Tape:
+    """The last `horizon + 1` steps of all copies, as rings that share one write position.
+
+    One clock for all copies makes each write one contiguous assignment; a copy's episode is the
+    rows from where it started to where it ended, around the ring.
+    """
+
+    def __init__(self, env: VecEnv, step: Step) -> None:
+        E, N, _ = step.observations.shape
+        self.n_rows = R = env.spec.horizon + 1
+        self.row = 0
+        self.starts: Int = np.zeros(E, np.int64)  # row of each copy's first observation
+        self.lengths: Int = np.zeros(E, np.int64)  # steps recorded since then
+        self.observations: Float = np.empty((R, *step.observations.shape), np.float32)
+        self.states: Float = np.empty((R, *step.states.shape), np.float32)
+        self.actions: Float = np.empty((R, E, N, env.action_size), np.float32)
+        self.rewards: Float = np.empty((R, E, N), np.float32)
+        self.terminations: Bool = np.empty((R, E), np.bool_)
+        self.truncations: Bool = np.empty((R, E), np.bool_)
+        self.events = np.empty((R, E, N, len(EVENTS)), np.uint8)
+
+    def write_start(self, step: Step, copies: Int | slice = slice(None)) -> None:
+        """Begins an episode in `copies` at the current row; their older rows are given up."""
+        self.observations[self.row, copies] = step.observations[copies]
+        self.states[self.row, copies] = step.states[copies]
+        self.starts[copies] = self.row
+        self.lengths[copies] = 0
+
+    def advance(self, env: VecEnv, policy: Policy, step: Step, wanted: Bool) -> Step:
+        """Lets the policy act once in all copies; the rows of copies not `wanted` [E] are noise."""
+        actions = policy.act(step)
+        expected = self.actions.shape[1:]
+        if actions.dtype != np.float32 or actions.shape != expected:
+            raise SchemaError(
+                f"{type(policy).__name__}.act returned {actions.dtype} {list(actions.shape)}, "
+                f"expected float32 {list(expected)} (copies, agents, action size)."
+            )
+        self.actions[self.row] = actions
+        step = env.step(actions)
+        self.rewards[self.row] = step.rewards
+        self.terminations[self.row] = step.terminations
+        self.truncations[self.row] = step.truncations
+        self.events[self.row] = step.events
+        self.row = (self.row + 1) % self.n_rows
+        self.observations[self.row] = step.observations
+        self.states[self.row] = step.states
+        self.lengths += 1
+        self._check_horizon(step, wanted)
+        return step
+
+    def _check_horizon(self, step: Step, wanted: Bool) -> None:
+        """Raises before the ring would overwrite the beginning of an episode that goes on."""
+        late = (self.lengths >= self.n_rows - 1) & ~step.ended & wanted
+        if late.any():
+            raise SchemaError(
+                f"the episode of seed {step.seeds[late][0]} goes on after {self.n_rows - 1} steps, "
+                "the horizon of its spec. The task must set `truncations` by then."
+            )
+
+    def cut(self, copy: int, step: Step, policy_index: int) -> Episode:
+        """Copies out the episode that `step` has ended in one copy."""
+        length = int(self.lengths[copy])
+        rows = (self.starts[copy] + np.arange(length + 1)) % self.n_rows
+        before = rows[:-1]
+        failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
+        return Episode(
+            observations=self.observations[rows, copy],
+            states=self.states[rows, copy],
+            actions=self.actions[before, copy],
+            rewards=self.rewards[before, copy],
+            terminations=self.terminations[before, copy],
+            truncations=self.truncations[before, copy],
+            events=self.events[before, copy],
+            layout=step.layouts[copy].copy(),
+            seed=int(step.seeds[copy]),
+            policy=policy_index,
+            end_reason=_SUCCESS if step.successes[copy] else failure_or_horizon,
+        )

@@ -1,0 +1,65 @@
+"""Ratchets: sizes of modules and functions, and a docstring on every public name."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+SOURCES = sorted(
+    path
+    for folder in FOLDERS
+    for path in (ROOT / folder).rglob("*.py")
+    if not any(parent.is_symlink() for parent in path.parents)
+)
+MODULE_LINES = 400
+FUNCTION_LINES = 40
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@pytest.fixture(params=SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def source(request: pytest.FixtureRequest) -> str:
+    path: Path = request.param
+    return path.read_text(encoding="utf-8")
+
+
+def code_lines(function: Function) -> int:
+    """Lines of a function from `def` to its end, its docstring left out."""
+    length = (function.end_lineno or function.lineno) - function.lineno + 1
+    first = function.body[0]
+    if ast.get_docstring(function) is None:
+        return length
+    return length - ((first.end_lineno or first.lineno) - first.lineno + 1)
+
+
+def undocumented(tree: ast.Module) -> Iterator[str]:
+    """Public functions and classes of a module, and the module, that have no docstring."""
+    if ast.get_docstring(tree) is None:
+        yield "the module"
+    for node in tree.body:
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            continue
+        if not node.name.startswith("_") and ast.get_docstring(node) is None:
+            yield node.name
+
+
+def test_sources_were_found() -> None:
+    assert {path.relative_to(ROOT).parts[0] for path in SOURCES} == set(FOLDERS)
+
+
+def test_module_is_short(source: str) -> None:
+    assert len(source.splitlines()) <= MODULE_LINES
+
+
+def test_functions_are_short(source: str) -> None:
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, Function)]
+    long = {f.name: code_lines(f) for f in functions if code_lines(f) > FUNCTION_LINES}
+
+    assert not long
+
+
+def test_public_names_are_documented(source: str) -> None:
+    assert not list(undocumented(ast.parse(source)))

@@ -1,0 +1,59 @@
+"""The public names, and what importing them costs."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swarmdata
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+HEAVY = ("torch", "zarr", "h5py", "pymunk", "numba", "pydantic", "pettingzoo", "numpy", "typer")
+
+
+def test_all_is_sorted_and_complete() -> None:
+    assert swarmdata.__all__ == sorted(swarmdata.__all__)
+    assert set(swarmdata.__all__) == set(swarmdata._HOMES)
+    assert dir(swarmdata) == sorted([*swarmdata.__all__, "__version__"])
+
+
+@pytest.mark.parametrize("name", swarmdata.__all__)
+def test_public_name_resolves_and_is_documented(name: str) -> None:
+    assert getattr(swarmdata, name).__doc__
+
+
+def test_no_public_name_is_shadowed_by_a_submodule() -> None:
+    modules = {path.stem for path in (ROOT / "swarmdata").iterdir()}
+
+    assert not modules & set(swarmdata.__all__), "importing the module would replace the name"
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'laod'"):
+        _ = swarmdata.laod
+
+
+def test_import_loads_nothing_heavy() -> None:
+    code = "import sys, swarmdata; print('\\n'.join(sys.modules))"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+
+    assert "swarmdata" in loaded
+    assert not set(HEAVY) & set(loaded)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_top_level_folder_refuses_to_be_imported_by_its_short_name(folder: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", f"import {folder}"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert result.returncode == 1
+    assert f"ImportError: import swarmdata.{folder}, not {folder}" in result.stderr

@@ -1,0 +1,55 @@
+"""The PettingZoo view passes PettingZoo's own tests and equals the vectorised world."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.coop_nav import CoopNav
+from swarmdata.envs.parallel import ParallelWorld
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.spec import TaskSpec
+
+with warnings.catch_warnings():
+    # pettingzoo.test imports its classic games through an interface that it deprecated itself
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+
+def test_passes_pettingzoo_api_test() -> None:
+    parallel_api_test(ParallelWorld(TaskSpec(horizon=30)), num_cycles=100)
+
+
+def test_passes_pettingzoo_seed_test() -> None:
+    parallel_seed_test(lambda: ParallelWorld(TaskSpec()), num_cycles=60)
+
+
+def test_an_episode_equals_the_vectorised_one() -> None:
+    view, env = ParallelWorld(TaskSpec(horizon=40)), CoopNav(TaskSpec(horizon=40), 1)
+    observations, _ = view.reset(seed=5)
+    step = env.reset(np.array([5], dtype=np.uint64))
+    rng = np.random.default_rng(0)
+    while view.agents:
+        np.testing.assert_array_equal(np.stack(list(observations.values())), step.observations[0])
+        np.testing.assert_array_equal(view.state(), step.states[0])
+        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        observations, rewards, terminations, truncations, infos = view.step(
+            dict(zip(view.possible_agents, actions, strict=True))
+        )
+        step = env.step(actions[None])
+        np.testing.assert_array_equal(list(rewards.values()), step.rewards[0].astype(float))
+    assert step.truncations[0]
+    assert all(truncations.values())
+    assert not any(terminations.values())
+    assert set(infos) == set(view.possible_agents)
+
+
+def test_wrong_use_is_refused() -> None:
+    view = ParallelWorld(TaskSpec())
+    with pytest.raises(SchemaError, match=r"call reset\(\) first"):
+        view.step({})
+    view.reset(seed=1)
+    with pytest.raises(SchemaError, match="no action for robot_1, robot_2, robot_3"):
+        view.step({"robot_0": np.zeros(2, np.float32)})
+    with pytest.raises(SpecError, match="render_mode 'human' is unknown"):
+        ParallelWorld(TaskSpec(), render_mode="human")

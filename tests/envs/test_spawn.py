@@ -1,0 +1,69 @@
+"""Layouts are solvable: a robot fits from any start to any goal."""
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.coop_nav import CoopNav
+from swarmdata.geometry import bounding_radius, clearance
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Bool, Double, Float
+
+
+def free_grid(spec: TaskSpec, layout: Float, cell: float) -> tuple[Bool, Double]:
+    """Which grid points a robot's centre can be at, and the grid's coordinates along one axis."""
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    axis = np.arange(-half[0] + cell / 2, half[0], cell)
+    radius = spec.robots[0].radius
+    free = [[clearance(x, y, layout, half) >= radius for y in axis] for x in axis]
+    return np.array(free), axis
+
+
+def reachable(free: Bool, start: tuple[int, int]) -> Bool:
+    """Flood fill over the four neighbours."""
+    seen = np.zeros_like(free)
+    stack = [start]
+    while stack:
+        x, y = stack.pop()
+        if 0 <= x < len(free) and 0 <= y < len(free) and free[x, y] and not seen[x, y]:
+            seen[x, y] = True
+            stack += [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)]
+    return seen
+
+
+@pytest.mark.parametrize("first_seed", [0, 1000, 2**62])
+def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
+    spec = TaskSpec()
+    step = CoopNav(spec, 8).reset(np.arange(first_seed, first_seed + 8, dtype=np.uint64))
+    for layout, state in zip(step.layouts, step.states.reshape(8, 4, 6), strict=True):
+        free, axis = free_grid(spec, layout, 0.03)
+
+        def cell(point: Float, axis: Double = axis) -> tuple[int, int]:
+            return int(np.abs(axis - point[0]).argmin()), int(np.abs(axis - point[1]).argmin())
+
+        seen = reachable(free, cell(state[0, :2]))
+        assert all(seen[cell(row[:2])] and seen[cell(row[4:])] for row in state)
+
+
+def test_spawned_places_keep_the_distances_of_the_spec() -> None:
+    spec = TaskSpec()
+    step = CoopNav(spec, 64).reset(np.arange(64, dtype=np.uint64))
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    radius, tolerance = spec.robots[0].radius, 1e-5
+    for layout, state in zip(step.layouts, step.states.reshape(64, 4, 6), strict=True):
+        starts, goals = state[:, :2].astype(float), state[:, 4:].astype(float)
+        for points, clear, apart in (
+            (starts, spec.spawn.start_clearance, spec.spawn.start_separation),
+            (goals, spec.spawn.goal_clearance, spec.spawn.goal_separation),
+        ):
+            assert min(clearance(x, y, layout, half) for x, y in points) >= radius + clear - tolerance
+            gaps = np.linalg.norm(points[:, None] - points, axis=-1) + 9 * np.eye(4) - 2 * radius
+            assert gaps.min() >= apart - tolerance
+        assert np.linalg.norm(starts - goals, axis=-1).min() >= spec.spawn.min_goal_distance - tolerance
+        sizes = np.array([bounding_radius(row) for row in layout])
+        between = np.linalg.norm(layout[:, None, 1:3] - layout[:, 1:3], axis=-1) + 9 * np.eye(len(layout))
+        assert (between - sizes[:, None] - sizes).min() >= spec.obstacles.gap - tolerance
+
+
+def test_different_seeds_give_different_layouts() -> None:
+    step = CoopNav(TaskSpec(), 64).reset(np.arange(64, dtype=np.uint64))
+    assert len(np.unique(step.layouts.reshape(64, -1), axis=0)) == 64

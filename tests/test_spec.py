@@ -1,0 +1,82 @@
+"""TaskSpec and Recipe: round trips, hashes, and errors that name the wrong key."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import SpecError
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+
+GOLDEN = Path(__file__).parent / "golden"
+
+
+@st.composite
+def specs(draw: st.DrawFn) -> TaskSpec:
+    return TaskSpec.parse(
+        {
+            "team": [
+                {"name": f"r{k}", "count": draw(st.integers(1, 8)), "robot": {"radius": draw(st.floats(0.01, 1))}}
+                for k in range(draw(st.integers(1, 3)))
+            ],
+            "horizon": draw(st.integers(1, 1000)),
+            "rewards": {"progress": draw(st.floats(0, 1e6)), "team_share": draw(st.floats(0, 1))},
+            "communication": {"range": draw(st.none() | st.floats(0.1, 10))},
+        }
+    )
+
+
+@given(spec=specs())
+def test_yaml_and_json_give_the_same_spec_and_hash(spec: TaskSpec) -> None:
+    for text in (spec.to_yaml(), spec.to_json()):
+        again = TaskSpec.from_text(text)
+        assert again == spec
+        assert again.hash() == spec.hash()
+
+
+@given(spec=specs())
+def test_any_change_changes_the_hash(spec: TaskSpec) -> None:
+    assert spec.with_updates(horizon=spec.horizon + 1).hash() != spec.hash()
+
+
+def test_the_hash_of_the_default_is_stable() -> None:
+    assert TaskSpec().hash() == json.loads((GOLDEN / "spec.json").read_text())["hash"]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"rewards": {"progres": 1}}, r"rewards.progres: unknown key. Did you mean 'progress'\?"),
+        ({"horizn": 1}, r"horizn: unknown key. Did you mean 'horizon'\?"),
+        ({"team": [{"robot": {"radiuss": 1}}]}, r"team.0.robot.radiuss: unknown key. Did you mean 'radius'"),
+        ({"team": [{"count": 0}]}, r"team.0.count: .*greater than or equal to 1 \(got 0\)"),
+        ({"control_dt": 0.05}, "at least 2 whole multiples of physics_dt, got 1"),
+        ({"termination": {"goal_radius": float("nan")}}, "goal_radius"),
+        ({"horizon": 0, "rewards": {"time": -1}}, "horizon: .*; rewards.time: "),
+    ],
+)
+def test_errors_name_the_path(data: dict[str, object], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        TaskSpec.parse(data)
+
+
+def test_a_key_given_twice_is_refused() -> None:
+    with pytest.raises(SpecError, match="'horizon' is given twice"):
+        TaskSpec.from_text("horizon: 1\nhorizon: 2\n")
+
+
+def test_text_that_is_not_yaml_is_refused_with_its_source() -> None:
+    with pytest.raises(SpecError, match="broken.yaml is neither YAML nor JSON"):
+        TaskSpec.from_text("a: [", "broken.yaml")
+
+
+def test_recipe_labels_are_unique_and_ids_well_formed() -> None:
+    policy = PolicySource(label="a", name="random")
+    base = {"id": "coop_nav-random-v0", "tier": "random", "spec": TaskSpec(), "policies": (policy,)}
+    assert Recipe.parse(base).n_steps == 1_000_000
+    with pytest.raises(SpecError, match="labels must be unique"):
+        Recipe.parse({**base, "policies": (policy, policy)})
+    with pytest.raises(SpecError, match="id: "):
+        Recipe.parse({**base, "id": "../x"})
