@@ -43,7 +43,7 @@ def check_table(dataset: Dataset) -> None:
         _require(bool((np.diff(stream) > 0).all()), f"episodes of policy {policy} are not in order")
     expected = split_codes(dataset.recipe, order)
     _require(np.array_equal(table.split, expected), "splits are not those of the recipe's rule")
-    views = [dataset.split(name).selection for name in SPLITS]
+    views = [dataset.filter(split=name).selection for name in SPLITS]
     _require(
         np.array_equal(np.sort(np.concatenate(views)), dataset.selection),
         "splits do not partition the episodes",

@@ -50,9 +50,8 @@ def main() -> None:
 
         memcpy = best_of(copy)
         print(f"{dataset.n_steps} steps, {n_bytes / 1e6:.0f} MB; made in {built:.1f} s")
-        print(
-            f"{'memcpy of all arrays':24s} {1e3 * memcpy:9.2f} ms  {n_bytes / memcpy / 1e9:.1f} GB/s"
-        )
+        speed = n_bytes / memcpy / 1e9
+        print(f"{'memcpy of all arrays':24s} {1e3 * memcpy:9.2f} ms  {speed:.1f} GB/s")
         for name, run in {
             "open, verify='none'": lambda: Dataset.open(path, "none"),
             "open, verify='fast'": lambda: Dataset.open(path, "fast"),

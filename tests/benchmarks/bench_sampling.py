@@ -61,9 +61,8 @@ def main() -> None:
             target = np.empty_like(block)
             memcpy = best_of(lambda: np.copyto(target, block))  # noqa: B023
             steps = batch_size * (horizon or 1)
-            print(
-                f"batch {batch_size}, horizon {horizon}, {size / 1e3:.0f} kB; copy {memcpy * 1e6:.0f} us"
-            )
+            print(f"batch {batch_size}, horizon {horizon}: {size / 1e3:.0f} kB")
+            print(f"  {'copy':18s} {memcpy * 1e6:8.1f} us")
             runs = {"sampler": lambda: next(sampler), "draw only": sampler.draw}  # noqa: B023
             if horizon is None:
                 runs["naive fancy index"] = naive(dataset, batch_size)
