@@ -5,6 +5,8 @@ The learned tiers mix several independently trained checkpoints, with action noi
 """
 
 import json
+import math
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
@@ -55,7 +57,7 @@ def checkpoints(task: str, tier: str) -> tuple[Checkpoint, ...]:
 
 
 def sources(task: str, ingredient: str, noise: float = NOISE) -> tuple[PolicySource, ...]:
-    """The policies behind one ingredient of a mixture, in equal shares that add up to 1.
+    """The policies behind one ingredient of a mixture, none where it has not been trained.
 
     Args:
         task: task name.
@@ -64,7 +66,6 @@ def sources(task: str, ingredient: str, noise: float = NOISE) -> tuple[PolicySou
     """
     if ingredient in ("random", "scripted"):
         return (PolicySource(label=ingredient, name=ingredient),)
-    found = checkpoints(task, ingredient)
     return tuple(
         PolicySource(
             label=f"{ingredient}-{index}",
@@ -72,9 +73,18 @@ def sources(task: str, ingredient: str, noise: float = NOISE) -> tuple[PolicySou
             checkpoint=checkpoint.file,
             sha256=checkpoint.sha256,
             noise=noise,
-            share=1.0 / len(found),
         )
-        for index, checkpoint in enumerate(found)
+        for index, checkpoint in enumerate(checkpoints(task, ingredient))
+    )
+
+
+def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
+    """Gives every group the same share of the steps, in whole numbers."""
+    whole = math.lcm(*map(len, groups))
+    return tuple(
+        source.model_copy(update={"share": float(whole // len(group))})
+        for group in groups
+        for source in group
     )
 
 
@@ -92,7 +102,7 @@ def shipped_recipes() -> MappingProxyType[str, Recipe]:
                     id=f"{task}-{tier}{suffix}-v{VERSION}",
                     tier=tier,
                     spec=spec,
-                    policies=tuple(source for group in groups for source in group),
+                    policies=_mix(groups),
                     seed=seed,
                     n_steps=n_steps,
                     part_episodes=part_episodes,

@@ -6,7 +6,7 @@ pure function of the recipe and k. So it does not matter who makes a part, when,
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,7 @@ from filelock import FileLock
 from tqdm import tqdm
 
 from swarmdata.cards.render import write_card
-from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
+from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
@@ -35,6 +35,7 @@ from swarmdata.store import (
     write_file,
     write_part,
 )
+from swarmdata.store.layout import CARD
 from swarmdata.types import Episode, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
 
@@ -42,9 +43,7 @@ N_COPIES = 64
 """Copies of the task that a worker steps together; episodes are the same for any number."""
 
 
-def build(
-    recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True
-) -> Path:
+def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> Path:
     """Makes the dataset, or what is missing of it, and returns `out`.
 
     Parts are collected in `<out>.build` and removed at the end. Kill the process at any time and
@@ -62,14 +61,15 @@ def build(
         BuildError: a part could not be made, or the disk is too small.
     """
     out = Path(out)
-    if _is_finished(out, recipe):
+    if is_finished(out, recipe):
         return out
     out.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(out.parent / f".{out.name}.lock"):
-        if not (out / "manifest.json").exists():
+        if not out.exists():
             _make(recipe, out, workers or os.cpu_count() or 1, progress)
-        write_card(out)
-        shutil.rmtree(build_folder(out), ignore_errors=False)
+        if build_folder(out).exists():
+            shutil.rmtree(build_folder(out))
+        write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
     return out
 
 
@@ -96,7 +96,9 @@ def make_source_policy(source: PolicySource, spec: TaskSpec) -> Policy:
     return make_policy(source.name, spec, **options)
 
 
-def make_part(recipe: Recipe, policy: int, part: int, report: Report = lambda n: None) -> list[Episode]:
+def make_part(
+    recipe: Recipe, policy: int, part: int, report: Report = lambda n: None
+) -> list[Episode]:
     """Simulates part number `part` of one policy's stream.
 
     Args:
@@ -131,8 +133,13 @@ def work() -> None:
     serve(handle)
 
 
-def _is_finished(out: Path, recipe: Recipe) -> bool:
-    """Whether nothing is left to do; a finished dataset is never written to, not even locked."""
+def is_finished(out: Path, recipe: Recipe) -> bool:
+    """Whether `build` has nothing left to do; what is finished is never written to.
+
+    Raises:
+        RecipeConflictError: `out` holds a dataset of another recipe.
+        DatasetError: `out` is there and has no readable manifest.
+    """
     if not out.exists():
         return False
     found = read_manifest(out)
@@ -141,7 +148,7 @@ def _is_finished(out: Path, recipe: Recipe) -> bool:
             f"{out} holds {found.id} made from another recipe ({found.recipe_hash[:12]}, expected "
             f"{recipe.hash()[:12]} of {recipe.id}). Delete it or choose another folder."
         )
-    return (out / "card.md").exists() and not build_folder(out).exists()
+    return (out / CARD).exists()
 
 
 def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> None:
@@ -159,7 +166,11 @@ def _bar(recipe: Recipe, parts: "_Parts", shown: bool) -> Iterator[Report]:
     """A progress bar over joint steps; it starts at what earlier runs have made."""
     have = min(recipe.n_steps, sum(table.n_steps for table in parts.all_tables()))
     with tqdm(
-        total=recipe.n_steps, initial=have, unit="step", unit_scale=True, desc=recipe.id,
+        total=recipe.n_steps,
+        initial=have,
+        unit="step",
+        unit_scale=True,
+        desc=recipe.id,
         disable=not shown,
     ) as bar:
 
@@ -216,9 +227,7 @@ class _Parts:
         return [table for tables in self.tables() for table in tables]
 
     def merge(self) -> MergeOrder:
-        lengths = [
-            [int(n) for table in tables for n in table.lengths] for tables in self.tables()
-        ]
+        lengths = [[int(n) for table in tables for n in table.lengths] for tables in self.tables()]
         return merge_order(self.recipe, lengths)
 
     def wave(self, merge: MergeOrder, workers: int) -> list[Job]:
@@ -270,7 +279,9 @@ class _Parts:
 
 def _difference(there: Recipe, wanted: Recipe) -> str:
     """Names the fields that differ, with both values."""
-    return "; ".join(_differences("", there.model_dump(mode="json"), wanted.model_dump(mode="json")))
+    return "; ".join(
+        _differences("", there.model_dump(mode="json"), wanted.model_dump(mode="json"))
+    )
 
 
 def _differences(path: str, there: Any, wanted: Any) -> Iterator[str]:

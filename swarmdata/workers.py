@@ -181,9 +181,7 @@ class Crew:
 
 def _start(entry: str) -> "subprocess.Popen[bytes]":
     module, function = entry.split(":")
-    code = (
-        f"import sys; sys.path[:] = {sys.path!r}; from {module} import {function}; {function}()"
-    )
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {module} import {function}; {function}()"
     return subprocess.Popen(
         [sys.executable, "-c", code],
         stdin=subprocess.PIPE,
@@ -196,7 +194,7 @@ def _killed(job: Job, code: int) -> BuildError:
     name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     return BuildError(
         f"{job.name} failed: the worker process that did it ended {ATTEMPTS} times, last by {name}. "
-        "If memory ran out, use fewer workers. Finished parts are kept: run the same again to go on."
+        "If memory ran out, use fewer workers. What is finished is kept: run the same again to go on."
     )
 
 
@@ -207,7 +205,7 @@ def serve(handle: Callable[[dict[str, Any], Report], None]) -> None:
         handle: does one job, given its payload and a function that reports progress. An error that
             it raises is sent to the supervisor.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the supervisor acts
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone; the supervisor acts
     lines = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
     os.dup2(2, 1)  # whatever else prints must not garble the messages
 
