@@ -117,10 +117,18 @@ def find_recipe(dataset_id: str) -> Recipe:
     Raises:
         UnknownNameError: with the nearest known id.
     """
-    recipes = shipped_recipes()
-    newest = {key.rpartition("-v")[0]: recipe for key, recipe in recipes.items()}
-    if dataset_id in recipes:
-        return recipes[dataset_id]
-    if dataset_id in newest:
-        return newest[dataset_id]
-    raise UnknownNameError("dataset", dataset_id, newest)
+    newest = _newest()
+    recipe = shipped_recipes().get(dataset_id) or newest.get(dataset_id)
+    if recipe is None:
+        raise UnknownNameError("dataset", dataset_id, newest)
+    return recipe
+
+
+def is_dataset(name: str) -> bool:
+    """Whether a shipped recipe has this id, with or without its version."""
+    return name in shipped_recipes() or name in _newest()
+
+
+def _newest() -> dict[str, Recipe]:
+    """Recipes by id without version."""
+    return {key.rpartition("-v")[0]: recipe for key, recipe in shipped_recipes().items()}

@@ -57,16 +57,21 @@ class Facts:
 
 
 def write_card(folder: Path) -> None:
-    """Writes the card of a finished dataset beside its files.
+    """Writes the card of a finished dataset beside its files; errors are those of `card_of`."""
+    write_file(folder / CARD, card_of(folder).encode())
+
+
+def card_of(folder: Path) -> str:
+    """Renders the card of a finished dataset.
 
     Raises:
         DatasetError: the dataset cannot be used.
         SchemaError: a check that the card reports did not pass.
+        SpecError: something stored has no description.
     """
     stored = open_store(folder, verify="none")
     references = references_of(stored.recipe.spec.hash())
-    facts = Facts(stored.manifest, stored.recipe, stored.table, references)
-    write_file(folder / CARD, render(facts).encode())
+    return render(Facts(stored.manifest, stored.recipe, stored.table, references))
 
 
 def render(facts: Facts) -> str:
@@ -262,25 +267,17 @@ def _references(facts: Facts) -> str:
     known = facts.references
     if known is None:
         return "\n## Reference scores\n\nNone measured for this spec.\n"
-    names = (
-        "return",
-        "success",
-        "clean_success",
-        "time_to_goal",
-        "robot_collisions",
-        "obstacle_collisions",
-    )
     rows = [
         (policy, *(_interval(metrics.get(name)) for name in SHOWN))
         for policy, metrics in known.policies.items()
     ]
     score = known.score(float(facts.table.team_return.mean()))
-    anchors = (
-        "The score needs an expert, which is not measured yet.\n"
-        if score is None
-        else f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f}), "
-        f"so this dataset's own mean return scores {score:.1f}.\n"
-    )
+    anchors = "The score needs an expert, which is not measured yet.\n"
+    if score is not None:
+        anchors = (
+            f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f});"
+            f" this dataset's own mean return scores {score:.1f}.\n"
+        )
     labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
     return (
         "\n## Reference scores\n\n"

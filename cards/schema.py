@@ -10,6 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from swarmdata.spec import Frozen
+from swarmdata.store import Manifest
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -62,6 +63,17 @@ class TaskReferences(Frozen):
         if self.no_skill is None or self.expert is None:
             return None
         return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
+
+
+def publication(manifest: Manifest) -> Published:
+    """Returns what is published of a built dataset."""
+    return Published(
+        digest=manifest.digest,
+        n_steps=manifest.n_steps,
+        n_episodes=manifest.n_episodes,
+        n_bytes=sum(entry.size for entry in manifest.files.values()),
+        made_with=manifest.provenance,
+    )
 
 
 @cache

@@ -171,7 +171,7 @@ def _bar(recipe: Recipe, parts: "_Parts", shown: bool) -> Iterator[Report]:
         unit="step",
         unit_scale=True,
         desc=recipe.id,
-        disable=not shown,
+        disable=None if shown else True,  # None: hidden where there is no terminal
     ) as bar:
 
         def report(steps: int) -> None:

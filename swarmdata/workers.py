@@ -193,8 +193,9 @@ def _start(entry: str) -> "subprocess.Popen[bytes]":
 def _killed(job: Job, code: int) -> BuildError:
     name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     return BuildError(
-        f"{job.name} failed: the worker process that did it ended {ATTEMPTS} times, last by {name}. "
-        "If memory ran out, use fewer workers. What is finished is kept: run the same again to go on."
+        f"{job.name} failed: the worker process that did it ended {ATTEMPTS} times, last by {name}."
+        " If memory ran out, use fewer workers. What is finished is kept: run the same again to go "
+        "on."
     )
 
 
