@@ -17,7 +17,7 @@ class _Group(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except SwarmdataError as error:
+        except (SwarmdataError, OSError) as error:
             typer.echo(f"{type(error).__name__}: {error}", err=True)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
@@ -106,6 +106,8 @@ def generate(
     is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")
     if out is None and (is_file or steps is not None):
         raise typer.BadParameter("needed for a recipe file and with --steps", param_hint="--out")
+    if is_file and not Path(dataset).exists():
+        raise typer.BadParameter(f"there is no file {dataset}")
     recipe = Recipe.from_file(Path(dataset)) if is_file else find_recipe(dataset)
     if steps is not None:
         recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
@@ -167,6 +169,9 @@ def train(
     device: Annotated[str, typer.Option(help="of torch")] = "cpu",
 ) -> None:
     """Train an offline algorithm on the train split; run again to go on."""
+    from swarmdata.targets import require
+
+    require("torch", "torch", "training")
     from swarmdata.training import train_offline
 
     changes = dict(_setting(text) for text in settings or [])

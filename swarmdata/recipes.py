@@ -175,7 +175,7 @@ def _bar(recipe: Recipe, parts: "_Parts", shown: bool) -> Iterator[Report]:
     ) as bar:
 
         def report(steps: int) -> None:
-            bar.total = max(bar.total, bar.n + steps)  # the last parts overshoot
+            bar.total = max(recipe.n_steps, bar.n + steps)  # the last parts overshoot
             bar.update(steps)
 
         yield report

@@ -65,12 +65,14 @@ def find_target(name: str, task: str = "coop_nav") -> Target:
         policies = tuple(make_source_policy(source, spec) for source in found)
         digests = [source.sha256 for source in found]
         return Target(name, spec, policies, {"policy": name, "checkpoints": digests})
-    return _dataset_target(name)
+    return _dataset_target(name, task)
 
 
-def _dataset_target(name: str) -> Target:
+def _dataset_target(name: str, task: str) -> Target:
     if not is_dataset(name):
-        known = {*POLICIES, *MIXTURES, *shipped_recipes()} - {"learned"}
+        tiers = {tier for tier, (parts, _) in MIXTURES.items() if parts == (tier,)}
+        trained = {tier for tier in tiers if sources(task, tier)}
+        known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)
     policies = tuple(make_source_policy(source, recipe.spec) for source in recipe.policies)
