@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.report import Column, Table
+from swarmdata.metrics import Estimate
 from swarmdata.types import Double
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
@@ -140,41 +140,38 @@ def plot_curves(
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
 
 
-def plot_table(table: Table, path: Path, *, keys: Sequence[str] = ("score", "success")) -> None:
-    """Draws columns of a results table as points with intervals, one panel each, a row per policy.
+def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
+    """Draws estimates as points with intervals: one panel per quantity, one row per policy.
 
     Args:
-        table: from `report.results_table`.
+        panels: axis label with unit -> policy -> estimate in that unit, the same policies in every
+            panel, first on top; `report.Table.panels` gives it.
         path: where to save; the suffix is the format.
-        keys: `Column.key` of each panel.
 
     Raises:
-        SchemaError: the table has no such column or no rows, or an unknown suffix.
+        SchemaError: nothing to draw, panels of different policies, or an unknown suffix.
         MissingExtraError: matplotlib is not installed.
     """
-    known = [column.key for column in table.columns]
-    unknown = [key for key in keys if key not in known]
-    if unknown or not keys or not table.rows:
+    rows = [list(estimates) for estimates in panels.values()]
+    if not rows or not rows[0] or any(labels != rows[0] for labels in rows):
         raise SchemaError(
-            f"columns {list(keys)} of a table with {len(table.rows)} rows and columns {known}; "
-            "expected known columns and at least one of each."
+            f"panels {list(panels)} have the rows {rows}, expected at least one panel and row, and "
+            "the same rows in every panel."
         )
-    height = 0.9 + 0.34 * len(table.rows)
-    with _figure(path, width=1.6 + 2.5 * len(keys), height=height) as figure:
-        panels = figure.subplots(1, len(keys), sharey=True, squeeze=False)[0]
-        for panel, key in zip(panels, keys, strict=True):
-            _points(panel, table, known.index(key))
-        panels[0].set_yticks(range(len(table.rows)), [row.label for row in table.rows])
-        panels[0].set_ylim(len(table.rows) - 0.5, -0.5)  # first row on top
+    labels = rows[0]
+    with _figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as figure:
+        axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
+            _points(panel, list(estimates.values()))
+            panel.set_xlabel(xlabel)
+        axes[0].set_yticks(range(len(labels)), labels)
+        axes[0].set_ylim(len(labels) - 0.5, -0.5)  # first row on top
 
 
-def _points(panel: Any, table: Table, index: int) -> None:
-    column: Column = table.columns[index]
-    for y, row in enumerate(table.rows):
-        value, low, high = (column.factor * number for number in row.estimates[index])
+def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
+    for y, (value, low, high) in enumerate(estimates):
         panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
         panel.plot([value], [y], "o", color=COLORS[0], ms=5)
-    panel.set_xlabel(column.header)
     panel.grid(axis="x", color=_FAINT, lw=0.8)
     panel.set_axisbelow(True)
     panel.margins(x=0.08)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata import metrics
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.evaluate import check_comparable
 from swarmdata.metrics import Estimate, Reference, normalized_score
 from swarmdata.spec import TaskSpec
@@ -88,6 +88,24 @@ class Table:
             cells = ["" if math.isnan(value) else repr(value) for value in values]
             writer.writerow([row.label, row.n_runs, *cells])
         return out.getvalue()
+
+    def panels(self, keys: Sequence[str]) -> dict[str, dict[str, Estimate]]:
+        """Chosen columns in shown units, for `plots.plot_estimates`: header -> row -> estimate.
+
+        Raises:
+            UnknownNameError: the table has no such column.
+        """
+        known = {column.key: index for index, column in enumerate(self.columns)}
+        chosen = {}
+        for key in keys:
+            if key not in known:
+                raise UnknownNameError("column", key, known)
+            column = self.columns[known[key]]
+            chosen[column.header] = {
+                row.label: Estimate(*(column.factor * v for v in row.estimates[known[key]]))
+                for row in self.rows
+            }
+        return chosen
 
     def _grid(self) -> list[list[str]]:
         """The cells as text, header first; the number of runs only where some row has several."""

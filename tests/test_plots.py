@@ -8,21 +8,22 @@ import pytest
 
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.metrics import Estimate
-from swarmdata.plots import Curve, plot_curves, plot_table, read_curve
-from swarmdata.report import Column, Row, Table
+from swarmdata.plots import Curve, plot_curves, plot_estimates, read_curve
 
 pytest.importorskip("matplotlib")
 
 MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 CURVE = Curve(np.arange(0.0, 5000.0, 1000.0), np.random.default_rng(0).random((3, 5)))
-TABLE = Table(
-    (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),
-    (
-        Row("scripted", 1, (Estimate(90.0, 88.0, 92.0), Estimate(0.8, 0.7, 0.9))),
-        Row("behavior cloning", 5, (Estimate(60.0, 50.0, 66.0), Estimate(0.5, 0.4, 0.6))),
-    ),
-    "",
-)
+PANELS = {
+    "score": {
+        "scripted": Estimate(90.0, 88.0, 92.0),
+        "behavior cloning": Estimate(60.0, 50.0, 66.0),
+    },
+    "success (%)": {
+        "scripted": Estimate(80.0, 70.0, 90.0),
+        "behavior cloning": Estimate(50.0, 40.0, 60.0),
+    },
+}
 
 
 def write(path: Path, text: str) -> Path:
@@ -62,7 +63,7 @@ def test_malformed_curves_are_refused(tmp_path: Path, text: str, message: str) -
 def test_figures_are_saved_by_suffix_and_repeatable(tmp_path: Path, suffix: str) -> None:
     for name in ("a", "b"):
         plot_curves({"bc": CURVE}, tmp_path / f"{name}{suffix}", ylabel="success (%)", factor=100)
-        plot_table(TABLE, tmp_path / f"table-{name}{suffix}")
+        plot_estimates(PANELS, tmp_path / f"table-{name}{suffix}")
     for stem in ("", "table-"):
         first, second = ((tmp_path / f"{stem}{n}{suffix}").read_bytes() for n in "ab")
         assert first.startswith(MAGIC[suffix])
@@ -79,7 +80,7 @@ def test_labels_units_and_references_are_in_the_picture(tmp_path: Path) -> None:
     plot_curves({"BC": CURVE}, path, ylabel="success (%)", references={"dataset": 0.4})
     for label in ("BC (3 seeds)", "success (%)", "gradient updates", "dataset", "2k"):
         assert f"<!-- {label} -->" in text_of(path)
-    plot_table(TABLE, tmp_path / "table.svg")
+    plot_estimates(PANELS, tmp_path / "table.svg")
     for label in ("behavior cloning", "success (%)", "score"):
         assert f"<!-- {label} -->" in text_of(tmp_path / "table.svg")
 
@@ -89,8 +90,11 @@ def test_other_suffixes_and_empty_figures_are_refused(tmp_path: Path) -> None:
         plot_curves({"bc": CURVE}, tmp_path / "a.jpg", ylabel="y")
     with pytest.raises(SchemaError, match="no curves to draw"):
         plot_curves({}, tmp_path / "a.png", ylabel="y")
-    with pytest.raises(SchemaError, match=r"columns \['speed'\] of a table with 2 rows"):
-        plot_table(TABLE, tmp_path / "a.png", keys=["speed"])
+    short = {"time (s)": {"scripted": Estimate(6.0, 5.0, 7.0)}}
+    wrong: list[dict[str, dict[str, Estimate]]] = [{}, {"score": {}}, {**PANELS, **short}]
+    for panels in wrong:
+        with pytest.raises(SchemaError, match="the same rows in every panel"):
+            plot_estimates(panels, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 

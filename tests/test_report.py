@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarmdata import metrics
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.metrics import EPISODE_METRICS, Estimate, Reference
 from swarmdata.report import Column, Row, Table, format_estimate, format_number, results_table
 from swarmdata.seeding import evaluation_seeds
@@ -126,3 +126,12 @@ def test_numbers_are_written_in_one_way() -> None:
     assert format_number(-0.01, percent) == "-1.0"
     assert format_estimate(Estimate(0.5, 0.4, 0.6), percent) == "50.0 [40.0, 60.0]"
     assert percent.header == "success (%)"
+
+
+def test_panels_are_columns_in_shown_units() -> None:
+    panels = TABLE.panels(["success", "score"])
+    assert list(panels) == ["success (%)", "score"]
+    assert panels["success (%)"]["straight"] == pytest.approx((30.5, 28.0, 33.5))
+    assert list(panels["score"]) == ["straight", "bc|x"]
+    with pytest.raises(UnknownNameError, match=r"unknown column 'scor'. Did you mean 'score'"):
+        TABLE.panels(["scor"])

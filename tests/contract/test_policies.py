@@ -68,7 +68,8 @@ class Wide(Good):
 
 class Flat(Good):
     def act(self, step: Step) -> Float:
-        return super().act(step)[:, 0]
+        actions: Float = super().act(step)[:, 0]
+        return actions
 
 
 class Undefined(Good):
@@ -106,7 +107,8 @@ class Crowd(Good):
 
     def act(self, step: Step) -> Float:
         actions = super().act(step)
-        return (0.5 * actions + 0.5 * actions.mean(0)).astype(np.float32)
+        mixed: Float = (0.5 * actions + 0.5 * actions.mean(0)).astype(np.float32)
+        return mixed
 
 
 def test_a_good_policy_passes() -> None:
