@@ -16,6 +16,7 @@ Deviations, each measured on `coop_nav` or required by it:
   actor is one fixed piecewise linear function.
 """
 
+import json
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ from swarmdata.types import Bool, Float, Step
 class Config:
     """Hyperparameters; frames are joint steps of one world."""
 
-    n_frames: int = 12_000_000
+    n_frames: int = 16_000_000
     n_copies: int = 64
     n_steps: int = 64  # per rollout and copy
     hidden: int = 128
@@ -47,11 +48,11 @@ class Config:
     value_weight: float = 0.5
     max_grad_norm: float = 0.5
     std: float = 0.5
-    final_std: float = 0.12
+    final_std: float = 0.1
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
-    contact_cost: float = 3.0  # final extra weight of contacts and collisions, in units of the spec's
-    contact_ramp: tuple[float, float] = (0.2, 0.7)  # part of training in which it grows from 0
+    contact_cost: float = 5.0  # final extra weight of contacts and collisions, in units of the spec's
+    contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
 
 
 class Rollout(NamedTuple):
@@ -185,6 +186,49 @@ class MAPPO:
         self.scale.update(targets)
         losses = self._descend(rollout, advantages, (targets - self.scale.mean) / self.scale.std)
         return losses | {"reward": float(rollout.rewards.mean())}
+
+    def restart_worlds(self) -> None:
+        """Starts new episodes everywhere; at checkpoints, so that a resumed run equals this one."""
+        self._step = self.env.reset(self._next_seeds(self.env.n_copies))
+
+    def actor_layers(self) -> list[tuple[Float, Float]]:
+        """Weight [in, out] and bias [out] of each layer of the actor."""
+        linears = [module for module in self.actor if isinstance(module, nn.Linear)]
+        return [(m.weight.detach().numpy().T.copy(), m.bias.detach().numpy().copy()) for m in linears]
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything but the running episodes, as tensors; see `restart_worlds`."""
+        tensors = {f"actor.{k}": v for k, v in self.actor.state_dict().items()}
+        tensors |= {f"critic.{k}": v for k, v in self.critic.state_dict().items()}
+        for index, moments in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"adam.{index}.{name}": value for name, value in moments.items()}
+        tensors |= {"input.mean": torch.from_numpy(self.input_mean), "input.scale": torch.from_numpy(self.input_scale)}
+        scale = [self.scale.weight, self.scale.first, self.scale.second]
+        tensors["scale"] = torch.tensor(scale, dtype=torch.float64)
+        tensors["counters"] = torch.tensor([self.frames, self._episodes])
+        generator = json.dumps(self.generator.bit_generator.state).encode()
+        tensors["generator"] = torch.from_numpy(np.frombuffer(generator, np.uint8).copy())
+        return {name: tensor.clone() for name, tensor in tensors.items()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Restores what `state_dict` returned and starts new episodes."""
+
+        def part(prefix: str) -> dict[str, Tensor]:
+            return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+
+        self.actor.load_state_dict(part("actor."))
+        self.critic.load_state_dict(part("critic."))
+        moments: dict[int, dict[str, Tensor]] = {}
+        for name, value in part("adam.").items():
+            index, field = name.split(".")
+            moments.setdefault(int(index), {})[field] = value
+        groups = self.optimizer.state_dict()["param_groups"]
+        self.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+        self.input_mean, self.input_scale = state["input.mean"].numpy(), state["input.scale"].numpy()
+        self.scale.weight, self.scale.first, self.scale.second = state["scale"].tolist()
+        self.frames, self._episodes = (int(value) for value in state["counters"])
+        self.generator.bit_generator.state = json.loads(bytes(state["generator"].tolist()))
+        self.restart_worlds()
 
     def _next_seeds(self, count: int) -> Any:
         """Fresh training seeds, far from the reserved evaluation seeds."""

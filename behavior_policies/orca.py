@@ -1,0 +1,236 @@
+"""Optimal reciprocal collision avoidance: half-planes of safe velocities, and the best one in all.
+
+Source: van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance", ISRR 2011:
+half-planes from sections 4 and 5.1, the linear programs from sections 5.2 and 5.3, which follow
+de Berg et al., "Computational Geometry", chapter 4 (incremental, without the random order, so that
+the result is a function of the input).
+
+A half-plane is a row (px, py, dx, dy): the velocities on or left of the line through (px, py) with
+unit direction (dx, dy). Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every
+platform.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.types import Double
+
+PARALLEL = 1e-9
+"""Determinants of unit directions below this count as parallel."""
+
+
+@njit(nogil=True, cache=True)
+def robot_half_plane(
+    offset: tuple[float, float],
+    own: tuple[float, float],
+    other: tuple[float, float],
+    reach: float,
+    rule: tuple[float, float, float],
+    out: Double,
+) -> None:
+    """Writes the velocities that avoid another robot for the horizon (paper, section 4).
+
+    Args:
+        offset: position of the other robot minus the own, m.
+        own: own velocity, m/s.
+        other: velocity of the other robot, m/s.
+        reach: distance of centres to keep, m.
+        rule: horizon, s; horizon within which an overlap of `reach` is resolved, s; and the share
+            of the correction taken by this robot, 1/2 where both do the same.
+        out: written, [4].
+    """
+    horizon, recovery, share = rule
+    x, y = offset
+    vx, vy = own[0] - other[0], own[1] - other[1]
+    square = x * x + y * y
+    overlapping = square <= reach * reach
+    horizon = recovery if overlapping else horizon
+    wx, wy = vx - x / horizon, vy - y / horizon
+    along = wx * x + wy * y
+    speed = math.sqrt(wx * wx + wy * wy)
+    if overlapping or (along < 0.0 and along * along > reach * reach * speed * speed):
+        if speed < PARALLEL:  # exactly at the centre of the cut-off circle: leave it backwards
+            distance = max(math.sqrt(square), PARALLEL)
+            ux, uy = -x / distance, -y / distance
+        else:
+            ux, uy = wx / speed, wy / speed
+        correction = reach / horizon - speed
+        out[2], out[3] = uy, -ux
+        cx, cy = correction * ux, correction * uy
+    else:
+        leg = math.sqrt(square - reach * reach)
+        if x * wy - y * wx > 0.0:
+            dx, dy = (x * leg - y * reach) / square, (x * reach + y * leg) / square
+        else:
+            dx, dy = -(x * leg + y * reach) / square, -(y * leg - x * reach) / square
+        slide = vx * dx + vy * dy
+        out[2], out[3] = dx, dy
+        cx, cy = slide * dx - vx, slide * dy - vy
+    out[0], out[1] = own[0] + share * cx, own[1] + share * cy
+
+
+@njit(nogil=True, cache=True)
+def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
+    """Writes the velocities whose component along a unit vector is at most `bound`, m/s.
+
+    Args:
+        nx: unit vector towards a surface.
+        ny: the same.
+        bound: m/s; negative means to back off.
+        out: written, [4].
+    """
+    out[0], out[1], out[2], out[3] = nx * bound, ny * bound, -ny, nx
+
+
+@njit(nogil=True, cache=True)
+def _outside(plane: Double, vx: float, vy: float) -> float:
+    """How far a velocity is outside a half-plane, m/s; negative inside."""
+    return float(plane[2] * (plane[1] - vy) - plane[3] * (plane[0] - vx))
+
+
+@njit(nogil=True, cache=True)
+def best_on_line(
+    planes: Double, k: int, limit: float, aim: tuple[float, float], is_direction: bool
+) -> tuple[bool, float, float]:
+    """Returns the best velocity on the border of half-plane k within the k half-planes before it.
+
+    Args:
+        planes: half-planes, [K, 4].
+        k: which border.
+        limit: largest speed, m/s.
+        aim: the velocity to come near to, or the direction to go far in.
+        is_direction: which of the two.
+
+    Returns:
+        Whether there is one, and the velocity.
+    """
+    px, py, dx, dy = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+    middle = px * dx + py * dy
+    room = middle * middle + limit * limit - (px * px + py * py)
+    if room < 0.0:
+        return False, 0.0, 0.0
+    root = math.sqrt(room)
+    low, high = -middle - root, -middle + root
+    for i in range(k):
+        cross = dx * planes[i, 3] - dy * planes[i, 2]
+        offset = planes[i, 2] * (py - planes[i, 1]) - planes[i, 3] * (px - planes[i, 0])
+        if abs(cross) <= PARALLEL:
+            if offset < 0.0:
+                return False, 0.0, 0.0
+            continue
+        t = offset / cross
+        if cross >= 0.0:
+            high = min(high, t)
+        else:
+            low = max(low, t)
+        if low > high:
+            return False, 0.0, 0.0
+    if is_direction:
+        t = high if aim[0] * dx + aim[1] * dy > 0.0 else low
+    else:
+        t = min(max(dx * (aim[0] - px) + dy * (aim[1] - py), low), high)
+    return True, px + t * dx, py + t * dy
+
+
+@njit(nogil=True, cache=True)
+def best_velocity(
+    planes: Double, n: int, limit: float, aim: tuple[float, float], is_direction: bool
+) -> tuple[int, float, float]:
+    """Returns the velocity in all half-planes that is nearest to `aim` (paper, section 5.2).
+
+    Args:
+        planes: half-planes, [K, 4]; the first n count.
+        n: how many.
+        limit: largest speed, m/s.
+        aim: the velocity to come near to, or the unit direction to go far in.
+        is_direction: which of the two.
+
+    Returns:
+        The index of the first half-plane that cannot be satisfied, or n; and the velocity, which
+        is then the best for those before it.
+    """
+    vx, vy = aim
+    square = vx * vx + vy * vy
+    if is_direction:
+        vx, vy = vx * limit, vy * limit
+    elif square > limit * limit:
+        norm = math.sqrt(square)
+        vx, vy = vx / norm * limit, vy / norm * limit
+    for k in range(n):
+        if _outside(planes[k], vx, vy) > 0.0:
+            found, new_x, new_y = best_on_line(planes, k, limit, aim, is_direction)
+            if not found:
+                return k, vx, vy
+            vx, vy = new_x, new_y
+    return n, vx, vy
+
+
+@njit(nogil=True, cache=True)
+def least_violating(
+    planes: Double, n: int, n_hard: int, first: int, limit: float, start: tuple[float, float]
+) -> tuple[float, float]:
+    """Returns the velocity that violates the worst soft half-plane least (paper, section 5.3).
+
+    Args:
+        planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
+        n: how many count.
+        n_hard: how many must hold.
+        first: index of the half-plane at which `best_velocity` failed.
+        limit: largest speed, m/s.
+        start: the velocity that it returned.
+    """
+    vx, vy = start
+    worst = 0.0
+    projected = np.empty((n, 4))
+    for k in range(first, n):
+        if _outside(planes[k], vx, vy) <= worst:
+            continue
+        count = min(n_hard, k)
+        projected[:count] = planes[:count]
+        for i in range(n_hard, k):
+            if _bisector(planes[k], planes[i], projected[count]):
+                count += 1
+        outward = (-planes[k, 3], planes[k, 2])
+        failed, new_x, new_y = best_velocity(projected, count, limit, outward, True)
+        if failed == count:  # else only rounding stood in the way: keep the velocity
+            vx, vy = new_x, new_y
+        worst = _outside(planes[k], vx, vy)
+    return vx, vy
+
+
+@njit(nogil=True, cache=True)
+def _bisector(k: Double, i: Double, out: Double) -> bool:
+    """Writes where half-plane i is violated no more than k; False if they point the same way."""
+    cross = k[2] * i[3] - k[3] * i[2]
+    if abs(cross) <= PARALLEL:
+        if k[2] * i[2] + k[3] * i[3] > 0.0:
+            return False
+        out[0], out[1] = 0.5 * (k[0] + i[0]), 0.5 * (k[1] + i[1])
+    else:
+        t = (i[2] * (k[1] - i[1]) - i[3] * (k[0] - i[0])) / cross
+        out[0], out[1] = k[0] + t * k[2], k[1] + t * k[3]
+    dx, dy = i[2] - k[2], i[3] - k[3]
+    norm = math.sqrt(dx * dx + dy * dy)
+    out[2], out[3] = dx / norm, dy / norm
+    return True
+
+
+@njit(nogil=True, cache=True)
+def solve(
+    planes: Double, n: int, n_hard: int, limit: float, aim: tuple[float, float]
+) -> tuple[float, float]:
+    """Returns the safe velocity nearest to `aim`; if there is none, the one that is least unsafe.
+
+    Args:
+        planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
+        n: how many count.
+        n_hard: how many must hold.
+        limit: largest speed, m/s.
+        aim: preferred velocity, m/s.
+    """
+    failed, vx, vy = best_velocity(planes, n, limit, aim, False)
+    if failed < n:
+        return least_violating(planes, n, n_hard, failed, limit, (vx, vy))
+    return vx, vy

@@ -1,0 +1,171 @@
+"""Trains MAPPO runs, and picks the shipped experts and mediums from their checkpoints.
+
+A run folder holds `config.json`, `curve.csv` (one row per checkpoint), `actors/` (the actor at
+every checkpoint, ready for exact inference) and `state.safetensors` (to continue).
+"""
+
+import csv
+import hashlib
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from swarmdata.behavior_policies.learned import Learned, save_actor
+from swarmdata.errors import BuildError
+from swarmdata.interfaces import Policy
+from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.metrics import episode_metrics
+from swarmdata.online_algos.mappo import MAPPO, Config
+from swarmdata.registry import make_env
+from swarmdata.rollout import rollout
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+
+EARLY, EARLY_UPDATES, LATER_UPDATES = 0.2, 10, 50
+"""Updates between checkpoints: more in the first part of training, where mediums are found."""
+
+CURVE = ("success", "clean_success", "return", "robot_collisions", "obstacle_collisions", "length")
+
+SELECTION_OFFSET = np.uint64(1 << 32)
+"""Checkpoints are judged on reserved seeds of their own, which neither data nor evaluation use."""
+
+MEDIUM_BAND = (0.40, 0.60)
+"""Team success of a medium policy."""
+
+
+def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
+    """Mean metrics of a policy on the selection seeds."""
+    seeds = evaluation_seeds(n_episodes) + SELECTION_OFFSET
+    env = make_env(spec, min(64, n_episodes))
+    rows = [episode_metrics(episode, spec) for episode in rollout(env, policy, seeds)]
+    return {name: float(np.mean([row[name] for row in rows])) for name in CURVE}
+
+
+def train_run(spec: TaskSpec, config: Config, seed: int, out: Path, *, n_episodes: int = 256) -> Path:
+    """Trains one run, or continues it where it stopped; returns its folder.
+
+    Args:
+        spec: the task.
+        config: hyperparameters.
+        seed: of the run.
+        out: the run's folder.
+        n_episodes: selection episodes per row of the curve.
+
+    Raises:
+        BuildError: the folder holds a run with another configuration.
+    """
+    torch.set_num_threads(1)
+    document = {"algorithm": "mappo", "config": asdict(config), "seed": seed, "spec": spec.model_dump(mode="json")}
+    _claim(out, json.loads(json.dumps(document)))
+    run = MAPPO(make_env(spec, config.n_copies), config, seed)
+    state = out / "state.safetensors"
+    if state.exists():
+        run.load_state_dict(load_checkpoint(state)[0])
+        _drop_rows_after(out / "curve.csv", run.frames)
+    with tqdm(total=config.n_frames, initial=run.frames, unit="frame", unit_scale=True, desc=out.name) as bar:
+        while run.progress < 1:
+            for _ in range(EARLY_UPDATES if run.progress < EARLY else LATER_UPDATES):
+                losses = run.update()
+                if run.progress >= 1:
+                    break
+            bar.update(run.frames - bar.n)
+            _write_checkpoint(run, spec, out, losses, n_episodes)
+    return out
+
+
+def _claim(out: Path, document: dict[str, Any]) -> None:
+    (out / "actors").mkdir(parents=True, exist_ok=True)
+    path = out / "config.json"
+    if path.exists() and json.loads(path.read_text()) != document:
+        raise BuildError(f"{out} holds a run with another configuration; choose another --out or delete it")
+    path.write_text(json.dumps(document, indent=1))
+
+
+def _write_checkpoint(
+    run: MAPPO, spec: TaskSpec, out: Path, losses: dict[str, float], n_episodes: int
+) -> None:
+    """Saves the actor, its figures, and then the state to continue from."""
+    path = out / "actors" / f"{run.frames:010d}.safetensors"
+    saved = save_actor(path, run.actor_layers(), run.input_mean, run.input_scale, spec.n_agents)
+    policy = Learned(spec, checkpoint=str(path.resolve()), sha256=saved.sha256)
+    row = {"frames": run.frames, **measure(policy, spec, n_episodes), **losses, "std": run.std}
+    curve = out / "curve.csv"
+    new = not curve.exists()
+    with curve.open("a", newline="") as file:
+        writer = csv.DictWriter(file, list(row))
+        if new:
+            writer.writeheader()
+        writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+    run.restart_worlds()
+    save_checkpoint(out / "state.safetensors", run.state_dict(), {"frames": run.frames})
+
+
+def _drop_rows_after(curve: Path, frames: int) -> None:
+    """Removes rows that a killed process wrote after its last saved state."""
+    lines = curve.read_text().splitlines(keepends=True)
+    kept = [line for line in lines[1:] if float(line.split(",", 1)[0]) <= frames]
+    curve.write_text("".join(lines[:1] + kept))
+
+
+def read_curve(run: Path) -> list[dict[str, float]]:
+    """The rows of a run's `curve.csv`."""
+    with (run / "curve.csv").open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def find_medium(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path, dict[str, float]]:
+    """The first checkpoint whose team success lies in `MEDIUM_BAND`, measured again on more episodes.
+
+    Raises:
+        BuildError: no checkpoint lies in the band.
+    """
+    low, high = MEDIUM_BAND
+    for row in read_curve(run):
+        if low - 0.1 <= row["success"] <= high + 0.1:
+            path = run / "actors" / f"{int(row['frames']):010d}.safetensors"
+            figures = measure(_learned(path, spec), spec, n_episodes)
+            if low <= figures["success"] <= high:
+                return path, figures
+    raise BuildError(f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; save them more often")
+
+
+def ship(runs: Sequence[Path], spec: TaskSpec, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Copies each run's medium and last actor to `folder` and lists them in its `index.json`.
+
+    Args:
+        runs: finished run folders.
+        spec: the task.
+        folder: the package's `behavior_policies/checkpoints`.
+
+    Returns:
+        The task's entry of the index: per tier the files, their SHA-256 and measured figures.
+    """
+    entry: dict[str, list[dict[str, Any]]] = {"medium": [], "expert": []}
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, run in enumerate(runs):
+        last = sorted((run / "actors").glob("*.safetensors"))[-1]
+        medium, medium_figures = find_medium(run, spec)
+        chosen = {"medium": (medium, medium_figures), "expert": (last, measure(_learned(last, spec), spec, 1024))}
+        for tier, (source, figures) in chosen.items():
+            name = f"{spec.task}-{tier}-{k}.safetensors"
+            shutil.copyfile(source, folder / name)
+            entry[tier].append({"file": name, "sha256": _digest(folder / name), "frames": int(source.stem), **figures})
+    index = folder / "index.json"
+    table = json.loads(index.read_text()) if index.exists() else {}
+    index.write_text(json.dumps(table | {spec.task: entry}, indent=1, sort_keys=True) + "\n")
+    return entry
+
+
+def _learned(path: Path, spec: TaskSpec) -> Learned:
+    return Learned(spec, checkpoint=str(path.resolve()), sha256=_digest(path))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

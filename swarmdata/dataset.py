@@ -1,0 +1,331 @@
+"""Dataset, a lazy view of recorded episodes: open, select, iterate, sample, score."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
+from swarmdata.interfaces import VecEnv
+from swarmdata.registry import make_env
+from swarmdata.sampling import Rows, Sampler, gather_transitions
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.splits import outcome_mask, policy_mask, split_mask
+from swarmdata.store import EpisodeTable, StoredDataset, open_store
+from swarmdata.store.layout import CARD
+from swarmdata.store.reading import Verify
+from swarmdata.types import Double, Episode, Int
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Mean team returns that anchor the normalized score of a task: 0 and 100.
+
+    Raises:
+        SchemaError: not finite, or the expert is not better.
+    """
+
+    no_skill: float
+    expert: float
+
+    def __post_init__(self) -> None:
+        """Checks that a score can be computed."""
+        finite = math.isfinite(self.no_skill) and math.isfinite(self.expert)
+        if not finite or self.expert <= self.no_skill:
+            raise SchemaError(f"{self}: expected finite returns, expert above no_skill")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """Mean and standard deviation over the train split of the whole dataset, agents and time.
+
+    A constant feature has a deviation of 0.
+    """
+
+    observation_mean: Double  # [O]
+    observation_std: Double  # [O]
+    reward_mean: float
+    reward_std: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Dataset:
+    """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
+
+    Every array is a read-only view of a memory map.
+
+    Attributes:
+        stored: the open files.
+        selection: stored episodes of this view, int64 [n].
+        references: anchors of the normalized score, if known.
+        source: where the files came from, for example `folder`, `cache` or `rebuilt`.
+    """
+
+    stored: StoredDataset
+    selection: Int
+    references: References | None = None
+    source: str = "folder"
+
+    @classmethod
+    def open(
+        cls,
+        path: Path | str,
+        verify: Verify = "fast",
+        references: References | None = None,
+        source: str = "folder",
+    ) -> "Dataset":
+        """Opens the folder of a finished dataset.
+
+        Args:
+            path: the folder.
+            verify: `fast` checks the fast checksum of every chunk, `full` also every SHA-256,
+                `none` neither.
+            references: anchors of the normalized score.
+            source: where the files came from, for the record.
+
+        Raises:
+            DatasetError: a subclass that names the file that cannot be used.
+        """
+        stored = open_store(Path(path), verify)
+        return cls(stored, np.arange(len(stored.table)), references, source)
+
+    @property
+    def path(self) -> Path:
+        """Folder of the dataset."""
+        return self.stored.path
+
+    @property
+    def id(self) -> str:
+        """Versioned name, such as `coop_nav-medium-v0`."""
+        return self.stored.manifest.id
+
+    @property
+    def digest(self) -> str:
+        """Logical SHA-256 of the whole dataset, hex; a view has that of its dataset."""
+        return self.stored.manifest.digest
+
+    @property
+    def recipe(self) -> Recipe:
+        """Everything needed to make the dataset again."""
+        return self.stored.recipe
+
+    @property
+    def spec(self) -> TaskSpec:
+        """The task that was recorded."""
+        return self.recipe.spec
+
+    @property
+    def card(self) -> str:
+        """Text of the dataset's card, Markdown.
+
+        Raises:
+            MissingFileError: the dataset has no card.
+        """
+        try:
+            return (self.path / CARD).read_text(encoding="utf-8")
+        except FileNotFoundError as error:
+            raise MissingFileError(
+                f"{self.path / CARD} is absent: this dataset has no card yet. "
+                f"`swarmdata generate {self.id}` writes one."
+            ) from error
+
+    @property
+    def statistics(self) -> Statistics:
+        """Normalization statistics of the train split, the same in every view."""
+        entry = self.stored.manifest.statistics
+        return Statistics(
+            observation_mean=np.array(entry.observation_mean),
+            observation_std=np.array(entry.observation_std),
+            reward_mean=entry.reward_mean,
+            reward_std=entry.reward_std,
+        )
+
+    @property
+    def episodes(self) -> EpisodeTable:
+        """One row per episode of this view."""
+        return self.stored.table.take(self.selection)
+
+    @property
+    def n_episodes(self) -> int:
+        """Episodes of this view."""
+        return len(self.selection)
+
+    @property
+    def n_steps(self) -> int:
+        """Joint steps of this view."""
+        return int(self.stored.table.lengths[self.selection].sum())
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.selection)
+
+    def __repr__(self) -> str:
+        """Shows identity and size."""
+        whole = len(self.stored.table)
+        part = "" if len(self) == whole else f" of {whole:,}"
+        return (
+            f"<Dataset {self.id}: {len(self):,}{part} episodes, {self.n_steps:,} steps, "
+            f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
+        )
+
+    def __getitem__(self, index: int) -> Episode:
+        """Returns one episode of this view as views of the memory map.
+
+        Raises:
+            IndexError: there is no such episode.
+        """
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"episode {index} of {len(self)} in {self!r}")
+        stored = int(self.selection[index])
+        table, arrays = self.stored.table, self.stored.arrays
+        first = int(table.starts[stored])
+        last = first + int(table.lengths[stored])
+        steps, states = slice(first, last), slice(first + stored, last + stored + 1)
+        return Episode(
+            observations=arrays["observations"][states],
+            states=arrays["states"][states],
+            actions=arrays["actions"][steps],
+            rewards=arrays["rewards"][steps],
+            terminations=arrays["terminations"][steps],
+            truncations=arrays["truncations"][steps],
+            events=arrays["events"][steps],
+            layout=arrays["episodes/layouts"][stored],
+            seed=int(table.seeds[stored]),
+            policy=int(table.policy[stored]),
+            end_reason=int(table.end_reason[stored]),
+        )
+
+    def __iter__(self) -> Iterator[Episode]:
+        """Yields the episodes of this view in stored order."""
+        return (self[index] for index in range(len(self)))
+
+    def split(self, name: Literal["train", "validation", "test"]) -> "Dataset":
+        """Returns the view of one stored split.
+
+        Raises:
+            UnknownNameError: another name.
+        """
+        return self.filter(split=name)
+
+    def filter(
+        self,
+        *,
+        success: bool | None = None,
+        min_return: float | None = None,
+        max_return: float | None = None,
+        policy: str | None = None,
+        split: str | None = None,
+    ) -> "Dataset":
+        """Returns the view of the episodes that meet every condition given.
+
+        Args:
+            success: whether the task was solved.
+            min_return: least team return, included.
+            max_return: greatest team return, included.
+            policy: label of a policy of the recipe.
+            split: `train`, `validation` or `test`.
+
+        Raises:
+            UnknownNameError: no such policy or split.
+        """
+        table = self.episodes
+        mask = outcome_mask(table, success=success, min_return=min_return, max_return=max_return)
+        if policy is not None:
+            mask &= policy_mask(table, self.recipe, policy)
+        if split is not None:
+            mask &= split_mask(table, split)
+        return replace(self, selection=self.selection[mask])
+
+    def transitions(self) -> dict[str, NDArray[Any]]:
+        """Copies every transition of this view into memory, row-aligned.
+
+        The last transition of every episode is kept, and its `next_observations` and `next_states`
+        are what was reached, never the start of another episode. `episodes` has the index of each
+        row's episode in this view.
+
+        Returns:
+            observations, next_observations [n, N, O]; states, next_states [n, S]; actions
+            [n, N, A]; rewards [n, N]; terminations, truncations [n]; episodes [n].
+        """
+        rows = Rows.locate(self.stored.table, self.selection)
+        batch = gather_transitions(self.stored.arrays, rows, rows.valid)
+        lengths = self.stored.table.lengths[self.selection]
+        return {
+            "observations": batch.observations,
+            "actions": batch.actions,
+            "rewards": batch.rewards,
+            "next_observations": batch.next_observations,
+            "states": batch.states,
+            "next_states": batch.next_states,
+            "terminations": batch.terminations,
+            "truncations": batch.truncations,
+            "episodes": np.repeat(np.arange(len(self)), lengths),
+        }
+
+    def sampler(
+        self, batch_size: int = 256, *, horizon: int | None = None, seed: int = 0
+    ) -> Sampler:
+        """Returns an endless stream of batches, uniform over the transitions of this view.
+
+        Args:
+            batch_size: transitions or windows in a batch, B.
+            horizon: steps of masked windows that never cross an episode, or None for single
+                transitions.
+            seed: of the stream.
+
+        Raises:
+            SchemaError: the view is empty, or a size is below 1.
+        """
+        return Sampler(
+            self.stored.arrays,
+            self.stored.table,
+            self.selection,
+            batch_size=batch_size,
+            horizon=horizon,
+            seed=seed,
+        )
+
+    @overload
+    def make_env(self, n_copies: int = 1, *, api: Literal["vector"] = "vector") -> VecEnv: ...
+    @overload
+    def make_env(self, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
+    def make_env(self, n_copies: int = 1, *, api: str = "vector") -> Any:
+        """Builds the world that was recorded.
+
+        Args:
+            n_copies: copies stepped together, E; a PettingZoo environment has one.
+            api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`.
+
+        Raises:
+            UnknownNameError: another interface.
+            SchemaError: several copies of a PettingZoo environment.
+        """
+        if api == "vector":
+            return make_env(self.spec, n_copies)
+        if api != "pettingzoo":
+            raise UnknownNameError("api", api, ("vector", "pettingzoo"))
+        if n_copies != 1:
+            raise SchemaError(f"a PettingZoo environment has 1 copy, got n_copies={n_copies}")
+        return import_module("swarmdata.envs.parallel").ParallelWorld(self.spec)
+
+    def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
+        """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.
+
+        0 is the no-skill reference (the better of a random and an idle policy), 100 the expert's
+        (D4RL, Fu et al. 2020, section 4, with another zero).
+
+        Raises:
+            SchemaError: the references of this dataset's task are not known.
+        """
+        if self.references is None:
+            raise SchemaError(
+                f"{self.id} was opened without references, so no score can be computed. "
+                "Pass Dataset.open(path, references=References(no_skill=..., expert=...))."
+            )
+        zero, hundred = self.references.no_skill, self.references.expert
+        return 100.0 * (np.asarray(returns, dtype=np.float64) - zero) / (hundred - zero)

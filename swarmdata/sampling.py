@@ -1,0 +1,242 @@
+"""Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed.
+
+A sampler is a pure function of its seed and of how many batches it drew, so it resumes exactly.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import SchemaError
+from swarmdata.seeding import derive, uniform
+from swarmdata.store import EpisodeTable
+from swarmdata.types import Batch, Bool, Int
+
+_AHEAD = 1 << 14
+"""Random numbers made at once; NumPy calls on single batches would cost as much as the gather."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Where the transitions of some episodes lie in the stored arrays.
+
+    An index is a row of the arrays with T rows; its observation is `episode` rows further on.
+    """
+
+    episode: Int  # [sum T] stored number of the episode that each row of the dataset belongs to
+    ends: Int  # [n] row after the last of each stored episode
+    valid: Int  # [n valid] rows of the selected episodes
+
+    @classmethod
+    def locate(cls, table: EpisodeTable, selection: Int) -> "Rows":
+        """Finds the rows of the stored episodes `selection` of the whole `table`."""
+        ends = table.starts + table.lengths
+        episode = np.repeat(np.arange(len(table)), table.lengths)
+        lengths = table.lengths[selection]
+        shifts = table.starts[selection] - (np.cumsum(lengths) - lengths)
+        valid = np.arange(int(lengths.sum())) + np.repeat(shifts, lengths)
+        return cls(episode=episode, ends=ends, valid=valid)
+
+
+def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int) -> Batch:
+    """Returns the transitions at `index`, fields [*index.shape, ...].
+
+    `ndarray.take` per field runs at the memory's random-access speed; overlapped row views, packed
+    rows and numba loops were measured slower or equal (tests/benchmarks/bench_sampling.py).
+
+    Args:
+        arrays: the stored arrays.
+        rows: where episodes lie.
+        index: rows of the arrays with T rows, int64, any shape.
+
+    Raises:
+        IndexError: an index outside the dataset.
+    """
+    _refuse_negative(index)
+    here = index + rows.episode.take(index)
+    return _gather(arrays, index, here, np.ones(index.shape, dtype=np.bool_))
+
+
+def gather_windows(
+    arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, horizon: int
+) -> Batch:
+    """Returns `horizon` consecutive steps from each row of `index`, [*index.shape, horizon, ...].
+
+    A window ends with its episode: `mask` is False and every field zero from there on.
+
+    Args:
+        arrays: the stored arrays.
+        rows: where episodes lie.
+        index: first rows of the windows, int64, any shape.
+        horizon: steps in a window.
+
+    Raises:
+        IndexError: an index outside the dataset.
+    """
+    _refuse_negative(index)
+    episode = rows.episode.take(index)[..., None]
+    steps = index[..., None] + np.arange(horizon)
+    end = rows.ends.take(episode)
+    mask = steps < end
+    steps = np.minimum(steps, end - 1)
+    batch = _gather(arrays, steps, steps + episode, mask)
+    _clear_padding(batch, mask)
+    return batch
+
+
+def _refuse_negative(index: Int) -> None:
+    """NumPy would count from the end, where rows and observations no longer match."""
+    if index.size and index.min() < 0:
+        raise IndexError(f"index {index.min()} is negative, expected rows of the dataset")
+
+
+def _gather(arrays: Mapping[str, NDArray[Any]], index: Int, here: Int, mask: Bool) -> Batch:
+    there = here + 1
+    return Batch(
+        observations=arrays["observations"].take(here, axis=0),
+        actions=arrays["actions"].take(index, axis=0),
+        rewards=arrays["rewards"].take(index, axis=0),
+        next_observations=arrays["observations"].take(there, axis=0),
+        states=arrays["states"].take(here, axis=0),
+        next_states=arrays["states"].take(there, axis=0),
+        terminations=arrays["terminations"].take(index),
+        truncations=arrays["truncations"].take(index),
+        mask=mask,
+    )
+
+
+def _clear_padding(batch: Batch, mask: Bool) -> None:
+    """Zeroes what lies behind an episode's end, in the batch's own arrays."""
+    padding = np.nonzero(~mask)
+    if len(padding[0]):
+        for values in (
+            batch.observations,
+            batch.actions,
+            batch.rewards,
+            batch.next_observations,
+            batch.states,
+            batch.next_states,
+            batch.terminations,
+            batch.truncations,
+        ):
+            values[padding] = 0
+
+
+class Sampler:
+    """Draws batches uniformly, with replacement, over the transitions of some episodes.
+
+    With a `horizon`, every transition is equally likely to start a window.
+
+    Args:
+        arrays: the stored arrays.
+        table: all stored episodes.
+        selection: stored episodes to draw from, [n].
+        batch_size: transitions or windows in a batch, B.
+        horizon: steps of a window, L, or None for single transitions.
+        seed: of the stream of batches, 0 to 2**64 - 1.
+
+    Raises:
+        SchemaError: nothing to draw from, or a size below 1.
+    """
+
+    def __init__(
+        self,
+        arrays: Mapping[str, NDArray[Any]],
+        table: EpisodeTable,
+        selection: Int,
+        *,
+        batch_size: int = 256,
+        horizon: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        if len(selection) == 0:
+            raise SchemaError("there are no episodes to sample from; widen the filter")
+        if batch_size < 1 or (horizon is not None and horizon < 1):
+            raise SchemaError(
+                f"sampler got batch_size={batch_size} and horizon={horizon}, expected at least 1"
+            )
+        if not 0 <= seed < 1 << 64:
+            raise SchemaError(f"sampler seed is {seed}, expected 0 to 2**64 - 1")
+        self.batch_size = batch_size
+        self.horizon = horizon
+        self.seed = seed
+        self.rows = Rows.locate(table, selection)
+        self._arrays = arrays
+        self._n_drawn = 0
+        self._first_ahead = 0
+        self._ahead = np.empty((0, batch_size), dtype=np.int64)
+
+    def __iter__(self) -> "Sampler":
+        """Returns the sampler itself; it never ends."""
+        return self
+
+    def __next__(self) -> Batch:
+        """Draws and gathers the next batch."""
+        return self.gather(self.draw())
+
+    def __repr__(self) -> str:
+        """Shows the settings."""
+        return (
+            f"Sampler({len(self.rows.valid)} transitions, batch_size={self.batch_size}, "
+            f"horizon={self.horizon}, seed={self.seed}, n_drawn={self._n_drawn})"
+        )
+
+    def draw(self) -> Int:
+        """Returns the rows of the next batch, int64 [B], without reading any data."""
+        offset = self._n_drawn - self._first_ahead
+        if not 0 <= offset < len(self._ahead):
+            self._first_ahead, offset = self._n_drawn, 0
+            self._ahead = self._draw_ahead(max(1, _AHEAD // self.batch_size))
+        self._n_drawn += 1
+        return self._ahead[offset].copy()
+
+    def _draw_ahead(self, n_batches: int) -> Int:
+        """Rows of the next `n_batches` batches; draw number k of a seed is always the same."""
+        first, n_valid = self._n_drawn * self.batch_size, len(self.rows.valid)
+        numbers = np.arange(first, first + n_batches * self.batch_size, dtype=np.uint64)
+        # the product rounds up to n_valid in rare cases
+        picks = np.minimum((uniform(derive(self.seed, 0, numbers)) * n_valid), n_valid - 1)
+        return self.rows.valid.take(picks.astype(np.int64)).reshape(n_batches, self.batch_size)
+
+    def gather(self, index: Int) -> Batch:
+        """Returns the transitions or windows that start at `index`.
+
+        Args:
+            index: rows as `draw` returns them, any shape; draws of K samplers stacked to [K, B]
+                give fields [K, B, ...] in one call.
+
+        Raises:
+            IndexError: an index outside the dataset.
+        """
+        if self.horizon is None:
+            return gather_transitions(self._arrays, self.rows, index)
+        return gather_windows(self._arrays, self.rows, index, self.horizon)
+
+    def state_dict(self) -> dict[str, int]:
+        """Everything needed to resume the stream: plain integers."""
+        return {**self._identity(), "n_drawn": self._n_drawn}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Continues where the sampler that returned `state` was.
+
+        Raises:
+            SchemaError: the state is of a sampler with other settings or other data.
+        """
+        settings = {name: value for name, value in state.items() if name != "n_drawn"}
+        if settings != self._identity() or state.get("n_drawn", -1) < 0:
+            raise SchemaError(
+                f"sampler state is {dict(state)}, expected n_drawn and {self._identity()}: resume "
+                "with the settings and the dataset that the state was saved with"
+            )
+        self._n_drawn = state["n_drawn"]
+
+    def _identity(self) -> dict[str, int]:
+        return {
+            "seed": self.seed,
+            "batch_size": self.batch_size,
+            "horizon": self.horizon or 0,
+            "n_transitions": len(self.rows.valid),
+        }

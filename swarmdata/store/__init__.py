@@ -1,0 +1,31 @@
+"""The on-disk format: parts, assembly into a dataset's folder, and checked memory maps of it.
+
+Nothing here imports zarr to read; zarr-python writes the metadata, so that `zarr.open` reads the
+same bits.
+"""
+
+from swarmdata.store.assembly import assemble
+from swarmdata.store.atomic import remove_leftovers, write_file
+from swarmdata.store.manifest import Manifest, read_manifest
+from swarmdata.store.order import MergeOrder, merge_order, split_codes
+from swarmdata.store.parts import read_part_table, write_part
+from swarmdata.store.reading import StoredDataset, open_store
+from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
+
+__all__ = [
+    "SPLITS",
+    "EpisodeTable",
+    "Manifest",
+    "MergeOrder",
+    "PartTable",
+    "StoredDataset",
+    "assemble",
+    "merge_order",
+    "open_store",
+    "read_manifest",
+    "read_part_table",
+    "remove_leftovers",
+    "split_codes",
+    "write_file",
+    "write_part",
+]

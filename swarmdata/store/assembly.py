@@ -1,0 +1,233 @@
+"""Assembles parts into a finished dataset, published in one rename."""
+
+import hashlib
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
+from swarmdata.spec import Recipe
+from swarmdata.store.atomic import new_folder
+from swarmdata.store.layout import (
+    FIELDS,
+    FORMAT_VERSION,
+    MANIFEST,
+    RECIPE,
+    TIME_FIELDS,
+    Shard,
+    expected_files,
+    plan_shard,
+)
+from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
+from swarmdata.store.order import split_codes
+from swarmdata.store.parts import episode_slices, read_part_layouts, read_part_table
+from swarmdata.store.shards import create_metadata, file_digest, write_shard
+from swarmdata.store.statistics import Moments
+from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
+from swarmdata.types import END_REASONS, EVENTS, Bool
+
+Parts = Mapping[int, Sequence[Path]]
+Order = Sequence[tuple[int, int]]
+
+
+def assemble(out: Path, *, recipe: Recipe, parts: Parts, order: Order) -> Manifest:
+    """Writes the finished dataset folder, manifest last, and publishes it in one rename.
+
+    Memory stays bounded by one chunk of the widest array and one part. Where `out` already is a
+    finished dataset of the same recipe, it is kept and its manifest returned; it is not verified.
+
+    Args:
+        out: where the dataset appears.
+        recipe: what the dataset is made from.
+        parts: consecutive parts of each policy's stream, by policy index.
+        order: the episodes as (policy index, index in that policy's stream), each stream in
+            increasing order; see `merge_order`.
+
+    Raises:
+        RecipeConflictError: `out` holds a dataset of another recipe.
+        BuildError: `out` holds something else, or no episode falls into the train split.
+        SchemaError: the parts do not hold what `order` names, or do not fit together.
+        DatasetError: a part is damaged.
+    """
+    if out.exists():
+        return _existing(out, recipe)
+    table = _episode_table(recipe, parts, order)
+    source = _Source(parts, order, table)
+    shards = {name: plan_shard(FIELDS[name].dtype, source.shape(name)) for name in sorted(FIELDS)}
+    with new_folder(out) as temporary:
+        create_metadata(temporary, shards, _attributes(recipe))
+        manifest = _write(temporary, recipe, source, shards)
+        (temporary / MANIFEST).write_bytes(manifest.to_bytes())
+    published = _existing(out, recipe)
+    if published.digest != manifest.digest:
+        raise BuildError(
+            f"{out} was published by another process with digest {published.digest}, this process "
+            f"made {manifest.digest} from the same recipe: generation was not deterministic"
+        )
+    return published
+
+
+def _existing(out: Path, recipe: Recipe) -> Manifest:
+    try:
+        manifest = read_manifest(out)
+    except DatasetError as error:
+        raise BuildError(f"{out} exists and is not a finished dataset: {error}") from error
+    if manifest.recipe_hash != recipe.hash():
+        raise RecipeConflictError(
+            f"{out} holds a dataset of recipe {manifest.recipe_hash[:12]} ({manifest.id}), got "
+            f"recipe {recipe.hash()[:12]} ({recipe.id}). Delete it or choose another folder."
+        )
+    return manifest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Source:
+    """Streams the rows of every array, episode by episode."""
+
+    parts: Parts
+    order: Order
+    table: EpisodeTable
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of the finished array."""
+        if FIELDS[name].rows == "episodes":
+            return table_columns(self.table)[name].shape
+        first = next(self.blocks(name))
+        extra = len(self.table) if FIELDS[name].rows == "states" else 0
+        return (int(self.table.lengths.sum()) + extra, *first.shape[1:])
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Consecutive rows of the array; one block per episode for arrays over time."""
+        if FIELDS[name].rows == "episodes":
+            yield table_columns(self.table)[name]
+            return
+        streams = {p: enumerate(episode_slices(paths, name)) for p, paths in self.parts.items()}
+        for policy, episode in self.order:
+            yield next(block for index, block in streams[policy] if index == episode)
+
+
+def _episode_table(recipe: Recipe, parts: Parts, order: Order) -> EpisodeTable:
+    rows, layouts = _ordered_rows(parts, order)
+    lengths = rows["length"].astype(np.int64)
+    policy, policy_episode = np.array(order, dtype=np.int64).T
+    if not np.array_equal(rows["policy"], policy):
+        raise SchemaError("the parts hold episodes of other policies than they are listed under")
+    if policy.max() >= len(recipe.policies):
+        raise SchemaError(
+            f"policy {policy.max()} is not among the {len(recipe.policies)} of recipe"
+        )
+    return EpisodeTable(
+        starts=np.cumsum(lengths) - lengths,
+        lengths=lengths,
+        seeds=rows["seed"].astype(np.uint64),
+        layouts=layouts,
+        split=split_codes(recipe, order),
+        end_reason=rows["end_reason"].copy(),
+        policy=policy.astype(np.uint8),
+        policy_episode=policy_episode,
+        team_return=rows["team_return"].astype(np.float64),
+        success=rows["end_reason"] == END_REASONS.index("success"),
+        robot_collisions=rows["robot_collisions"].astype(np.int64),
+        obstacle_collisions=rows["obstacle_collisions"].astype(np.int64),
+    )
+
+
+def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray[np.float32]]:
+    """Table rows and layouts of the ordered episodes, after checking that the order is possible."""
+    if not order:
+        raise SchemaError("order has no episodes, expected at least 1")
+    tables = {p: np.concatenate([read_part_table(f).rows for f in fs]) for p, fs in parts.items()}
+    layouts = {p: np.concatenate([read_part_layouts(f) for f in fs]) for p, fs in parts.items()}
+    last = dict.fromkeys(parts, -1)
+    for policy, episode in order:
+        if policy not in tables or not last[policy] < episode < len(tables[policy]):
+            raise SchemaError(
+                f"order names episode {episode} of policy {policy} after episode "
+                f"{last.get(policy)}, expected increasing indices below "
+                f"{len(tables.get(policy, ()))} (the episodes in that policy's parts)"
+            )
+        last[policy] = episode
+    rows = np.array([tables[p][e] for p, e in order])
+    return rows, np.stack([layouts[p][e] for p, e in order])
+
+
+def _write(folder: Path, recipe: Recipe, source: _Source, shards: dict[str, Shard]) -> Manifest:
+    """Writes all arrays and the recipe, and returns the manifest that lists them."""
+    logical = hashlib.sha256()
+    train = source.table.split == SPLITS.index("train")
+    if not train.any():
+        raise BuildError(
+            f"{recipe.id}: none of the {len(train)} episodes is in the train split, so there are "
+            "no normalization statistics. Raise n_steps in the recipe."
+        )
+    moments = {"observations": Moments(), "rewards": Moments()}
+    entries = {}
+    for name, shard in shards.items():
+        observe = _observer(moments.get(name), train)
+        entries[name] = write_shard(folder, name, shard, observe(source.blocks(name)), logical)
+    (folder / RECIPE).write_bytes(recipe.to_json().encode())
+    observation_mean, observation_std = moments["observations"].result()
+    (reward_mean,), (reward_std,) = moments["rewards"].result()
+    return Manifest(
+        format_version=FORMAT_VERSION,
+        id=recipe.id,
+        recipe_hash=recipe.hash(),
+        n_episodes=len(source.table),
+        n_steps=int(source.table.lengths.sum()),
+        digest=logical.hexdigest(),
+        arrays=entries,
+        files={name: _file_entry(folder / name) for name in expected_files(shards)},
+        statistics=StatisticsEntry(
+            observation_mean=observation_mean,
+            observation_std=observation_std,
+            reward_mean=reward_mean,
+            reward_std=reward_std,
+        ),
+        provenance=_provenance(),
+    )
+
+
+Blocks = Iterator[NDArray[Any]]
+
+
+def _observer(moments: Moments | None, train: Bool) -> Callable[[Blocks], Blocks]:
+    """Returns a pass-through that shows the blocks of train episodes to `moments`."""
+
+    def observe(blocks: Blocks) -> Blocks:
+        for index, block in enumerate(blocks):
+            if moments is not None and train[index]:
+                moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
+            yield block
+
+    return observe
+
+
+def _file_entry(path: Path) -> FileEntry:
+    return FileEntry(size=path.stat().st_size, sha256=file_digest(path))
+
+
+def _attributes(recipe: Recipe) -> dict[str, Any]:
+    """What somebody who has only Zarr needs to read the codes."""
+    return {
+        "id": recipe.id,
+        "splits": list(SPLITS),
+        "end_reasons": list(END_REASONS),
+        "events": list(EVENTS),
+        "policies": [policy.label for policy in recipe.policies],
+        "time_arrays": list(TIME_FIELDS),
+    }
+
+
+def _provenance() -> dict[str, str]:
+    packages = ("swarmdata", "numpy", "numba", "pymunk", "zarr")
+    return {
+        **{name: version(name) for name in packages},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }

@@ -1,0 +1,191 @@
+"""What a stored dataset consists of: its arrays, their dtypes and rows, and the bytes of a shard.
+
+Every array is one Zarr v3 shard of equal, uncompressed chunks, so that the file is the row-major
+array, then padding up to a whole chunk, then the shard index. Zarr v3 specification, "sharding
+codec", section "binary shard format": per chunk its offset and length as little-endian uint64,
+then the CRC-32C of those bytes.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+
+FORMAT_VERSION = 1
+"""Raised only when an older library would misread the data; new keys and arrays do not raise it."""
+
+DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "card.md"
+"""Names inside a dataset's folder."""
+
+CHUNK_ROWS = 10_000
+"""Most rows of one chunk; chunks are what the fast checksums cover."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One array: its dtype, what a row is, and the names of its axes.
+
+    `rows` is `steps` (T per episode), `states` (T + 1 per episode) or `episodes` (1 per episode).
+    """
+
+    dtype: str
+    rows: Literal["steps", "states", "episodes"]
+    dimensions: tuple[str, ...]
+
+
+def _column(dtype: str, *dimensions: str) -> Field:
+    return Field(dtype, "episodes", ("episode", *dimensions))
+
+
+FIELDS = {
+    "observations": Field("float32", "states", ("state", "agent", "observation")),
+    "states": Field("float32", "states", ("state", "feature")),
+    "actions": Field("float32", "steps", ("step", "agent", "action")),
+    "rewards": Field("float32", "steps", ("step", "agent")),
+    "terminations": Field("bool", "steps", ("step",)),
+    "truncations": Field("bool", "steps", ("step",)),
+    "events": Field("uint8", "steps", ("step", "agent", "event")),
+    "episodes/starts": _column("int64"),
+    "episodes/lengths": _column("int64"),
+    "episodes/seeds": _column("uint64"),
+    "episodes/layouts": _column("float32", "obstacle", "column"),
+    "episodes/split": _column("uint8"),
+    "episodes/end_reason": _column("uint8"),
+    "episodes/policy": _column("uint8"),
+    "episodes/policy_episode": _column("int64"),
+    "episodes/team_return": _column("float64"),
+    "episodes/success": _column("bool"),
+    "episodes/robot_collisions": _column("int64"),
+    "episodes/obstacle_collisions": _column("int64"),
+}
+"""Arrays of `data.zarr` by name."""
+
+TIME_FIELDS = tuple(name for name, field in FIELDS.items() if field.rows != "episodes")
+"""The arrays that have rows over time."""
+
+
+def array_file(name: str, n_dimensions: int) -> str:
+    """Path of an array's only shard, relative to the dataset's folder."""
+    return f"{DATA}/{name}/c." + ".".join("0" * n_dimensions)
+
+
+def metadata_file(name: str) -> str:
+    """Path of an array's Zarr metadata, relative to the dataset's folder."""
+    return f"{DATA}/{name}/zarr.json"
+
+
+GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")
+"""Metadata of the two Zarr groups."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """The byte layout of one array's file.
+
+    Args:
+        dtype: name of the NumPy and Zarr dtype.
+        shape: shape of the array.
+        chunk_rows: rows of each chunk.
+    """
+
+    dtype: str
+    shape: tuple[int, ...]
+    chunk_rows: int
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the array itself, at the start of the file."""
+        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
+
+    @property
+    def n_chunks(self) -> int:
+        """Chunks in the file; an array without elements has no file and no chunks."""
+        return -(-self.shape[0] // self.chunk_rows) if self.nbytes else 0
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Bytes of each chunk, the padded last one included."""
+        row = math.prod(self.shape[1:]) * np.dtype(self.dtype).itemsize
+        return self.chunk_rows * row
+
+    @property
+    def data_bytes(self) -> int:
+        """Bytes of all chunks."""
+        return self.n_chunks * self.chunk_bytes
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file: the chunks, 16 bytes of index per chunk, and a CRC-32C."""
+        return self.data_bytes + 16 * self.n_chunks + 4
+
+    def index(self) -> bytes:
+        """The shard index that belongs to chunks stored in order without gaps."""
+        offsets = np.arange(self.n_chunks, dtype="<u8") * np.uint64(self.chunk_bytes)
+        table = np.stack([offsets, np.full_like(offsets, self.chunk_bytes)], axis=1).tobytes()
+        return table + crc32c(table).to_bytes(4, "little")
+
+
+def expected_files(shards: Mapping[str, Shard]) -> list[str]:
+    """Every file of a dataset but the manifest, given its arrays."""
+    arrays = [array_file(name, len(s.shape)) for name, s in shards.items() if s.n_chunks]
+    return sorted([RECIPE, *GROUP_FILES, *map(metadata_file, shards), *arrays])
+
+
+def plan_shard(dtype: str, shape: tuple[int, ...]) -> Shard:
+    """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding."""
+    n_chunks = max(1, -(-shape[0] // CHUNK_ROWS))
+    return Shard(dtype, shape, max(1, -(-shape[0] // n_chunks)))
+
+
+def expected_metadata(shard: Shard) -> dict[str, Any]:
+    """The parts of `zarr.json` that decide what the bytes of the file mean."""
+    chunk = [shard.chunk_rows, *(max(1, size) for size in shard.shape[1:])]
+    whole = [chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]]
+    return {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": list(shard.shape),
+        "data_type": shard.dtype,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": whole}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "."}},
+        "codecs": [
+            {
+                "name": "sharding_indexed",
+                "configuration": {
+                    "chunk_shape": chunk,
+                    "codecs": [_bytes_codec(np.dtype(shard.dtype).itemsize > 1)],
+                    "index_codecs": [_bytes_codec(True), {"name": "crc32c"}],
+                    "index_location": "end",
+                },
+            }
+        ],
+    }
+
+
+def _bytes_codec(has_order: bool) -> dict[str, Any]:
+    little = {"configuration": {"endian": "little"}}
+    return {"name": "bytes", **(little if has_order else {})}
+
+
+@cache
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value >> 1) ^ (0x82F63B78 if value & 1 else 0)  # noqa: PLW2901
+        table.append(value)
+    return tuple(table)
+
+
+def crc32c(data: bytes) -> int:
+    """CRC-32C (Castagnoli) of a few kilobytes: RFC 3720, appendix B.4, reflected 0x1EDC6F41.
+
+    Pure Python, because only shard indices (16 bytes per chunk) go through it.
+    """
+    table, crc = _crc_table(), 0xFFFFFFFF
+    for byte in data:
+        crc = table[(crc ^ byte) & 0xFF] ^ (crc >> 8)
+    return crc ^ 0xFFFFFFFF

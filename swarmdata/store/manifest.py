@@ -1,0 +1,170 @@
+"""Manifest, the signed list of everything in a dataset's folder.
+
+The manifest carries its own checksum: the SHA-256 of its bytes with the checksum's 64 digits
+written as zeros. So any changed byte of the file shows, and no second file can be lost.
+"""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from swarmdata.errors import (
+    ChecksumError,
+    FormatVersionError,
+    ManifestError,
+    MissingManifestError,
+)
+from swarmdata.store.layout import FORMAT_VERSION, MANIFEST, Shard
+
+MAX_BYTES = 64 << 20
+"""A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
+
+_CHECKSUM = re.compile(rb'"checksum": "([0-9a-f]{64})"')
+_ZEROS = b'"checksum": "' + b"0" * 64 + b'"'
+
+Size = Annotated[int, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+ArrayName = Annotated[str, Field(pattern=r"^(episodes/)?[a-z_]+$")]
+Xxh3 = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+
+
+class _Section(BaseModel):
+    """Frozen; unknown keys are ignored.
+
+    Unlike a spec, nobody types a manifest, and its checksum excludes typing errors. A key that
+    this version does not know was written by a newer one that kept the format version, which
+    promises that the data can be read without it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+
+
+class FileEntry(_Section):
+    """One file: size in bytes and SHA-256."""
+
+    size: Size
+    sha256: Sha256
+
+
+class ArrayEntry(_Section):
+    """One array: what it is, and the xxh3_64 of each chunk's bytes, in order."""
+
+    dtype: Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
+    shape: Annotated[tuple[Size, ...], Field(min_length=1, strict=False)]
+    chunk_rows: Annotated[int, Field(ge=1)]
+    checksums: Annotated[tuple[Xxh3, ...], Field(strict=False)]
+
+    @property
+    def shard(self) -> Shard:
+        """The byte layout of the array's file."""
+        return Shard(self.dtype, self.shape, self.chunk_rows)
+
+
+class StatisticsEntry(_Section):
+    """Mean and standard deviation over the train split, agents and time."""
+
+    observation_mean: Annotated[tuple[float, ...], Field(strict=False)]  # [O]
+    observation_std: Annotated[tuple[float, ...], Field(strict=False)]  # [O]
+    reward_mean: float
+    reward_std: float
+
+
+class Manifest(_Section):
+    """Identity, contents and checksums of one dataset."""
+
+    format_version: int
+    id: str
+    recipe_hash: Sha256
+    n_episodes: Annotated[int, Field(ge=1)]
+    n_steps: Annotated[int, Field(ge=1)]
+    digest: Sha256  # of the arrays' names, dtypes, shapes and values; see `logical_header`
+    arrays: dict[ArrayName, ArrayEntry]
+    files: dict[str, FileEntry]  # every file but the manifest; paths relative to the folder
+    statistics: StatisticsEntry
+    provenance: dict[str, str]  # versions and platform; in no digest
+
+    def to_bytes(self) -> bytes:
+        """The file's content, checksum included."""
+        content = {"checksum": "0" * 64, **self.model_dump(mode="json")}
+        blank = json.dumps(content, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
+        return blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)), 1)
+
+
+def _digest(blank: bytes) -> bytes:
+    return hashlib.sha256(blank).hexdigest().encode()
+
+
+def rebuild_hint(folder: Path, identity: str = "ID") -> str:
+    """What to do about a dataset that cannot be used."""
+    return f"Delete {folder} and run `swarmdata generate {identity}` to rebuild it."
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Reads and checks `manifest.json`.
+
+    Raises:
+        MissingManifestError: there is none.
+        ManifestError: it is not JSON, or lacks or garbles something.
+        FormatVersionError: a newer format.
+        ChecksumError: it was changed after it was written.
+    """
+    path = folder / MANIFEST
+    try:
+        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
+    except FileNotFoundError as error:
+        raise MissingManifestError(
+            f"{path} is absent, expected the list of the dataset's files: the dataset was never "
+            f"finished or the file was lost. {rebuild_hint(folder)}"
+        ) from error
+    if content is None:
+        raise ManifestError(f"{path} has more than {MAX_BYTES} bytes. {rebuild_hint(folder)}")
+    return parse_manifest(content, path)
+
+
+def parse_manifest(content: bytes, path: Path) -> Manifest:
+    """Checks a manifest's content; `path` is named in errors, the same as `read_manifest`'s."""
+    hint = rebuild_hint(path.parent)
+    try:
+        data = json.loads(content, object_pairs_hook=_unique_keys)
+    except (ValueError, RecursionError) as error:
+        raise ManifestError(f"{path} is not valid JSON: {error}. {hint}") from error
+    version = data.get("format_version") if isinstance(data, dict) else None
+    if not isinstance(version, int) or version < 1:
+        raise ManifestError(
+            f"{path} has format_version {version!r}, expected an integer from 1. {hint}"
+        )
+    if version > FORMAT_VERSION:
+        raise FormatVersionError(
+            f"{path} has format version {version}, this library reads up to {FORMAT_VERSION}. "
+            "Upgrade it with: pip install --upgrade swarmdata"
+        )
+    found = _CHECKSUM.findall(content)
+    if len(found) != 1 or _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
+        raise ChecksumError(f"{path} was changed after it was written. {hint}")
+    try:
+        return Manifest.model_validate(data)
+    except ValidationError as error:
+        problems = "; ".join(
+            f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
+        )
+        raise ManifestError(f"{path} is malformed: {problems}. {hint}") from error
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        raise ValueError("a key is given twice")
+    return result
+
+
+def logical_header(name: str, dtype: str, shape: tuple[int, ...]) -> bytes:
+    """What the logical digest takes before an array's C-order bytes.
+
+    The digest is the SHA-256 over header and bytes of each array in sorted name order. It depends
+    on the values only, not on chunking or compression.
+    """
+    return f"{name}\n{dtype}\n{','.join(map(str, shape))}\n".encode()

@@ -1,0 +1,110 @@
+"""Which episodes a dataset takes from its policies' streams, in which order, and their splits.
+
+Pure functions of the recipe and of episode lengths, in exact integer arithmetic.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.seeding import STREAMS, derive
+from swarmdata.spec import Recipe
+from swarmdata.store.table import SPLITS
+from swarmdata.types import Counts, Int
+
+
+@dataclass(frozen=True, slots=True)
+class MergeOrder:
+    """The episodes of a dataset in order, as far as the given lengths reach.
+
+    `lacking` is the policy whose next episode is needed and not there, or None when `order` is
+    complete; the order so far is a prefix of the complete one.
+    """
+
+    order: tuple[tuple[int, int], ...]  # (policy index, index in that policy's stream)
+    n_steps: int  # joint steps of these episodes
+    lacking: int | None
+
+
+def merge_order(recipe: Recipe, lengths: Sequence[Sequence[int] | Int]) -> MergeOrder:
+    """Merges the policies' streams until the recipe's steps are reached.
+
+    The next episode is always that of the policy that lags most behind its share of the steps
+    taken so far; ties go to the lowest index. Shares are compared as exact rationals.
+
+    Args:
+        recipe: the recipe.
+        lengths: joint steps of the episodes available, one sequence per policy, in stream order.
+
+    Raises:
+        SchemaError: not one sequence per policy, or an episode without steps.
+    """
+    streams = [[int(length) for length in stream] for stream in lengths]
+    if len(streams) != len(recipe.policies) or any(n < 1 for stream in streams for n in stream):
+        raise SchemaError(
+            f"merge_order got {len(streams)} streams of lengths, expected {len(recipe.policies)} "
+            f"(one per policy of {recipe.id}), every length at least 1"
+        )
+    weights = _weights(recipe)
+    whole = sum(weights)
+    taken, steps, total = [0] * len(weights), [0] * len(weights), 0
+    order: list[tuple[int, int]] = []
+    while total < recipe.n_steps:
+        lags = [w * total - n * whole for w, n in zip(weights, steps, strict=True)]
+        policy = lags.index(max(lags))
+        episode = taken[policy]
+        if episode == len(streams[policy]):
+            return MergeOrder(tuple(order), total, policy)
+        order.append((policy, episode))
+        taken[policy] += 1
+        steps[policy] += streams[policy][episode]
+        total += streams[policy][episode]
+    return MergeOrder(tuple(order), total, None)
+
+
+def _weights(recipe: Recipe) -> list[int]:
+    """The shares as integers in the same exact ratio."""
+    shares = [Fraction(policy.share) for policy in recipe.policies]
+    common = math.lcm(*(share.denominator for share in shares))
+    return [int(share * common) for share in shares]
+
+
+def split_codes(recipe: Recipe, order: Sequence[tuple[int, int]]) -> Counts:
+    """Returns the split of each episode, as index into `SPLITS`, [len(order)].
+
+    In each block of `recipe.splits.block` consecutive episodes of one policy's stream, random
+    positions are validation and test. So splits are stratified by policy, and an episode keeps its
+    split when the dataset grows.
+
+    Raises:
+        SpecError: the recipe leaves no episode of a block to train on.
+    """
+    rule = recipe.splits
+    if rule.validation + rule.test >= rule.block:
+        raise SpecError(
+            f"splits of {recipe.id}: validation ({rule.validation}) + test ({rule.test}) must be "
+            f"less than block ({rule.block}), so that every block has train episodes"
+        )
+    blocks = {(policy, episode // rule.block) for policy, episode in order}
+    codes = {key: _block_codes(recipe, *key) for key in blocks}
+    return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)
+
+
+def _block_codes(recipe: Recipe, policy: int, block: int) -> Counts:
+    """Splits of one block: the held-out positions are the head of a Fisher-Yates shuffle."""
+    rule = recipe.splits
+    held_out = rule.validation + rule.test
+    key = derive(recipe.seed, STREAMS["split"], policy, block)
+    draws = derive(key, np.arange(held_out, dtype=np.uint64))
+    positions = list(range(rule.block))
+    for k in range(held_out):
+        other = k + int(draws[k]) % (rule.block - k)
+        positions[k], positions[other] = positions[other], positions[k]
+    codes = np.full(rule.block, SPLITS.index("train"), dtype=np.uint8)
+    codes[positions[: rule.validation]] = SPLITS.index("validation")
+    codes[positions[rule.validation : held_out]] = SPLITS.index("test")
+    return codes

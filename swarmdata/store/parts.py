@@ -1,0 +1,106 @@
+"""Parts: immutable folders of consecutive episodes of one policy, written whole or not at all."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import DatasetError, MissingFileError, SchemaError, TruncatedFileError
+from swarmdata.store.atomic import new_folder
+from swarmdata.store.layout import FIELDS, TIME_FIELDS
+from swarmdata.store.table import PART_COLUMNS, PartTable, measure
+from swarmdata.types import Episode
+
+_TABLE = "episodes.npy"
+_LAYOUTS = "layouts.npy"
+
+
+def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
+    """Writes consecutive episodes of one policy's stream as one part.
+
+    A part that exists is left as it is: a part is a pure function of the recipe, so whoever wrote
+    it first wrote the same.
+
+    Args:
+        folder: where the part appears, in one rename, once it is on the disk.
+        episodes: at least one; all of one policy and of one task.
+
+    Raises:
+        SchemaError: no episodes, several policies, or arrays that do not fit together.
+    """
+    if not episodes:
+        raise SchemaError(f"part {folder} has no episodes, expected at least 1")
+    policies = {episode.policy for episode in episodes}
+    if len(policies) > 1:
+        raise SchemaError(f"part {folder} mixes policies {sorted(policies)}, expected one")
+    table = np.array([measure(episode) for episode in episodes], dtype=PART_COLUMNS)
+    arrays = {name: [getattr(e, name) for e in episodes] for name in TIME_FIELDS}
+    layouts = [episode.layout[None] for episode in episodes]
+    with new_folder(folder) as temporary:
+        np.save(temporary / _TABLE, table, allow_pickle=False)
+        np.save(temporary / _LAYOUTS, _join("layout", layouts, "float32"), allow_pickle=False)
+        for name, values in arrays.items():
+            joined = _join(name, values, FIELDS[name].dtype)
+            np.save(temporary / f"{name}.npy", joined, allow_pickle=False)
+
+
+def _join(name: str, values: Sequence[NDArray[Any]], dtype: str) -> NDArray[Any]:
+    """Concatenates over time, refusing to cast or to mix shapes."""
+    kinds = {(str(value.dtype), value.shape[1:]) for value in values}
+    if len(kinds) > 1 or next(iter(kinds))[0] != dtype:
+        raise SchemaError(
+            f"episode field {name!r} has (dtype, shape after the first axis) "
+            f"{sorted(map(str, kinds))}, expected one kind with dtype {dtype}"
+        )
+    joined = np.concatenate(values)
+    if joined.dtype.kind == "f" and not np.isfinite(joined).all():
+        raise SchemaError(f"episode field {name!r} has values that are not finite")
+    return joined
+
+
+def read_part_table(folder: Path) -> PartTable:
+    """Reads what is needed to plan with a part: lengths, returns and counts, no trajectories.
+
+    Raises:
+        MissingFileError: there is no finished part.
+        DatasetError: the table is damaged.
+    """
+    rows = _load(folder / _TABLE)
+    if rows.dtype != PART_COLUMNS or rows.ndim != 1:
+        raise DatasetError(f"{folder / _TABLE} has dtype {rows.dtype}, expected {PART_COLUMNS}")
+    return PartTable(rows)
+
+
+def read_part_layouts(folder: Path) -> NDArray[np.float32]:
+    """Reads the obstacles of each episode of a part, [n, M, 8]."""
+    layouts: NDArray[np.float32] = _load(folder / _LAYOUTS)
+    return layouts
+
+
+def episode_slices(parts: Sequence[Path], field: str) -> Iterator[NDArray[Any]]:
+    """Yields one field of each episode of consecutive parts, holding one part open at a time."""
+    extra = FIELDS[field].rows == "states"
+    for folder in parts:
+        ends = np.cumsum(read_part_table(folder).lengths + extra)
+        values = _load(folder / f"{field}.npy", mapped=True)
+        if len(values) != ends[-1]:
+            raise TruncatedFileError(
+                f"{folder / field}.npy has {len(values)} rows, expected {ends[-1]}. {_hint(folder)}"
+            )
+        yield from np.split(values, ends[:-1])
+
+
+def _load(path: Path, mapped: bool = False) -> NDArray[Any]:
+    try:
+        values = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+    except FileNotFoundError as error:
+        raise MissingFileError(f"{path} is absent. {_hint(path.parent)}") from error
+    except (ValueError, EOFError) as error:
+        raise TruncatedFileError(f"{path} is damaged: {error}. {_hint(path.parent)}") from error
+    return np.asarray(values)
+
+
+def _hint(folder: Path) -> str:
+    return f"Delete the part {folder} and generate the dataset again; the other parts are kept."

@@ -1,0 +1,228 @@
+"""Opens a dataset as memory maps, after checking that the bytes are those that were written."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import (
+    ChecksumError,
+    DatasetNotFoundError,
+    ManifestError,
+    MissingFileError,
+    SpecError,
+    TruncatedFileError,
+)
+from swarmdata.spec import Recipe
+from swarmdata.store.layout import (
+    FIELDS,
+    RECIPE,
+    array_file,
+    expected_files,
+    expected_metadata,
+    metadata_file,
+)
+from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
+from swarmdata.store.table import SPLITS, EpisodeTable
+from swarmdata.store.verification import check_chunks, check_everything, check_small_files
+from swarmdata.types import END_REASONS
+
+Verify = Literal["none", "fast", "full"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDataset:
+    """An open dataset: read-only memory maps and the episode table."""
+
+    path: Path
+    manifest: Manifest
+    recipe: Recipe
+    arrays: dict[str, NDArray[Any]]
+    table: EpisodeTable
+
+
+def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
+    """Opens a dataset's folder.
+
+    Args:
+        path: the folder.
+        verify: `fast` checks every chunk and small file at memory speed, `full` also the SHA-256
+            of every file and the logical digest, `none` only names, sizes, metadata and the
+            episode table.
+
+    Raises:
+        DatasetError: one of its subclasses, which names the file and says what to do.
+    """
+    if verify not in ("none", "fast", "full"):
+        raise ValueError(f"verify is {verify!r}, expected 'none', 'fast' or 'full'")
+    if not path.is_dir():
+        raise DatasetNotFoundError(f"there is no dataset folder at {path}")
+    _refuse_links(path)
+    manifest = read_manifest(path)
+    _check_arrays(path, manifest)
+    _check_files(path, manifest)
+    if verify != "none":
+        check_small_files(path, manifest)
+    _check_metadata(path, manifest)
+    raw = {name: _map(path, manifest, name) for name in manifest.arrays}
+    _check_indices(path, manifest, raw)
+    if verify != "none":
+        check_chunks(path, manifest, raw)
+    if verify == "full":
+        check_everything(path, manifest, raw)
+    arrays = {name: _view(manifest, name, values) for name, values in raw.items()}
+    recipe = _read_recipe(path, manifest)
+    table = _read_table(path, manifest, recipe, arrays)
+    return StoredDataset(path, manifest, recipe, arrays, table)
+
+
+def _refuse_links(path: Path) -> None:
+    """A link could show any file of this machine as data."""
+    for entry in path.rglob("*"):
+        if entry.is_symlink():
+            raise ManifestError(
+                f"{entry} is a symbolic link, expected a plain file or folder. {rebuild_hint(path)}"
+            )
+
+
+def _check_arrays(path: Path, manifest: Manifest) -> None:
+    """Checks the listed arrays against the format and against each other."""
+    rows = {
+        "steps": manifest.n_steps,
+        "states": manifest.n_steps + manifest.n_episodes,
+        "episodes": manifest.n_episodes,
+    }
+    absent = sorted(set(FIELDS) - set(manifest.arrays))
+    if absent:
+        raise _disagrees(path, manifest, f"arrays {absent} are not listed")
+    for name, entry in manifest.arrays.items():
+        if len(entry.checksums) != entry.shard.n_chunks:
+            problem = f"{len(entry.checksums)} checksums for {entry.shard.n_chunks} chunks"
+            raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
+    for name, field in FIELDS.items():
+        entry = manifest.arrays[name]
+        got = (entry.dtype, len(entry.shape), entry.shape[0])
+        expected = (field.dtype, len(field.dimensions), rows[field.rows])
+        if got != expected:
+            problem = f"listed with (dtype, dimensions, rows) {got}, expected {expected}"
+            raise _disagrees(path, manifest, f"array {name!r} is {problem}")
+
+
+def _check_files(path: Path, manifest: Manifest) -> None:
+    """Checks that exactly the files of the arrays are listed and that they have their sizes."""
+    shards = {name: entry.shard for name, entry in manifest.arrays.items()}
+    differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
+    if differing:
+        raise _disagrees(
+            path, manifest, f"files {differing} are listed without their array or absent"
+        )
+    for name, shard in shards.items():
+        file = array_file(name, len(shard.shape))
+        if shard.n_chunks and manifest.files[file].size != shard.file_bytes:
+            raise _disagrees(
+                path,
+                manifest,
+                f"{file} is listed with {manifest.files[file].size} bytes, but an array of shape "
+                f"{shard.shape} and dtype {shard.dtype} has {shard.file_bytes}",
+            )
+    for file in expected_files(shards):
+        _check_size(path, manifest, file)
+
+
+def _check_size(path: Path, manifest: Manifest, file: str) -> None:
+    hint = rebuild_hint(path, manifest.id)
+    if not (path / file).is_file():
+        raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
+    size, expected = (path / file).stat().st_size, manifest.files[file].size
+    if size != expected:
+        raise TruncatedFileError(f"{path / file} has {size} bytes, expected {expected}. {hint}")
+
+
+def _check_metadata(path: Path, manifest: Manifest) -> None:
+    """Checks that Zarr's own metadata says what the manifest says."""
+    for name in manifest.arrays:
+        file = path / metadata_file(name)
+        try:
+            found = json.loads(file.read_bytes())
+        except (ValueError, RecursionError) as error:
+            raise ManifestError(
+                f"{file} is not valid JSON: {error}. {rebuild_hint(path, manifest.id)}"
+            ) from error
+        for key, expected in expected_metadata(manifest.arrays[name].shard).items():
+            got = found.get(key) if isinstance(found, dict) else None
+            if got != expected:
+                raise _disagrees(path, manifest, f"{file} has {key} {got}, expected {expected}")
+
+
+def _map(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the array's whole file, index included; empty for an array without elements."""
+    shard = manifest.arrays[name].shard
+    if not shard.n_chunks:
+        return np.zeros(0, dtype=np.uint8)
+    file = path / array_file(name, len(shard.shape))
+    return np.asarray(np.memmap(file, dtype=np.uint8, mode="r"))
+
+
+def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:
+    shard = manifest.arrays[name].shard
+    return raw[: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+
+
+def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uint8]]) -> None:
+    """Checks that the chunks lie in order and without gaps, as a memory map assumes."""
+    for name, values in raw.items():
+        shard = manifest.arrays[name].shard
+        if shard.n_chunks and values[shard.data_bytes :].tobytes() != shard.index():
+            file = path / array_file(name, len(shard.shape))
+            hint = rebuild_hint(path, manifest.id)
+            raise ChecksumError(f"the shard index at the end of {file} was changed. {hint}")
+
+
+def _read_recipe(path: Path, manifest: Manifest) -> Recipe:
+    file = path / RECIPE
+    try:
+        # not Recipe.from_file: its YAML parser takes most of the time of opening
+        recipe = Recipe.parse(json.loads(file.read_bytes()), str(file))
+    except (SpecError, ValueError, RecursionError) as error:
+        raise ManifestError(
+            f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
+        ) from error
+    if (recipe.id, recipe.hash()) != (manifest.id, manifest.recipe_hash):
+        raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {recipe.id}")
+    return recipe
+
+
+def _read_table(
+    path: Path, manifest: Manifest, recipe: Recipe, arrays: dict[str, NDArray[Any]]
+) -> EpisodeTable:
+    """Copies the episode table into memory and checks that it covers the arrays exactly."""
+    names = [name for name in FIELDS if name.startswith("episodes/")]
+    table = EpisodeTable(**{name.split("/")[1]: arrays[name].copy() for name in names})
+    ends = np.cumsum(table.lengths)
+    problems = {
+        "an episode has no steps": bool((table.lengths < 1).any()),
+        "episodes do not follow each other without gaps": bool(
+            (table.starts != ends - table.lengths).any()
+        ),
+        "episodes do not end where the arrays end": int(ends[-1]) != manifest.n_steps,
+        "an unknown split code": bool((table.split >= len(SPLITS)).any()),
+        "an unknown end reason": bool((table.end_reason >= len(END_REASONS)).any()),
+        "an unknown policy": bool((table.policy >= len(recipe.policies)).any()),
+        "success and end reason differ": bool(
+            (table.success != (table.end_reason == END_REASONS.index("success"))).any()
+        ),
+    }
+    found = [problem for problem, is_there in problems.items() if is_there]
+    if found:
+        raise _disagrees(path, manifest, f"the episode table is wrong: {'; '.join(found)}")
+    return table
+
+
+def _disagrees(path: Path, manifest: Manifest, problem: str) -> ManifestError:
+    return ManifestError(
+        f"the manifest of {path} disagrees with its contents: {problem}. "
+        f"{rebuild_hint(path, manifest.id)}"
+    )

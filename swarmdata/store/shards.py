@@ -1,0 +1,131 @@
+"""Writes arrays of any size as Zarr shards, one chunk in memory at a time, hashing on the way."""
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import xxhash
+from numpy.typing import NDArray
+
+from swarmdata.errors import SchemaError
+from swarmdata.store.layout import DATA, FIELDS, Shard, array_file
+from swarmdata.store.manifest import ArrayEntry, logical_header
+
+
+class Hash(Protocol):
+    """What `hashlib` objects can do."""
+
+    def update(self, data: Any, /) -> None:
+        """Takes more bytes."""
+        ...
+
+
+def create_metadata(folder: Path, shards: dict[str, Shard], attributes: dict[str, Any]) -> None:
+    """Lets zarr-python write the metadata of both groups and all arrays, and no data.
+
+    Args:
+        folder: the dataset's folder.
+        shards: byte layout of each array, by name.
+        attributes: of the root group.
+    """
+    import zarr  # noqa: PLC0415  (0.3 s that readers never pay)
+
+    root = zarr.create_group(folder / DATA, zarr_format=3, attributes=attributes)
+    root.create_group("episodes")
+    for name, shard in shards.items():
+        chunk = (shard.chunk_rows, *(max(1, size) for size in shard.shape[1:]))
+        root.create_array(
+            name,
+            shape=shard.shape,
+            chunks=chunk,
+            shards=(chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]),
+            dtype=shard.dtype,
+            compressors=None,
+            filters=None,
+            fill_value=0,
+            chunk_key_encoding={"name": "default", "separator": "."},
+            dimension_names=FIELDS[name].dimensions,
+        )
+
+
+def write_shard(
+    folder: Path, name: str, shard: Shard, blocks: Iterable[NDArray[Any]], logical: Hash
+) -> ArrayEntry:
+    """Streams rows into the array's file.
+
+    Args:
+        folder: the dataset's folder, with its metadata.
+        name: of the array.
+        shard: its byte layout.
+        blocks: consecutive rows, together exactly the array.
+        logical: the running logical digest; takes the header and the rows.
+
+    Raises:
+        SchemaError: the blocks have another dtype, row shape or number of rows.
+    """
+    logical.update(logical_header(name, shard.dtype, shard.shape))
+    checksums = []
+    left = shard.nbytes
+    chunks = _chunks(_checked(name, shard, blocks), shard.chunk_bytes)
+    if not shard.n_chunks:
+        return _entry(shard, ())
+    with (folder / array_file(name, len(shard.shape))).open("wb") as file:
+        for chunk in chunks:
+            logical.update(chunk[: min(left, len(chunk))])
+            left -= min(left, len(chunk))
+            checksums.append(xxhash.xxh3_64_hexdigest(chunk))
+            file.write(chunk)
+        file.write(shard.index())
+    return _entry(shard, tuple(checksums))
+
+
+def _entry(shard: Shard, checksums: tuple[str, ...]) -> ArrayEntry:
+    return ArrayEntry(
+        dtype=shard.dtype, shape=shard.shape, chunk_rows=shard.chunk_rows, checksums=checksums
+    )
+
+
+def _checked(
+    name: str, shard: Shard, blocks: Iterable[NDArray[Any]]
+) -> Iterator[NDArray[np.uint8]]:
+    """Yields the bytes of each block."""
+    rows = 0
+    for block in blocks:
+        if str(block.dtype) != shard.dtype or block.shape[1:] != shard.shape[1:]:
+            raise SchemaError(
+                f"array {name!r} got rows of dtype {block.dtype} and shape {block.shape[1:]}, "
+                f"expected {shard.dtype} and {shard.shape[1:]}"
+            )
+        rows += len(block)
+        yield np.ascontiguousarray(block).reshape(-1).view(np.uint8)
+    if rows != shard.shape[0]:
+        raise SchemaError(f"array {name!r} got {rows} rows, expected {shard.shape[0]}")
+
+
+def _chunks(blocks: Iterable[NDArray[np.uint8]], size: int) -> Iterator[NDArray[np.uint8]]:
+    """Cuts a stream of bytes into chunks of `size`, the last one padded with zeros.
+
+    The same buffer is yielded every time.
+    """
+    buffer = np.zeros(size, dtype=np.uint8)
+    used = 0
+    for block in blocks:
+        position = 0
+        while position < len(block):
+            n = min(size - used, len(block) - position)
+            buffer[used : used + n] = block[position : position + n]
+            used, position = used + n, position + n
+            if used == size:
+                yield buffer
+                used = 0
+    if used:
+        buffer[used:] = 0
+        yield buffer
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,41 @@
+"""Mean and standard deviation of streamed rows, independent of chunking and of threads."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from swarmdata.types import Double, Float
+
+
+@dataclass(slots=True)
+class Moments:
+    """Running sums over blocks of rows.
+
+    Sums are taken around the first row (Chan, Golub and LeVeque, "Algorithms for computing the
+    sample variance", The American Statistician 37(3), 1983, section 3), so that a constant column
+    has a deviation of exactly 0. Each call adds one float64 sum, in the order of the calls.
+    """
+
+    shift: Double | None = None  # [F]
+    count: int = 0
+    total: Double = field(default_factory=lambda: np.zeros(1))  # [F]
+    squares: Double = field(default_factory=lambda: np.zeros(1))  # [F]
+
+    def add(self, rows: Float) -> None:
+        """Takes more rows, [n, F]."""
+        values = rows.astype(np.float64)
+        if self.shift is None:
+            self.shift = values[0].copy()
+        values -= self.shift
+        self.count += len(values)
+        self.total = self.total + np.add.reduce(values, axis=0)
+        self.squares = self.squares + np.add.reduce(values * values, axis=0)
+
+    def result(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Returns the mean and the population standard deviation of each column, F long."""
+        if self.shift is None:
+            raise ValueError("moments of no rows")
+        offset = self.total / self.count
+        variance = np.maximum(self.squares / self.count - offset * offset, 0.0)
+        mean, std = self.shift + offset, np.sqrt(variance)
+        return tuple(map(float, mean)), tuple(map(float, std))

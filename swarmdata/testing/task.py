@@ -1,0 +1,110 @@
+"""The contract that every task must keep, as one function that users can run on their own tasks."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import VecEnv
+from swarmdata.seeding import derive, uniform
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Bool, Double, Step
+
+MakeEnv = Callable[[TaskSpec, int], VecEnv]
+
+
+def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
+    """Checks a task's environment against `interfaces.VecEnv`.
+
+    Shapes and dtypes are those of `Step`; values are finite; terminations and truncations exclude
+    each other; the horizon truncates; an ended copy stays put; an episode is the same, bit for bit,
+    alone, in a batch and after other episodes; earlier steps are never written to again; actions
+    that are not finite are refused.
+
+    Args:
+        make_env: builds E copies of the task.
+        spec: the task to build.
+        n_steps: control steps to play.
+
+    Raises:
+        AssertionError: naming what is violated.
+    """
+    seeds = np.arange(5, 9, dtype=np.uint64)
+    batch = make_env(spec, 4)
+    steps = _play(batch, seeds, n_steps)
+    for step in steps:
+        _check_arrays(step, batch, 4)
+    _check_ends(steps, spec)
+    used = make_env(spec, 1)
+    _play(used, np.array([99], dtype=np.uint64), n_steps // 2)
+    alone = _play(used, seeds[2:3], n_steps)
+    for left, right in zip(steps, alone, strict=True):
+        for name in Step._fields:
+            same = np.array_equal(getattr(left, name)[2], getattr(right, name)[0])
+            assert same, f"{name} depends on the batch or on earlier episodes"
+    _check_refusals(batch)
+
+
+def _play(env: VecEnv, seeds: np.ndarray, n_steps: int) -> list[Step]:
+    """Plays random commands that depend on seed and time only; checks that steps are not reused."""
+    steps = [env.reset(seeds)]
+    for _ in range(n_steps):
+        kept = [array.copy() for array in steps[-1]]
+        steps.append(env.step(_commands(env, steps[-1])))
+        for name, array, copy in zip(Step._fields, steps[-2], kept, strict=True):
+            assert np.array_equal(array, copy), f"step() wrote to the earlier step's {name}"
+    return steps
+
+
+def _commands(env: VecEnv, step: Step) -> Double:
+    agents = np.arange(env.spec.n_agents)[:, None]
+    bits = derive(
+        step.seeds[:, None, None], step.times[:, None, None] // 10, agents, np.arange(env.action_size)
+    )
+    return 2 * uniform(bits) - 1
+
+
+def _check_arrays(step: Step, env: VecEnv, e: int) -> None:
+    n, m = env.spec.n_agents, step.layouts.shape[1]
+    expected = {
+        "observations": ((e, n, env.observation_size), np.float32),
+        "states": ((e, env.state_size), np.float32),
+        "rewards": ((e, n), np.float32),
+        "terminations": ((e,), np.bool_),
+        "truncations": ((e,), np.bool_),
+        "successes": ((e,), np.bool_),
+        "events": ((e, n, 4), np.uint8),
+        "seeds": ((e,), np.uint64),
+        "times": ((e,), np.int64),
+        "layouts": ((e, m, 8), np.float32),
+    }
+    for name, (shape, dtype) in expected.items():
+        array = getattr(step, name)
+        assert array.shape == shape, f"{name} has shape {array.shape}, expected {shape}"
+        assert array.dtype == dtype, f"{name} has dtype {array.dtype}, expected {np.dtype(dtype)}"
+        assert np.isfinite(array).all(), f"{name} holds a value that is not finite"
+
+
+def _check_ends(steps: list[Step], spec: TaskSpec) -> None:
+    ended: Bool = np.zeros(len(steps[0].seeds), dtype=np.bool_)
+    for before, step in zip(steps, steps[1:], strict=False):
+        assert not (step.terminations & step.truncations).any(), "an end is both termination and truncation"
+        assert (step.successes <= step.terminations).all(), "a success that is no termination"
+        assert (step.truncations <= (step.times == spec.horizon)).all(), "truncation before the horizon"
+        assert (step.ended | (step.times < spec.horizon)).all(), "an episode outlived the horizon"
+        assert not step.rewards[ended].any(), "an ended copy got a reward"
+        assert (step.states[ended] == before.states[ended]).all(), "an ended copy moved"
+        assert (ended <= step.ended).all(), "an end was taken back without a reset"
+        ended = step.ended
+
+
+def _check_refusals(env: VecEnv) -> None:
+    env.reset(np.arange(4, dtype=np.uint64))
+    bad = np.zeros((4, env.spec.n_agents, env.action_size))
+    bad[1, 0, 0] = np.nan
+    for actions in (bad, bad[:, :1, :1]):
+        try:
+            env.step(actions)
+        except SchemaError:
+            continue
+        raise AssertionError("malformed actions were accepted")
