@@ -171,12 +171,12 @@ def train(
     """Train an offline algorithm on the train split; run again to go on."""
     from swarmdata.targets import require
 
-    require("torch", "torch", "training")
-    from swarmdata.training import train_offline
-
     changes = dict(_setting(text) for text in settings or [])
     if updates is not None:
         changes["n_updates"] = str(updates)
+    require("torch", "torch", "training")
+    from swarmdata.training import train_offline
+
     train_offline(
         algorithm,
         dataset,

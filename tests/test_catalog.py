@@ -7,8 +7,8 @@ from types import MappingProxyType
 import pytest
 
 from swarmdata import catalog
-from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
+from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.errors import MissingManifestError, UnknownNameError
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 

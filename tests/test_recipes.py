@@ -224,7 +224,7 @@ def test_full_disk_is_noticed_before_most_of_the_work(
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1_000_000))
     recipe = make_recipe(100_000)
 
-    with pytest.raises(BuildError, match="needs 2[0-9][0-9] MB more .* 1 MB free"):
+    with pytest.raises(BuildError, match=r"needs 2[0-9][0-9] MB more .* 1 MB free"):
         build(recipe, tmp_path / "d", progress=False)
     assert len(OneProcessCrew.made) == len(recipe.policies)
 
@@ -254,5 +254,5 @@ def test_seeds_are_distinct_and_never_reserved() -> None:
 def test_policy_that_does_not_exist_is_named(tmp_path: Path) -> None:
     recipe = make_recipe(policies=(PolicySource(label="x", name="rundom"),))
 
-    with pytest.raises(BuildError, match="part 0 of x failed: UnknownNameError.*'random'"):
+    with pytest.raises(BuildError, match=r"part 0 of x failed: UnknownNameError.*'random'"):
         build(recipe, tmp_path / "d", workers=1, progress=False)

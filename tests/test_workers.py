@@ -82,7 +82,7 @@ def test_killed_job_is_done_again_and_no_other(tmp_path: Path, entry: str) -> No
 
 
 def test_job_that_always_dies_is_named(tmp_path: Path, entry: str) -> None:
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match="doomed failed.*SIGKILL"):
+    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=r"doomed failed.*SIGKILL"):
         crew.run([make_job(tmp_path, "doomed", "die")])
 
     assert len(starts(tmp_path, "doomed")) == ATTEMPTS

@@ -14,7 +14,7 @@ from swarmdata.types import EvalResult
 
 def make_result(policy: str, value: float, n_episodes: int = 50) -> EvalResult:
     spread = np.linspace(-1.0, 1.0, n_episodes)
-    metrics = {name: value + spread for name in EPISODE_METRICS}
+    metrics = dict.fromkeys(EPISODE_METRICS, value + spread)
     metrics["time_to_goal"] = np.full(n_episodes, np.nan)
     seeds = evaluation_seeds(n_episodes)
     return EvalResult(policy, "coop_nav", "a" * 64, seeds, metrics)
