@@ -10,7 +10,7 @@ from swarmdata.envs.render import animate
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluate import load
 from swarmdata.metrics import Reference
-from swarmdata.plots import plot_curves, plot_table, read_curve
+from swarmdata.plots import plot_curves, plot_estimates, read_curve
 from swarmdata.registry import make_env
 from swarmdata.report import Table, results_table
 from swarmdata.rollout import rollout
@@ -48,7 +48,7 @@ def write_report(results: Path, out: Path, runs: Sequence[Path], task: str) -> T
     (out / "table.md").write_text(table.to_markdown(), encoding="utf-8")
     (out / "table.csv").write_text(table.to_csv(), encoding="utf-8")
     keys = [column.key for column in table.columns][:2]
-    plot_table(table, out / "table.png", keys=keys)
+    plot_estimates(table.panels(keys), out / "table.png")
     if runs:
         curves = {
             run.resolve().name: read_curve([run / "curve.csv"], "success", progress="update")
