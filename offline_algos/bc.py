@@ -1,0 +1,103 @@
+"""Behavior cloning: every agent imitates the joint actions of the dataset.
+
+Pomerleau, "ALVINN", NeurIPS 1988; the deterministic form with a squared error is the imitation term
+of TD3+BC (Fujimoto & Gu 2021, eq. 3).
+
+    min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
+
+Deviations: one network for all agents, which sees the agent's number; observations are normalized
+with the statistics of the dataset; the step size decays along a cosine.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.actor import StackedActor
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.optimizer import StackedAdam, cosine
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class BCConfig:
+    """Behavior cloning with a squared error."""
+
+    n_updates: int = 10_000
+    batch_size: int = 256  # joint transitions, each with the actions of N agents
+    hidden: tuple[int, ...] = (256, 256)
+    output: Literal["tanh", "clip"] = "tanh"
+    step_size: float = 1e-3
+    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
+    max_gradient_norm: float | None = None
+
+    @property
+    def discount(self) -> float:
+        """1: nothing is bootstrapped."""
+        return 1.0
+
+
+class BC:
+    """K actors, one per seed, trained at once.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of the initial parameters, [K].
+        config: settings.
+        statistics: of the dataset, to normalize observations.
+        device: where to train.
+    """
+
+    Config = BCConfig
+    LOSSES = ("bc_loss",)
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        config: BCConfig,
+        *,
+        statistics: Statistics,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.config = config
+        self.n_updates = 0
+        self.actor = StackedActor(
+            sizes, seeds, config.hidden, statistics, squash=config.output == "tanh", device=device
+        )
+        self.optimizer = StackedAdam(
+            self.actor.network, len(seeds), config.step_size, config.max_gradient_norm
+        )
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns `bc_loss`, [K]."""
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]
+        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
+        self.optimizer.step(bc_loss, scale)
+        self.n_updates += 1
+        return {"bc_loss": bc_loss.detach()}
+
+    def policy(self, index: int) -> TorchPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, Adam's moments and the number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "actor": self.actor.network.flat.clone(),
+            **{f"optimizer.{k}": v for k, v in self.optimizer.state_dict().items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        self.actor.network.load(state["actor"])
+        self.optimizer.load_state_dict(part(state, "optimizer"))

@@ -1,0 +1,221 @@
+"""MADDPG+BC: a centralized critic improves actors that stay close to the dataset's actions.
+
+The algorithm is TD3+BC (Fujimoto & Gu 2021, eq. 3-5) with the critic of MADDPG (Lowe et al. 2017,
+eq. 6), which sees the state and all actions; in the twin-critic form it is MATD3 (Ackermann et al.
+2019, section 4). With team reward r, the mean over agents:
+
+    y      = r + gamma (1 - termination) min_j Q'_j(s', pi'(o') + clip(noise, -c, c))
+    L(Q_j) = (Q_j(s, a) - y)^2                                              every update
+    L(pi)  = -lambda Q_1(s, pi(o)) + 1/N sum_i |pi(o_i, i) - a_i|^2         every `policy_delay`-th
+    lambda = alpha / mean |Q_1(s, pi(o))|, detached
+
+Deviations:
+- Actors are one network for all agents, which sees the agent's number.
+- `joint_gradient` "all": Q sees every agent's action from its policy (the centralized gradient of
+  FACMAC, Peng et al. 2021, eq. 7). "own" is MADDPG's eq. 6: agent i's action from its policy and
+  the others' from the data, which can fail to coordinate (Tilbury et al. 2024, arXiv 2407.01343).
+- The critics have LayerNorm. Observations and states are normalized with the dataset's statistics,
+  rewards are divided by the standard deviation of the returns-to-go.
+- `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset (the
+  critic clipping of B3C, Kim et al. 2026, with a tighter bound).
+- Warm start: during the first `warm_start` updates lambda is 0, so that actors clone the data while
+  critics are still noise.
+- Step sizes decay along a cosine, as those of behavior cloning do.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.actor import CRITIC_STREAM, StackedActor
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.inputs import generators, standardize
+from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
+from swarmdata.learn.optimizer import StackedAdam, cosine
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.targets import polyak, td_target, team_reward
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class MADDPGBCConfig:
+    """TD3+BC with a centralized critic; one setting for all datasets."""
+
+    n_updates: int = 20_000
+    batch_size: int = 256  # joint transitions
+    actor_hidden: tuple[int, ...] = (256, 256)
+    critic_hidden: tuple[int, ...] = (128, 128)
+    step_size: float = 1e-3
+    critic_step_size: float = 3e-4  # Fujimoto & Gu 2021, table 3
+    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
+    discount: float = 0.99
+    polyak: float = 0.005  # Fujimoto & Gu 2021, table 3; the next four too
+    policy_delay: int = 2
+    noise: float = 0.2
+    noise_clip: float = 0.5
+    alpha: float = 2.5
+    joint_gradient: Literal["all", "own"] = "all"
+    clip_target: bool = True
+    warm_start: int = 2000
+    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
+
+
+class MADDPGBC:
+    """K seeds of actors and twin critics, trained at once.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of initial parameters and noise, [K].
+        config: settings.
+        statistics: of the dataset: normalization, reward scale and R*.
+        device: where to train.
+    """
+
+    Config = MADDPGBCConfig
+    LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        config: MADDPGBCConfig,
+        *,
+        statistics: Statistics,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.config, self.sizes, self.n_updates = config, sizes, 0
+        self.actor = StackedActor(
+            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
+        )
+        inputs = sizes.state + sizes.n_agents * sizes.action
+        shape = MLPShape(inputs, config.critic_hidden, 1, layer_norm=True)
+        # rows: seed 0 twin 0, seed 0 twin 1, seed 1 twin 0, ...
+        self.critics = StackedMLP(shape, 2 * len(seeds), device)
+        initialize(self.critics, seeds, CRITIC_STREAM)
+        self.target_actor = self.actor.network.clone()
+        self.target_critics = self.critics.clone()
+        norm = config.max_gradient_norm
+        self.actor_optimizer = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
+        self.critic_optimizer = StackedAdam(self.critics, len(seeds), config.critic_step_size, norm)
+        self.generators = generators(seeds, device)
+        self.reward_scale = 1 / statistics.return_std
+        self.max_value = statistics.max_return * self.reward_scale  # R*
+        self._state_mean = torch.tensor(statistics.state_mean).to(device, torch.float32)
+        self._state_std = torch.tensor(statistics.state_std).to(device, torch.float32)
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves."""
+        config = self.config
+        scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
+        state = standardize(batch.states, self._state_mean, self._state_std)
+        losses = self._update_critics(batch, state, scale)
+        self.n_updates += 1
+        if self.n_updates % config.policy_delay == 0:
+            losses |= self._update_actor(batch, state, scale)
+            polyak(self.target_actor, self.actor.network, config.polyak)
+            polyak(self.target_critics, self.critics, config.polyak)
+        return {name: loss.detach() for name, loss in losses.items()}
+
+    def _update_critics(self, batch: Batch, state: Tensor, scale: float) -> dict[str, Tensor]:
+        y = self.targets(batch)  # [K, B]
+        q = self.q(self.critics, state, batch.actions)  # [K, 2, B]
+        critic_loss = (q - y[:, None]).square().mean(2).sum(1)  # [K]
+        self.critic_optimizer.step(critic_loss, scale)
+        return {"critic_loss": critic_loss, "q": q.mean((1, 2))}
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
+        config = self.config
+        noise = self._noise(batch.actions)
+        a_next = self.actor(batch.next_observations, self.target_actor) + noise
+        next_state = standardize(batch.next_states, self._state_mean, self._state_std)
+        q_next = self.q(self.target_critics, next_state, a_next.clamp(-1, 1)).amin(1)  # [K, B]
+        if config.clip_target:
+            q_next = q_next.clamp(max=self.max_value)
+        r = team_reward(batch.rewards) * self.reward_scale
+        return td_target(r, batch.terminations, q_next, config.discount)
+
+    def _update_actor(self, batch: Batch, state: Tensor, scale: float) -> dict[str, Tensor]:
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        bc_loss = (pi - batch.actions).square().sum(2).mean((1, 2))  # [K]
+        if self.n_updates <= self.config.warm_start:
+            self.actor_optimizer.step(bc_loss, scale)
+            return {"bc_loss": bc_loss}
+        q = self.policy_values(state, pi, batch.actions)  # [K, rows]
+        lam = self.config.alpha / q.detach().abs().mean(1)  # [K]
+        self.actor_optimizer.step(-lam * q.mean(1) + bc_loss, scale)
+        return {"bc_loss": bc_loss, "policy_q": q.mean(1), "lambda": lam}
+
+    def policy_values(self, state: Tensor, pi: Tensor, actions: Tensor) -> Tensor:
+        """Returns Q_1 of the policies' actions, [K, B], or [K, B N] for `joint_gradient` "own".
+
+        The critics' parameters are constants here: the actor's loss must not move them.
+
+        Args:
+            state: normalized, [K, B, S].
+            pi: actions of the policies, [K, B, N, A].
+            actions: of the dataset, [K, B, N, A].
+        """
+        if self.config.joint_gradient == "own":
+            n_agents = self.sizes.n_agents
+            own = torch.eye(n_agents, dtype=torch.bool, device=pi.device)[:, :, None]
+            pi = torch.where(own, pi[:, :, None], actions[:, :, None]).flatten(1, 2)
+            state = state.repeat_interleave(n_agents, 1)
+        joint = torch.cat([state, pi.flatten(2)], 2)
+        return self.critics.frozen(joint, every=2)[..., 0]
+
+    def q(self, critics: StackedMLP, state: Tensor, actions: Tensor) -> Tensor:
+        """Returns both critics' values, [K, 2, B].
+
+        Args:
+            critics: the critics or their targets.
+            state: normalized, [K, B, S].
+            actions: joint actions, [K, B, N, A].
+        """
+        inputs = torch.cat([state, actions.flatten(2)], 2)
+        values = critics(inputs.repeat_interleave(2, 0))[..., 0]
+        return values.view(-1, 2, values.shape[1])
+
+    def _noise(self, actions: Tensor) -> Tensor:
+        noise = torch.stack(
+            [torch.randn(actions.shape[1:], generator=g, device=g.device) for g in self.generators]
+        )
+        return (noise * self.config.noise).clamp(-self.config.noise_clip, self.config.noise_clip)
+
+    def policy(self, index: int) -> TorchPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "generators": torch.stack([g.get_state() for g in self.generators]),
+            **{name: network.flat.clone() for name, network in self._networks().items()},
+            **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
+            **{f"critic_adam.{k}": v for k, v in self.critic_optimizer.state_dict().items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        for generator, saved in zip(self.generators, state["generators"], strict=True):
+            generator.set_state(saved.cpu().clone())
+        for name, network in self._networks().items():
+            network.load(state[name])
+        self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
+        self.critic_optimizer.load_state_dict(part(state, "critic_adam"))
+
+    def _networks(self) -> dict[str, StackedMLP]:
+        return {
+            "actor": self.actor.network,
+            "critics": self.critics,
+            "target_actor": self.target_actor,
+            "target_critics": self.target_critics,
+        }

@@ -1,0 +1,1 @@
+"""The torch toolbox shared by the algorithms: stacked networks, optimizers, targets, runs."""

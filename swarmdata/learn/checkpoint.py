@@ -1,0 +1,113 @@
+"""Checkpoints: one safetensors file of named tensors and JSON metadata, checked when read.
+
+The file holds the SHA-256 of its own content, so that a damaged or half-copied file is an error and
+never a slightly different policy. Nothing is pickled.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+from safetensors.torch import load as parse
+from safetensors.torch import save as serialize
+from torch import Tensor
+
+from swarmdata.errors import CheckpointError
+
+FORMAT = "swarmdata-checkpoint-1"
+
+
+def save(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
+    """Writes a checkpoint atomically: after a crash, the old or the new file is there.
+
+    Args:
+        path: of the file; its folder exists.
+        tensors: what to keep; copied to the CPU.
+        metadata: JSON values.
+
+    Returns:
+        SHA-256 of the content, hex.
+    """
+    content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    text = json.dumps(metadata, sort_keys=True)
+    digest = _digest(content, text)
+    header = {"format": FORMAT, "metadata": text, "sha256": digest}
+    write_atomically(path, serialize(content, header))
+    return digest
+
+
+def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Reads a checkpoint: its tensors on the CPU, and its metadata.
+
+    Raises:
+        CheckpointError: there is no such file, it is damaged, or it is not a checkpoint.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise CheckpointError(f"there is no checkpoint at {path}. Was the run started?") from error
+    try:
+        tensors: dict[str, Tensor] = parse(data)
+        header = _header(data)
+    except (safetensors.SafetensorError, ValueError, KeyError) as error:
+        raise CheckpointError(
+            f"{path} is not a readable checkpoint ({error}). Delete it and train again."
+        ) from error
+    if header.get("format") != FORMAT:
+        raise CheckpointError(
+            f"{path} has format {header.get('format')!r}, expected {FORMAT!r}. "
+            "It was written by another program or another version of swarmdata."
+        )
+    if _digest(tensors, header["metadata"]) != header["sha256"]:
+        raise CheckpointError(
+            f"{path} is damaged: its content does not have the SHA-256 it was saved with. "
+            "Copy it again from its source, or delete it and train again."
+        )
+    metadata: dict[str, Any] = json.loads(header["metadata"])
+    return tensors, metadata
+
+
+def part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Returns the tensors named `prefix.*` without the prefix."""
+    start = prefix + "."
+    return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Writes a file so that a crash leaves the old or the new content, never a part."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)  # the rename itself must survive a power cut
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _header(data: bytes) -> dict[str, str]:
+    """The text metadata of a safetensors file: 8 bytes of length, then JSON."""
+    length = int.from_bytes(data[:8], "little")
+    header: dict[str, str] = json.loads(data[8 : 8 + length]).get("__metadata__", {})
+    return header
+
+
+def _digest(tensors: Mapping[str, Tensor], text: str) -> str:
+    """SHA-256 over the metadata and, in name order, name, dtype, shape and bytes of each tensor."""
+    result = hashlib.sha256(text.encode())
+    for name in sorted(tensors):
+        array = tensors[name].numpy()
+        result.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
+        result.update(np.ascontiguousarray(array).tobytes())
+    return result.hexdigest()

@@ -1,0 +1,166 @@
+"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint.
+
+config.json             the run, completely (`Run`)
+losses.csv              mean losses of each seed, every `log_every` updates
+curve.csv               what the evaluation callback returned, every `evaluate_every` updates
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
+"""
+
+import csv
+import dataclasses
+import io
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from swarmdata import __version__
+from swarmdata.errors import CheckpointError
+from swarmdata.interfaces import Algorithm, Policy
+from swarmdata.learn import checkpoint
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.spec import Frozen, TaskSpec
+
+CONFIG, LOSSES, CURVE, CHECKPOINT = (
+    "config.json",
+    "losses.csv",
+    "curve.csv",
+    "checkpoint.safetensors",
+)
+
+Count = Annotated[int, Field(ge=1)]
+
+
+class Run(Frozen):
+    """Everything that decides the result of an offline training run, and what it ran on."""
+
+    format_version: Literal[1] = 1
+    algorithm: str
+    config: dict[str, Any]  # of the algorithm, every default written out
+    dataset: str
+    digest: str  # of the dataset
+    n_episodes: Count  # of the view that was trained on
+    spec: TaskSpec
+    spec_hash: str
+    n_agents: Count
+    observation_size: Count
+    action_size: Count
+    state_size: Count
+    seeds: Annotated[tuple[int, ...], Field(min_length=1)]
+    log_every: Count
+    checkpoint_every: Count
+    evaluate_every: Count | None
+    device: str
+    versions: dict[str, str]
+
+    @property
+    def sizes(self) -> Sizes:
+        """Numbers of agents and features."""
+        return Sizes(self.n_agents, self.observation_size, self.action_size, self.state_size)
+
+    def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
+        """Makes the algorithm as it is before its first update."""
+        kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
+        # JSON has no tuples
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
+        algorithm: Algorithm = kind(
+            self.sizes, self.seeds, kind.Config(**values), statistics=statistics, device=device
+        )
+        return algorithm
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the bits of a run depend on."""
+    return {
+        "swarmdata": __version__,
+        "torch": torch.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def read_run(folder: Path) -> Run:
+    """Reads a run folder's `config.json`.
+
+    Raises:
+        CheckpointError: there is none.
+        SpecError: it is malformed.
+    """
+    path = folder / CONFIG
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{folder} is not a run folder: there is no {CONFIG}") from error
+    return Run.from_text(text, str(path))
+
+
+def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Policy]:
+    """Loads the policies of a run folder, one per seed, as of its last checkpoint.
+
+    Raises:
+        CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
+    """
+    run = read_run(Path(folder))
+    tensors, _ = checkpoint.load(Path(folder) / CHECKPOINT)
+    algorithm = run.build(statistics_of(tensors), device)
+    algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+    return [algorithm.policy(index) for index in range(len(run.seeds))]
+
+
+def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:
+    """Reads the statistics back from a checkpoint's tensors."""
+    values: dict[str, Any] = {
+        name: tensor.numpy() if tensor.ndim else tensor.item()
+        for name, tensor in checkpoint.part(tensors, "statistics").items()
+    }
+    return Statistics(**values)
+
+
+def tensors_of(statistics: Statistics) -> dict[str, Tensor]:
+    """Returns the statistics as float64 tensors for a checkpoint."""
+    return {
+        f"statistics.{field.name}": torch.tensor(
+            getattr(statistics, field.name), dtype=torch.float64
+        )
+        for field in dataclasses.fields(statistics)
+    }
+
+
+class Table:
+    """A CSV file of a run: rows are appended, and dropped beyond the update a run resumes from.
+
+    Args:
+        path: of the file.
+        columns: names after `update` and `seed`.
+        last_update: rows of later updates are dropped.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], last_update: int) -> None:
+        self.path = path
+        self.columns = ("update", "seed", *columns)
+        kept: list[list[str]] = []
+        if path.exists():
+            with path.open(newline="", encoding="utf-8") as file:
+                # a row that a crash cut short is later than the checkpoint, and is dropped
+                rows = [row for row in csv.reader(file) if len(row) == len(self.columns)]
+            kept = [row for row in rows if row[0].isdecimal() and int(row[0]) <= last_update]
+        checkpoint.write_atomically(path, _csv([self.columns, *kept]))
+
+    def append(self, update: int, seed: int, values: Mapping[str, float]) -> None:
+        """Adds a row; a value that was not measured stays empty."""
+        cells = [format(values[c], ".6g") if c in values else "" for c in self.columns[2:]]
+        with self.path.open("ab") as file:
+            file.write(_csv([(str(update), str(seed), *cells)]))
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()

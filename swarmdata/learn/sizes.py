@@ -1,0 +1,32 @@
+"""Sizes, the numbers that shape an algorithm's networks."""
+
+from dataclasses import dataclass, fields
+
+from swarmdata.errors import SchemaError
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Numbers of agents and of features.
+
+    Raises:
+        SchemaError: a size is below 1.
+    """
+
+    n_agents: int  # N
+    observation: int  # O
+    action: int  # A
+    state: int  # S
+
+    def __post_init__(self) -> None:
+        """Checks that every size is positive."""
+        for field in fields(self):
+            if getattr(self, field.name) < 1:
+                raise SchemaError(f"{self}: {field.name} must be at least 1")
+
+    @classmethod
+    def of(cls, batch: Batch) -> "Sizes":
+        """Reads the sizes from the last axes of any batch of arrays or tensors."""
+        n_agents, observation = batch.observations.shape[-2:]
+        return cls(n_agents, observation, batch.actions.shape[-1], batch.states.shape[-1])

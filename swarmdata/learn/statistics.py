@@ -1,0 +1,85 @@
+"""What algorithms need to know of a dataset to normalize inputs, scale rewards, bound values."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.types import Double, Episode
+
+
+class ObservationStatistics(Protocol):
+    """What a dataset's manifest says about observations."""
+
+    @property
+    def observation_mean(self) -> Double: ...  # [O]
+    @property
+    def observation_std(self) -> Double: ...  # [O]
+
+
+class Episodes(Protocol):
+    """The part of a dataset that is measured."""
+
+    @property
+    def statistics(self) -> ObservationStatistics: ...
+    def __iter__(self) -> Iterator[Episode]: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """Normalization of inputs, and the range of discounted team returns-to-go.
+
+    A return-to-go is the discounted sum of team rewards (mean over agents) from a step to the end
+    of its episode.
+    """
+
+    observation_mean: Double  # [O]
+    observation_std: Double  # [O]
+    state_mean: Double  # [S]
+    state_std: Double  # [S]
+    return_std: float  # over all steps; 1 if all returns-to-go are equal
+    max_return: float  # largest return-to-go of any step
+
+    @classmethod
+    def measure(cls, episodes: Episodes, discount: float) -> "Statistics":
+        """Reads every state and reward of a dataset once, in float64.
+
+        Args:
+            episodes: the dataset, usually its train split.
+            discount: factor per step of the returns-to-go.
+
+        Raises:
+            SchemaError: there are no episodes.
+        """
+        total = squares = np.zeros(1)
+        n_rows, returns = 0, []
+        for episode in episodes:
+            states = episode.states.astype(np.float64)
+            total = total + states.sum(axis=0)
+            squares = squares + np.square(states).sum(axis=0)
+            n_rows += len(states)
+            returns.append(returns_to_go(episode.rewards.mean(axis=1, dtype=np.float64), discount))
+        if not returns:
+            raise SchemaError("there are no episodes to measure; widen the filter of the dataset")
+        mean = total / n_rows
+        all_returns = np.concatenate(returns)
+        return cls(
+            observation_mean=episodes.statistics.observation_mean,
+            observation_std=episodes.statistics.observation_std,
+            state_mean=mean,
+            state_std=np.sqrt(np.maximum(squares / n_rows - mean**2, 0.0)),
+            return_std=float(all_returns.std()) or 1.0,
+            max_return=float(all_returns.max()),
+        )
+
+
+def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
+    """Returns G_t = r_t + discount * G_{t+1} of one episode, [T], with G = 0 after its end."""
+    result = np.empty(len(rewards))
+    following = 0.0
+    for t in range(len(rewards) - 1, -1, -1):
+        following = rewards[t] + discount * following
+        result[t] = following
+    return result

@@ -1,0 +1,280 @@
+"""Trains K seeds of an offline algorithm at once, in a folder from which it can be resumed.
+
+A run is a pure function of its `config.json` and the dataset: killed at any moment and started
+again with the same arguments, it ends with the same parameters, bit for bit, on the same machine.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.interfaces import Policy
+from swarmdata.learn import checkpoint
+from swarmdata.learn.run import (
+    CHECKPOINT,
+    CONFIG,
+    CURVE,
+    LOSSES,
+    Run,
+    Table,
+    read_run,
+    tensors_of,
+    versions,
+)
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Episodes, Statistics
+from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Batch, Int
+
+Evaluate = Callable[[Policy], Mapping[str, float]]
+"""Measures a policy; must return the same for the same policy, with the same names every time."""
+
+
+class Sampler(Protocol):
+    """An endless seeded stream of batches, split into choosing rows and reading them."""
+
+    def draw(self) -> Int: ...  # [B]
+    def gather(self, index: Int) -> Batch: ...  # index [K, B] gives fields [K, B, ...]
+    def state_dict(self) -> dict[str, int]: ...
+    def load_state_dict(self, state: Mapping[str, int]) -> None: ...
+
+
+class Data(Episodes, Protocol):
+    """The part of a dataset, or of a view of one, that training needs."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def digest(self) -> str: ...
+    @property
+    def spec(self) -> TaskSpec: ...
+    def __len__(self) -> int: ...  # episodes
+    def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Schedule:
+    """How often, in updates, a run does what else it does.
+
+    Raises:
+        SchemaError: a number is below 1, or checkpoints would fall between two rows of the losses.
+    """
+
+    log_every: int = 100
+    checkpoint_every: int = 1000
+    evaluate_every: int | None = None  # None: no learning curve
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        numbers = (self.log_every, self.checkpoint_every, self.evaluate_every or 1)
+        if min(numbers) < 1 or self.checkpoint_every % self.log_every:
+            raise SchemaError(
+                f"{self}: expected positive numbers and checkpoint_every a multiple of log_every"
+            )
+
+
+def train(  # noqa: PLR0913  (keyword settings with defaults)
+    algorithm: str,
+    dataset: Data,
+    folder: Path | str,
+    *,
+    seeds: Sequence[int] = (0, 1, 2),
+    config: Any = None,
+    schedule: Schedule | None = None,
+    evaluate: Evaluate | None = None,
+    device: torch.device | str = "cpu",
+    n_threads: int = 1,
+    progress: bool = True,
+) -> list[Policy]:
+    """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
+
+    Args:
+        algorithm: registered name.
+        dataset: what to learn from, usually the train split.
+        folder: of the run; made if absent.
+        seeds: one policy each; a seed's result does not depend on the others.
+        config: of the algorithm; None for its defaults.
+        schedule: of losses, checkpoints and evaluations.
+        evaluate: measures each seed's policy for the learning curve.
+        device: where to train.
+        n_threads: of torch on the CPU; the networks are too small to gain from more.
+        progress: whether to show a bar (on standard error, if that is a terminal).
+
+    Raises:
+        UnknownNameError: no such algorithm.
+        CheckpointError: the folder holds another run, or a damaged one.
+        KeyboardInterrupt: Ctrl-C; the folder can be resumed.
+    """
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    config = kind.Config() if config is None else config
+    schedule = schedule or Schedule()
+    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
+    sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
+    run = _describe(algorithm, config, dataset, sizes, seeds, schedule, device)
+    path = Path(folder)
+    _claim(path, run)
+    statistics = Statistics.measure(dataset, config.discount)
+    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics)
+    with _threads(n_threads):
+        trainer.fit(config.n_updates, evaluate, progress)
+    return [trainer.algorithm.policy(index) for index in range(len(seeds))]
+
+
+@contextmanager
+def _threads(n_threads: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(n_threads)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _describe(
+    algorithm: str,
+    config: Any,
+    dataset: Data,
+    sizes: Sizes,
+    seeds: Sequence[int],
+    schedule: Schedule,
+    device: torch.device | str,
+) -> Run:
+    return Run(
+        algorithm=algorithm,
+        config=dataclasses.asdict(config),
+        dataset=dataset.id,
+        digest=dataset.digest,
+        n_episodes=len(dataset),
+        spec=dataset.spec,
+        spec_hash=dataset.spec.hash(),
+        n_agents=sizes.n_agents,
+        observation_size=sizes.observation,
+        action_size=sizes.action,
+        state_size=sizes.state,
+        seeds=tuple(seeds),
+        device=str(device),
+        versions=versions(),
+        **dataclasses.asdict(schedule),
+    )
+
+
+def _claim(folder: Path, run: Run) -> None:
+    """Makes the folder this run's, or checks that it is."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / CONFIG).exists():
+        checkpoint.write_atomically(folder / CONFIG, run.to_json().encode())
+        return
+    ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
+    different = [name for name in ours if ours[name] != theirs[name]]
+    if different:
+        raise CheckpointError(
+            f"{folder} holds another run, which differs in: "
+            + "; ".join(f"{name} is {theirs[name]!r}, not {ours[name]!r}" for name in different)
+            + ". Choose another folder, or delete that one."
+        )
+
+
+class _Trainer:
+    """The loop: draw, gather, update, and now and then log, evaluate and save."""
+
+    def __init__(
+        self,
+        folder: Path,
+        run: Run,
+        columns: Sequence[str],
+        samplers: Sequence[Sampler],
+        statistics: Statistics,
+    ) -> None:
+        self.folder, self.run, self.samplers = folder, run, samplers
+        self.statistics = statistics
+        self.algorithm = run.build(statistics, run.device)
+        self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
+        self.update = self.first
+        self.losses = Table(folder / LOSSES, columns, self.first)
+        self.curve: Table | None = None
+        self.window: dict[str, list[Tensor]] = {}
+
+    def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
+        hidden = None if progress else True  # None: hidden where there is no terminal
+        name = self.run.algorithm
+        try:
+            with tqdm(total=n_updates, initial=self.first, disable=hidden, desc=name) as bar:
+                while self.update < n_updates:
+                    self._step()
+                    self._report(n_updates, evaluate)
+                    bar.update()
+        except KeyboardInterrupt:
+            tqdm.write(
+                f"Stopped after update {self.update} of {n_updates}. To go on from the last "
+                f"checkpoint in {self.folder}, run the same command again.",
+                file=sys.stderr,
+            )
+            raise
+
+    def _step(self) -> None:
+        index = np.stack([sampler.draw() for sampler in self.samplers])  # [K, B]
+        batch = self.samplers[0].gather(index).to_torch(self.run.device)
+        for name, loss in self.algorithm.update(batch).items():
+            self.window.setdefault(name, []).append(loss)
+        self.update += 1
+
+    def _report(self, n_updates: int, evaluate: Evaluate | None) -> None:
+        run, is_last = self.run, self.update == n_updates
+        if is_last or self.update % run.log_every == 0:
+            self._log()
+        if (
+            evaluate is not None
+            and run.evaluate_every is not None
+            and (is_last or self.update % run.evaluate_every == 0)
+        ):
+            self._evaluate(evaluate)
+        if is_last or self.update % run.checkpoint_every == 0:
+            self._save()
+
+    def _log(self) -> None:
+        means = {name: torch.stack(rows).mean(0) for name, rows in self.window.items()}  # [K]
+        for index, seed in enumerate(self.run.seeds):
+            self.losses.append(
+                self.update, seed, {name: float(mean[index]) for name, mean in means.items()}
+            )
+        self.window.clear()
+
+    def _evaluate(self, evaluate: Evaluate) -> None:
+        for index, seed in enumerate(self.run.seeds):
+            measured = evaluate(self.algorithm.policy(index))
+            if self.curve is None:
+                self.curve = Table(self.folder / CURVE, tuple(measured), self.first)
+            self.curve.append(self.update, seed, measured)
+
+    def _save(self) -> None:
+        tensors = {f"algorithm.{k}": v for k, v in self.algorithm.state_dict().items()}
+        metadata = {
+            "run": self.run.hash(),
+            "update": self.update,
+            "samplers": [sampler.state_dict() for sampler in self.samplers],
+        }
+        path = self.folder / CHECKPOINT
+        checkpoint.save(path, {**tensors, **tensors_of(self.statistics)}, metadata)
+
+    def _restore(self) -> int:
+        path = self.folder / CHECKPOINT
+        tensors, metadata = checkpoint.load(path)
+        if metadata["run"] != self.run.hash():
+            raise CheckpointError(
+                f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
+                "again."
+            )
+        self.algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+        for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
+            sampler.load_state_dict(state)
+        return int(metadata["update"])

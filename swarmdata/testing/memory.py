@@ -1,0 +1,114 @@
+"""MemoryDataset, a few episodes in memory that can be trained on like a stored dataset."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import SchemaError
+from swarmdata.seeding import derive, uniform
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Batch, Double, Episode, Int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MemoryStatistics:
+    """Mean and standard deviation of every observation feature over agents and time."""
+
+    observation_mean: Double  # [O]
+    observation_std: Double  # [O]
+
+
+@dataclass(frozen=True)
+class MemoryDataset:
+    """Episodes in memory, with the part of `Dataset` that training uses.
+
+    Attributes:
+        episodes: at least one.
+        spec: the task.
+        id: name of the dataset.
+        digest: stands for the content.
+    """
+
+    episodes: Sequence[Episode]
+    spec: TaskSpec = field(default_factory=TaskSpec)
+    id: str = "memory-v0"
+    digest: str = "0" * 64
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.episodes)
+
+    def __iter__(self) -> Iterator[Episode]:
+        """Yields the episodes."""
+        return iter(self.episodes)
+
+    @cached_property
+    def statistics(self) -> MemoryStatistics:
+        """Normalization statistics of the observations."""
+        rows = np.concatenate([e.observations.reshape(-1, e.observations.shape[-1]) for e in self])
+        return MemoryStatistics(rows.mean(0, dtype=np.float64), rows.std(0, dtype=np.float64))
+
+    @cached_property
+    def transitions(self) -> dict[str, NDArray[Any]]:
+        """All transitions, field by field; the next state is never another episode's."""
+        columns: dict[str, list[NDArray[Any]]] = {}
+        for e in self:
+            columns_of = {
+                "observations": e.observations[:-1],
+                "next_observations": e.observations[1:],
+                "states": e.states[:-1],
+                "next_states": e.states[1:],
+                "actions": e.actions,
+                "rewards": e.rewards,
+                "terminations": e.terminations,
+                "truncations": e.truncations,
+                "mask": np.ones(len(e), dtype=np.bool_),
+            }
+            for name, rows in columns_of.items():
+                columns.setdefault(name, []).append(rows)
+        return {name: np.concatenate(rows) for name, rows in columns.items()}
+
+    def sampler(self, batch_size: int = 256, *, seed: int = 0) -> "MemorySampler":
+        """Returns an endless stream of batches, uniform over transitions."""
+        return MemorySampler(self.transitions, batch_size, seed)
+
+
+class MemorySampler:
+    """Draws transitions uniformly; a pure function of its seed and of how often it drew."""
+
+    def __init__(self, transitions: Mapping[str, NDArray[Any]], batch_size: int, seed: int) -> None:
+        self._transitions = transitions
+        self.batch_size, self.seed, self.n_drawn = batch_size, seed, 0
+
+    def draw(self) -> Int:
+        """Returns the rows of the next batch, int64 [B]."""
+        first = self.n_drawn * self.batch_size
+        numbers = np.arange(first, first + self.batch_size, dtype=np.uint64)
+        self.n_drawn += 1
+        n_rows = len(self._transitions["mask"])
+        return (uniform(derive(self.seed, numbers)) * n_rows).astype(np.int64)
+
+    def gather(self, index: Int) -> Batch:
+        """Returns the transitions at `index`, of any shape."""
+        return Batch(**{name: rows[index] for name, rows in self._transitions.items()})
+
+    def state_dict(self) -> dict[str, int]:
+        """Everything needed to resume."""
+        return {"seed": self.seed, "batch_size": self.batch_size, "n_drawn": self.n_drawn}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Continues where the sampler that returned `state` was.
+
+        Raises:
+            SchemaError: it had another seed or batch size.
+        """
+        if (state["seed"], state["batch_size"]) != (self.seed, self.batch_size):
+            raise SchemaError(
+                f"sampler state is {dict(state)}, expected seed {self.seed} and batch size "
+                f"{self.batch_size}"
+            )
+        self.n_drawn = state["n_drawn"]

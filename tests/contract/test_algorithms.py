@@ -1,0 +1,94 @@
+"""Every registered offline algorithm keeps the contract."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.learn.statistics import Statistics  # noqa: E402
+from swarmdata.registry import OFFLINE_ALGORITHMS, resolve  # noqa: E402
+from swarmdata.testing.algorithm import check_algorithm  # noqa: E402
+from swarmdata.types import Batch, Step  # noqa: E402
+
+SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
+BATCH = 16
+
+SMALL: dict[str, dict[str, Any]] = {
+    "bc": {"hidden": (32, 32), "n_updates": 200},
+    "maddpg_bc": {
+        "actor_hidden": (32, 32),
+        "critic_hidden": (32, 32),
+        "warm_start": 2,
+        "n_updates": 200,
+    },
+}
+
+
+def statistics() -> Statistics:
+    rng = np.random.default_rng(0)
+    return Statistics(
+        observation_mean=rng.normal(size=SIZES.observation),
+        observation_std=rng.uniform(0.5, 2, SIZES.observation),
+        state_mean=rng.normal(size=SIZES.state),
+        state_std=rng.uniform(0.5, 2, SIZES.state),
+        return_std=2.0,
+        max_return=5.0,
+    )
+
+
+def draw(seeds: Sequence[int], index: int) -> Batch:
+    """What each seed sees depends on its own number only."""
+    shapes = {
+        "observations": (BATCH, SIZES.n_agents, SIZES.observation),
+        "actions": (BATCH, SIZES.n_agents, SIZES.action),
+        "rewards": (BATCH, SIZES.n_agents),
+        "next_observations": (BATCH, SIZES.n_agents, SIZES.observation),
+        "states": (BATCH, SIZES.state),
+        "next_states": (BATCH, SIZES.state),
+    }
+    rngs = [np.random.default_rng([seed, index]) for seed in seeds]
+    columns = {
+        name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
+        for name, shape in shapes.items()
+    }
+    flags = np.stack([rng.uniform(size=BATCH) < 0.2 for rng in rngs])
+    mask = np.ones_like(flags)
+    return Batch(**columns, terminations=flags, truncations=~flags, mask=mask).to_torch()
+
+
+def step() -> Step:
+    copies, rng = 5, np.random.default_rng(1)
+    flags = np.zeros(copies, dtype=np.bool_)
+    return Step(
+        observations=rng.normal(size=(copies, SIZES.n_agents, SIZES.observation)).astype("f4"),
+        states=rng.normal(size=(copies, SIZES.state)).astype("f4"),
+        rewards=np.zeros((copies, SIZES.n_agents), dtype=np.float32),
+        terminations=flags,
+        truncations=flags,
+        successes=flags,
+        events=np.zeros((copies, SIZES.n_agents, 4), dtype=np.uint8),
+        seeds=np.arange(copies, dtype=np.uint64),
+        times=np.zeros(copies, dtype=np.int64),
+        layouts=np.zeros((copies, 0, 8), dtype=np.float32),
+    )
+
+
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+def test_the_algorithm_keeps_the_contract(name: str) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    config = kind.Config(**SMALL.get(name, {}))
+
+    def build(seeds: Sequence[int]) -> Any:
+        return kind(SIZES, seeds, config, statistics=statistics())
+
+    check_algorithm(build, draw, step())
+
+
+def test_own_joint_gradient_keeps_the_contract() -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
+    config = kind.Config(**SMALL["maddpg_bc"], joint_gradient="own")
+    check_algorithm(lambda seeds: kind(SIZES, seeds, config, statistics=statistics()), draw, step())

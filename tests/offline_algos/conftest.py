@@ -1,0 +1,64 @@
+"""A tiny task: 2 point robots on a line segment each, one step from optimal actions."""
+
+import numpy as np
+import pytest
+
+from swarmdata.testing.memory import MemoryDataset
+from swarmdata.types import Double, Episode, Float
+
+N_AGENTS, LENGTH = 2, 12
+
+
+def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
+    """Points with goals: a good policy drives at the goal, a bad one away from it; noise on top.
+
+    Rewards are each robot's progress. The last step is a truncation if `cut`, else a termination.
+    """
+    positions = rng.uniform(-1, 1, (N_AGENTS, 2))
+    goals = rng.uniform(-1, 1, (N_AGENTS, 2))
+    observations, states, actions, rewards = [], [], [], []
+    for t in range(LENGTH + 1):
+        observations.append(np.concatenate([positions, goals - positions], 1))
+        states.append(np.concatenate([positions, goals], 1).ravel())
+        if t == LENGTH:
+            break
+        action = (1 if good else -1) * drive(goals - positions) + rng.normal(0, 0.3, (N_AGENTS, 2))
+        action = action.clip(-1, 1)
+        before = np.linalg.norm(goals - positions, axis=1)
+        positions = (positions + 0.2 * action).clip(-1.5, 1.5)
+        rewards.append(before - np.linalg.norm(goals - positions, axis=1))
+        actions.append(action)
+    last = np.arange(LENGTH) == LENGTH - 1
+    return Episode(
+        observations=np.array(observations, dtype=np.float32),
+        states=np.array(states, dtype=np.float32),
+        actions=np.array(actions, dtype=np.float32),
+        rewards=np.array(rewards, dtype=np.float32),
+        terminations=last & (not cut),
+        truncations=last & cut,
+        events=np.zeros((LENGTH, N_AGENTS, 4), dtype=np.uint8),
+        layout=np.zeros((0, 8), dtype=np.float32),
+        seed=0,
+        policy=int(good),
+        end_reason=2 if cut else 0,
+    )
+
+
+def drive(offsets: Double | Float) -> Double:
+    """Velocity commands towards a goal: full speed until 0.2 away."""
+    distances = np.linalg.norm(offsets, axis=-1, keepdims=True)
+    return np.asarray(offsets / np.maximum(distances, 0.2), dtype=np.float64)
+
+
+@pytest.fixture(scope="session")
+def mixture() -> MemoryDataset:
+    """Half good, half bad episodes, [200 episodes of 12 steps]."""
+    rng = np.random.default_rng(0)
+    return MemoryDataset([play(rng, good=i % 2 == 0, cut=i % 3 != 0) for i in range(200)])
+
+
+@pytest.fixture(scope="session")
+def good_only() -> MemoryDataset:
+    """Good episodes only."""
+    rng = np.random.default_rng(1)
+    return MemoryDataset([play(rng, good=True, cut=True) for _ in range(200)])
