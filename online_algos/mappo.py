@@ -52,6 +52,8 @@ class Config:
     final_std: float = 0.1
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
+    critic_warmup: float = 0.0  # part of training in which only the critic learns
+    teacher: str = ""  # registered policy that the actor first clones; empty for none
     contact_cost: float = (
         5.0  # final extra weight of contacts and collisions, in units of the spec's
     )
@@ -180,7 +182,7 @@ class MAPPO:
         self.scale = RunningScale()
         self.generator = np.random.default_rng(seed)
         self._seed, self._episodes = seed, 0
-        self._step = env.reset(self._next_seeds(env.n_copies))
+        self.present = env.reset(self._next_seeds(env.n_copies))
         self.input_mean, self.input_scale = self._measure_inputs()
 
     @property
@@ -213,7 +215,7 @@ class MAPPO:
 
     def restart_worlds(self) -> None:
         """Starts new episodes everywhere; at checkpoints, so that a resumed run equals this one."""
-        self._step = self.env.reset(self._next_seeds(self.env.n_copies))
+        self.present = self.env.reset(self._next_seeds(self.env.n_copies))
 
     def actor_layers(self) -> list[tuple[Float, Float]]:
         """Weight [in, out] and bias [out] of each layer of the actor."""
@@ -275,20 +277,20 @@ class MAPPO:
             actions = self.generator.uniform(
                 -1, 1, (env.n_copies, env.spec.n_agents, env.action_size)
             )
-            seen.append(self._advance(actions)[0].observations)
+            seen.append(self.advance(actions)[0].observations)
         rows = np.concatenate(seen).reshape(-1, env.observation_size).astype(np.float64)
         std = rows.std(0)
         scale = np.where(std > 1e-3, 1 / np.maximum(std, 1e-3), 1.0)
         return rows.mean(0).astype(np.float32), scale.astype(np.float32)
 
-    def _advance(self, actions: Any) -> tuple[Step, Step]:
+    def advance(self, actions: Any) -> tuple[Step, Step]:
         """Steps the worlds; returns the step reached and the one after resetting ended copies."""
         reached = self.env.step(actions)
         ended = np.flatnonzero(reached.ended)
-        self._step = self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
-        return reached, self._step
+        self.present = self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
+        return reached, self.present
 
-    def _inputs(self, step: Step) -> tuple[Float, Float]:
+    def inputs(self, step: Step) -> tuple[Float, Float]:
         """Actor inputs: normalised observations and ids; critic inputs: states as well."""
         e, n = step.rewards.shape
         seen = (step.observations - self.input_mean) * self.input_scale
@@ -316,7 +318,7 @@ class MAPPO:
 
     def _collect(self) -> Rollout:
         t_max, e, n = self.config.n_steps, self.env.n_copies, self.env.spec.n_agents
-        actor_in, critic_in = self._inputs(self._step)
+        actor_in, critic_in = self.inputs(self.present)
         r = _empty_rollout(
             (t_max, e, n), actor_in.shape[-1], critic_in.shape[-1], self.env.action_size
         )
@@ -328,13 +330,13 @@ class MAPPO:
             noise = self.generator.standard_normal(mean.shape, dtype=np.float32)
             r.actions[t] = mean + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - np.log(std)).sum(-1)
-            reached, step = self._advance(r.actions[t])
+            reached, step = self.advance(r.actions[t])
             r.rewards[t] = self._train_rewards(reached)
             r.terminations[t], r.ended[t] = reached.terminations, reached.ended
             ended = np.flatnonzero(reached.ended)
             if len(ended):
-                r.next_values[t, ended] = self._value(self._inputs(copy_step(reached, ended))[1])
-            actor_in, critic_in = self._inputs(step)
+                r.next_values[t, ended] = self._value(self.inputs(copy_step(reached, ended))[1])
+            actor_in, critic_in = self.inputs(step)
         r.values[:] = self._value(r.critic_inputs)
         following = np.concatenate([r.values[1:], self._value(critic_in)[None]])
         r.next_values[~r.ended] = following[~r.ended]
@@ -380,5 +382,8 @@ class MAPPO:
         value_loss = nn.functional.smooth_l1_loss(self.critic(critic_inputs).squeeze(-1), target)
         excess = (mean.abs() - 1).clamp(min=0).square().mean()
         kl = (ratio.detach() - 1 - log_ratio.detach()).mean()
-        loss = policy_loss + c.value_weight * value_loss + c.mean_penalty * excess
+        policy_weight = float(self.progress > c.critic_warmup or c.critic_warmup == 0)
+        loss = (
+            policy_weight * (policy_loss + c.mean_penalty * excess) + c.value_weight * value_loss
+        )
         return loss, {"policy": policy_loss.item(), "value": value_loss.item(), "kl": kl.item()}

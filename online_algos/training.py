@@ -23,7 +23,9 @@ from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.metrics import episode_metrics
 from swarmdata.online_algos.mappo import MAPPO, Config
-from swarmdata.registry import make_env
+from swarmdata.online_algos.warm_start import Config as WarmStart
+from swarmdata.online_algos.warm_start import warm_start
+from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
@@ -76,6 +78,8 @@ def train_run(
     if state.exists():
         run.load_state_dict(load_checkpoint(state)[0])
         _drop_rows_after(out / "curve.csv", run.frames)
+    elif config.teacher:
+        warm_start(run, make_policy(config.teacher, spec), WarmStart())
     with tqdm(
         total=config.n_frames, initial=run.frames, unit="frame", unit_scale=True, desc=out.name
     ) as bar:
