@@ -46,13 +46,11 @@ $(STAMPS)/lint: $(STAMPS)/test
 	$(INSTALL) --group lint
 	touch $@
 
-# One process trains well on one thread per core; more only makes two cores fight.
-quickstart: export OMP_NUM_THREADS ?= 2
 quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata generate coop_nav-medium-mini
 	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --out quickstart/bc
 	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --out quickstart/maddpg_bc
-	$(BIN)/swarmdata evaluate random coop_nav-medium coop_nav-expert quickstart/bc quickstart/maddpg_bc --episodes 200 --out quickstart/results
+	$(BIN)/swarmdata evaluate random coop_nav-medium expert quickstart/bc quickstart/maddpg_bc --episodes 200 --out quickstart/results
 	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 

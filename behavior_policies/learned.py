@@ -1,59 +1,18 @@
-"""Shipped feed-forward actors, evaluated exactly: the same bits from every BLAS kernel.
-
-Floating-point sums depend on their order, and every BLAS kernel, thread count and batch size has
-its own. Here no sum is ever rounded, so the order cannot matter:
-
-- Weights and biases are multiples of 2^-12 with |w| <= 8: at most 2^15 grid steps.
-- Inputs and hidden activations are multiples of 2^-12, clipped to |x| <= 64: at most 2^18 steps.
-- A product is a multiple of 2^-24 of at most 2^33 steps. A sum of n products and a bias (at most
-  2^27 of these steps) stays below n * 2^33 + 2^27 < (n + 1) * 2^33.
-- float64 holds every multiple of 2^-24 below 2^53 steps. With n <= `MAX_WIDTH` = 4096 a partial
-  sum, in any order, fused or not, is below 2^46 steps: exact, with 7 bits to spare.
-
-Everything between the products (normalise, rectify, clip, round, add noise) is elementwise IEEE
-arithmetic, which is the same everywhere. What the proof needs is checked when a file is loaded.
-A zero may come out of a kernel with either sign; adding +0 makes it +0.
-"""
+"""Trained actors from the package's checkpoints, checked by digest and evaluated exactly."""
 
 import hashlib
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 
+from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor, save_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
-from swarmdata.behavior_policies.simple import ACTION_SIZE
-from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.errors import CheckpointError
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Float, Int, Step
 
-GRID = 2.0**12  # steps per unit of weights and activations
-MAX_WEIGHT = 8.0
-MAX_ACTIVATION = 64.0
-MAX_WIDTH = 4096
-
-Layer = tuple[Double, Double]  # weight [in, out], bias [out]
-
-
-class Actor(NamedTuple):
-    """A checked feed-forward network with ReLU between its layers."""
-
-    mean: Double  # [O] subtracted from observations
-    scale: Double  # [O] then multiplied in
-    layers: tuple[Layer, ...]
-    n_agents: int  # N if a one-hot robot index follows the observation, else 0
-
-
-class Saved(NamedTuple):
-    """What `save_actor` wrote."""
-
-    sha256: str  # of the file, hex
-    max_rounding_error: float  # largest change of a weight or bias, at most 2^-13
+__all__ = ["Actor", "Learned", "Saved", "forward", "load_actor", "read_checkpoint", "save_actor"]
 
 
 class Learned:
@@ -86,42 +45,6 @@ class Learned:
         return add_noise(actions, step, self._noise).astype(np.float32)
 
 
-def forward(actor: Actor, observations: Float) -> Double:
-    """Returns mean actions, multiples of 2^-12 in [-1, 1], [E, N, A].
-
-    Args:
-        actor: the network.
-        observations: as recorded, [E, N, O].
-
-    Raises:
-        SchemaError: O is not what the actor was trained on.
-    """
-    n_copies, n_agents, size = observations.shape
-    if size != len(actor.mean):
-        raise SchemaError(
-            f"observations have {size} features, the actor expects {len(actor.mean)}. "
-            "Use the observation model of the spec it was trained on."
-        )
-    x = round_to_grid((observations - actor.mean) * actor.scale, MAX_ACTIVATION)
-    if actor.n_agents:
-        index = np.broadcast_to(np.eye(n_agents), (n_copies, n_agents, n_agents))
-        x = np.concatenate([x, index], axis=-1)
-    x = x.reshape(n_copies * n_agents, -1)
-    for weight, bias in actor.layers[:-1]:
-        x = round_to_grid(np.maximum(x @ weight + bias, 0.0), MAX_ACTIVATION)
-    weight, bias = actor.layers[-1]
-    means = round_to_grid(x @ weight + bias, 1.0)
-    return (means + 0.0).reshape(n_copies, n_agents, -1)
-
-
-def round_to_grid(values: Double, bound: float) -> Double:
-    """Returns `values` clipped to [-bound, bound] and rounded to multiples of 2^-12."""
-    steps = values * GRID
-    np.rint(np.clip(steps, -bound * GRID, bound * GRID, out=steps), out=steps)
-    steps *= 1.0 / GRID
-    return steps
-
-
 def read_checkpoint(checkpoint: str, sha256: str) -> bytes:
     """Returns the bytes of a checkpoint file.
 
@@ -150,132 +73,3 @@ def read_checkpoint(checkpoint: str, sha256: str) -> bytes:
             "Restore the file that the recipe names, or update the recipe."
         )
     return data
-
-
-def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
-    """Returns the actor in the bytes of a safetensors file.
-
-    The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
-    `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
-    with the one-hot index of the robot appended.
-
-    Args:
-        data: the file.
-        n_agents: N.
-        source: what to call the file in errors.
-
-    Raises:
-        CheckpointError: not such a file, or outside the bounds of exact inference.
-    """
-    try:
-        tensors = {name: array.astype(np.float64) for name, array in load(data).items()}
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
-    n_layers = sum(name.endswith(".weight") for name in tensors)
-    expected = {"input.mean", "input.scale"} | {
-        f"layers.{i}.{part}" for i in range(n_layers) for part in ("weight", "bias")
-    }
-    if n_layers == 0 or set(tensors) != expected:
-        raise CheckpointError(
-            f"{source} holds tensors {sorted(tensors)}, expected input.mean, input.scale and "
-            "layers.<i>.weight, layers.<i>.bias for i = 0, 1, ..."
-        )
-    layers = tuple(
-        (tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"]) for i in range(n_layers)
-    )
-    mean, scale = tensors["input.mean"], tensors["input.scale"]
-    _check_shapes(mean, scale, layers, n_agents, source)
-    _check_exact(layers, source)
-    return Actor(mean, scale, layers, n_agents if len(layers[0][0]) != len(mean) else 0)
-
-
-def _check_shapes(
-    mean: Double, scale: Double, layers: tuple[Layer, ...], n_agents: int, source: str
-) -> None:
-    shapes = f"mean {mean.shape}, scale {scale.shape}, " + ", ".join(
-        f"weight {weight.shape} bias {bias.shape}" for weight, bias in layers
-    )
-    if (
-        mean.ndim != 1
-        or scale.shape != mean.shape
-        or any(weight.ndim != 2 or weight.size == 0 for weight, _ in layers)
-    ):
-        raise CheckpointError(f"{source} has malformed tensors: {shapes}.")
-    if not (np.isfinite(mean).all() and np.isfinite(scale).all()):
-        raise CheckpointError(f"{source} has an input mean or scale that is not finite.")
-    inputs = [len(weight) for weight, _ in layers]
-    outputs = [weight.shape[1] for weight, _ in layers]
-    if inputs[0] not in (len(mean), len(mean) + n_agents):
-        raise CheckpointError(
-            f"{source}: the first layer takes {inputs[0]} values, expected O = {len(mean)}, or "
-            f"O + N = {len(mean) + n_agents} with a one-hot robot index."
-        )
-    chained = outputs == [*inputs[1:], ACTION_SIZE]
-    if not chained or any(bias.shape != (n,) for (_, bias), n in zip(layers, outputs, strict=True)):
-        raise CheckpointError(
-            f"{source}: layers do not fit together, or do not end in {ACTION_SIZE}: {shapes}."
-        )
-
-
-def _check_exact(layers: Sequence[Layer], source: str) -> None:
-    """Refuses what the proof at the top of this module does not cover."""
-    for i, (weight, bias) in enumerate(layers):
-        if len(weight) > MAX_WIDTH:
-            raise CheckpointError(
-                f"{source}: layer {i} sums {len(weight)} products, at most {MAX_WIDTH} are exact."
-            )
-        for array in (weight, bias):
-            largest = float(np.abs(array).max())
-            if not largest <= MAX_WEIGHT:  # NaN fails too
-                raise CheckpointError(
-                    f"{source}: layer {i} has a weight or bias of {largest:g}, expected at most "
-                    f"{MAX_WEIGHT:g}. Train with weight decay or normalise the inputs."
-                )
-            if not np.array_equal(array * GRID, np.round(array * GRID)):
-                raise CheckpointError(
-                    f"{source}: layer {i} is not on the grid of 2^-12. Write it with save_actor."
-                )
-
-
-def save_actor(
-    path: Path,
-    layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]],
-    mean: NDArray[np.floating],
-    scale: NDArray[np.floating],
-    n_agents: int = 0,
-) -> Saved:
-    """Rounds a network to the grid of 2^-12 and writes it as a checkpoint.
-
-    Args:
-        path: the file to write; an existing one is replaced.
-        layers: weight [in, out] and bias [out] of each layer, in order; ReLU between them.
-        mean: subtracted from observations, [O].
-        scale: then multiplied in, [O].
-        n_agents: N if the first layer takes a one-hot robot index after the observation, else 0.
-
-    Returns:
-        The digest of the file and the largest rounding error.
-
-    Raises:
-        CheckpointError: the network could not be run exactly, for example |weight| > 8.
-    """
-    exact = [(_snap(weight), _snap(bias)) for weight, bias in layers]
-    tensors = {"input.mean": _float32(mean), "input.scale": _float32(scale)}
-    for i, (weight, bias) in enumerate(exact):
-        tensors[f"layers.{i}.weight"] = _float32(weight)
-        tensors[f"layers.{i}.bias"] = _float32(bias)
-    data = save(tensors)
-    load_actor(data, n_agents, str(path))
-    path.write_bytes(data)
-    pairs = zip(exact, layers, strict=True)
-    changes = [np.abs(new - old).max() for pair in pairs for new, old in zip(*pair, strict=True)]
-    return Saved(hashlib.sha256(data).hexdigest(), float(max(changes)))
-
-
-def _snap(values: NDArray[np.floating]) -> Double:
-    return np.round(values.astype(np.float64) * GRID) / GRID
-
-
-def _float32(values: NDArray[np.floating]) -> Float:
-    """Grid values up to 8 need 16 bits, so float32 holds them exactly."""
-    return np.ascontiguousarray(values, dtype=np.float32)

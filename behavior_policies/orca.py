@@ -232,5 +232,5 @@ def solve(
     """
     failed, vx, vy = best_velocity(planes, n, limit, aim, False)
     if failed < n:
-        return least_violating(planes, n, n_hard, failed, limit, (vx, vy))
+        vx, vy = least_violating(planes, n, n_hard, failed, limit, (vx, vy))
     return vx, vy

@@ -1,67 +1,30 @@
-"""Waypoints among known obstacles: a distance field on a grid, and the farthest visible point.
-
-The map of an episode is a grid of clearances, and for every robot the next node on the cheapest
-way to its goal from every node (Dijkstra, "A note on two problems in connexion with graphs", 1959,
-with the bucket queue of Dial, "Algorithm 360", CACM 1969, since costs are small integers). Nodes
-near surfaces cost more, so that ways keep to the middle of passages. A robot aims at the farthest
-point of its way that it can reach in a straight line.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
-"""
+"""Waypoints: the farthest point of a robot's way to its goal that it reaches in a straight line."""
 
 import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, clearance
+from swarmdata.behavior_policies.distance_field import (
+    MARGIN,
+    SPACING,
+    Int32,
+    fill_ways,
+    nearest_node,
+    weights_of,
+)
+from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
-
-Int32 = NDArray[np.int32]
-
-SPACING = 0.05
-"""Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
-radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
-
-MARGIN = 0.015
-"""Metres of free gap that a straight line must leave to be taken."""
 
 LOOKAHEAD = 40
 """Nodes of the way that are searched for a visible one: 2 to 2.8 m."""
 
-STRAIGHT, DIAGONAL = 5, 7
-"""Costs of a step to the next node; 7 / 5 is within 1 % of sqrt(2)."""
-
-WEIGHTS = (1, 2, 6, 40)
-"""Factors on the cost of entering a node whose free gap is above 0.10, 0.04 and `MARGIN` metres, or
-below that. The last is for robots that were pushed against a surface: they find a way out."""
-
-N_BUCKETS = DIAGONAL * WEIGHTS[3] + 1
+UNPLANNED = -2
+"""Cost of node 0 until the ways are computed, which is when the goal is out of sight for the first
+time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
 
 N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
-
-
-def grid_shape(spec: TaskSpec) -> tuple[int, int]:
-    """Returns the number of nodes along y and x."""
-    arena = spec.arena
-    return int(arena.height / SPACING) + 1, int(arena.width / SPACING) + 1
-
-
-@njit(nogil=True, cache=True)
-def fill_clearances(layout: Float, half: Double, out: Float) -> None:
-    """Writes the distance from every node to the nearest surface or wall.
-
-    Args:
-        layout: obstacles, [M, 8].
-        half: half width and half height of the arena, m, [2].
-        out: written, m, [rows, columns]; node (0, 0) is the lower left corner of the arena.
-    """
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            x, y = column * SPACING - half[0], row * SPACING - half[1]
-            out[row, column] = clearance(x, y, layout, half)
 
 
 @njit(nogil=True, cache=True)
@@ -80,7 +43,7 @@ def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
     u, v = u - column, v - row
     below = (1.0 - u) * grid[row, column] + u * grid[row, column + 1]
     above = (1.0 - u) * grid[row + 1, column] + u * grid[row + 1, column + 1]
-    return (1.0 - v) * below + v * above
+    return float((1.0 - v) * below + v * above)
 
 
 @njit(nogil=True, cache=True)
@@ -90,7 +53,8 @@ def is_visible(
     """Returns whether the straight line between two points keeps `need` metres of clearance.
 
     Where the start or the end has less, the line may have as little. The line is walked in steps as
-    long as what is free beyond the need (sphere tracing: Hart, 1996), at least half a spacing.
+    long as what is free beyond the need, at least half a spacing ("Sphere tracing", The Visual
+    Computer 12, 1996, section 2).
     """
     dx, dy = to_x - x, to_y - y
     length = math.sqrt(dx * dx + dy * dy)
@@ -107,137 +71,40 @@ def is_visible(
 
 
 @njit(nogil=True, cache=True)
-def fill_weights(grid: Float, radius: float, out: Int32) -> None:
-    """Writes the cost factor of entering each node for a robot of `radius`; 0 means never.
-
-    Args:
-        grid: clearances, m, [rows, columns].
-        radius: m.
-        out: written, [rows * columns].
-    """
-    flat = grid.ravel()
-    for node in range(flat.shape[0]):
-        gap = flat[node] - radius
-        if flat[node] <= 0.5 * radius:
-            out[node] = 0
-        elif gap < MARGIN:
-            out[node] = WEIGHTS[3]
-        elif gap < 0.04:
-            out[node] = WEIGHTS[2]
-        else:
-            out[node] = WEIGHTS[1] if gap < 0.10 else WEIGHTS[0]
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _unlink(node: int, bucket: int, heads: Int32, links: Int32) -> None:
-    before, after = links[node, 0], links[node, 1]
-    if before >= 0:
-        links[before, 1] = after
-    else:
-        heads[bucket] = after
-    if after >= 0:
-        links[after, 0] = before
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
-    first = heads[bucket]
-    links[node, 0], links[node, 1] = -1, first
-    if first >= 0:
-        links[first, 0] = node
-    heads[bucket] = node
-
-
-@njit(nogil=True, cache=True)
-def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32) -> None:
-    """Writes for every node the cost of the cheapest way to the goal and the next node on it.
-
-    Args:
-        goal: node, row * columns + column.
-        columns: nodes in a row.
-        weights: cost factor of entering each node, 0 where it cannot be, [n].
-        costs: written, [n]; -1 where there is no way.
-        ways: written, [n]; the goal's next node is itself.
-    """
-    rows = weights.shape[0] // columns
-    heads = np.full(N_BUCKETS, -1, dtype=np.int32)
-    links = np.empty((weights.shape[0], 2), dtype=np.int32)
-    settled = np.zeros(weights.shape[0], dtype=np.bool_)
-    costs[:], ways[:] = -1, -1
-    costs[goal], ways[goal] = 0, goal
-    _push(goal, 0, heads, links)
-    cost, waiting = 0, 1
-    while waiting > 0:
-        bucket = cost % N_BUCKETS
-        node = heads[bucket]
-        if node < 0:
-            cost += 1
-            continue
-        _unlink(node, bucket, heads, links)
-        settled[node], waiting = True, waiting - 1
-        row, column = node // columns, node % columns
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                near = r * columns + c
-                if settled[near] or weights[near] == 0:
-                    continue
-                base = STRAIGHT if r == row or c == column else DIAGONAL
-                new = cost + base * weights[near]
-                if costs[near] >= 0:
-                    if costs[near] <= new:
-                        continue
-                    _unlink(near, costs[near] % N_BUCKETS, heads, links)
-                    waiting -= 1
-                costs[near], ways[near] = new, node
-                _push(near, new % N_BUCKETS, heads, links)
-                waiting += 1
-
-
-@njit(nogil=True, cache=True)
-def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -> int:
-    """Returns the node with a way to the goal that is nearest to a point, or -1.
-
-    Args:
-        x: point, m.
-        y: point, m.
-        costs: of the ways, -1 where there is none, [n].
-        columns: nodes in a row.
-        half: half width and half height of the arena, m, [2].
-    """
-    u, v = (x + half[0]) / SPACING, (y + half[1]) / SPACING
-    rows = costs.shape[0] // columns
-    column = min(max(int(u + 0.5), 0), columns - 1)
-    row = min(max(int(v + 0.5), 0), rows - 1)
-    if costs[row * columns + column] >= 0:
-        return row * columns + column
-    best, found = 1e9, -1
-    for r in range(max(row - 2, 0), min(row + 3, rows)):
-        for c in range(max(column - 2, 0), min(column + 3, columns)):
-            square = (c - u) * (c - u) + (r - v) * (r - v)
-            if costs[r * columns + c] >= 0 and square < best:
-                best, found = square, r * columns + c
-    return found
-
-
-@njit(nogil=True, cache=True)
 def waypoint(
-    x: float, y: float, goal: Double, need: float, grid: Float, ways: tuple[Int32, Int32], half: Double
+    position: tuple[float, float],
+    goal: Double,
+    radius: float,
+    grid: Float,
+    ways: tuple[Int32, Int32],
+    half: Double,
 ) -> tuple[float, float]:
     """Returns the point to aim at: the goal if visible, else the farthest visible node of the way.
 
     Args:
-        x: position, m.
-        y: position, m.
+        position: m.
         goal: m, [2].
-        need: clearance that the straight line must keep, m.
+        radius: of the robot, m.
         grid: clearances, m, [rows, columns].
-        ways: costs and next nodes, each [n].
+        ways: costs and next nodes, each [n]; written when they are `UNPLANNED`.
         half: half width and half height of the arena, m, [2].
+
+    Returns:
+        The point, m. Where the map has no way at all, it is the goal.
     """
+    x, y = position
+    need = radius + MARGIN
     if is_visible(x, y, goal[0], goal[1], need, grid, half):
         return goal[0], goal[1]
     costs, following = ways
     columns = grid.shape[1]
+    if costs[0] == UNPLANNED:
+        weights = weights_of(grid, radius)
+        end = nearest_node(goal[0], goal[1], weights - 1, columns, half)
+        if end < 0:
+            costs[:] = -1
+        else:
+            fill_ways(end, columns, weights, costs, following)
     node = nearest_node(x, y, costs, columns, half)
     if node < 0:
         return goal[0], goal[1]

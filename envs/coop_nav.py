@@ -30,7 +30,7 @@ from swarmdata.envs.world import World
 from swarmdata.errors import SchemaError, SpawnError
 from swarmdata.sensing import observe_states, state_observation_size
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds, Step
+from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds, Step, copy_step
 
 PROXIMITY = 0.1
 """Gap (m) below which the proximity term begins."""
@@ -49,8 +49,10 @@ TERMS = (
 
 
 @njit(nogil=True, cache=True)
-def reward_terms(before: Float, after: Float, events: Counts, gaps: Double, goal_radius: float, out: Double) -> bool:
-    """Writes the unweighted, signed reward terms of one copy; returns whether all are at their goals.
+def reward_terms(
+    before: Float, after: Float, events: Counts, gaps: Double, goal_radius: float, out: Double
+) -> bool:
+    """Writes the unweighted, signed reward terms of one copy; True if all are at their goals.
 
     Args:
         before: state before the step, [S].
@@ -63,8 +65,14 @@ def reward_terms(before: Float, after: Float, events: Counts, gaps: Double, goal
     n = gaps.shape[0]
     everyone = True
     for i in range(n):
-        old_x, old_y = float(before[6 * i + 4]) - float(before[6 * i]), float(before[6 * i + 5]) - float(before[6 * i + 1])
-        new_x, new_y = float(after[6 * i + 4]) - float(after[6 * i]), float(after[6 * i + 5]) - float(after[6 * i + 1])
+        old_x, old_y = (
+            float(before[6 * i + 4]) - float(before[6 * i]),
+            float(before[6 * i + 5]) - float(before[6 * i + 1]),
+        )
+        new_x, new_y = (
+            float(after[6 * i + 4]) - float(after[6 * i]),
+            float(after[6 * i + 5]) - float(after[6 * i + 1]),
+        )
         distance = math.sqrt(new_x * new_x + new_y * new_y)
         outside = distance > goal_radius
         everyone = everyone and not outside
@@ -174,9 +182,14 @@ class CoopNav:
         chosen = np.arange(self.n_copies) if copies is None else np.asarray(copies, dtype=np.int64)
         seeds = np.asarray(seeds, dtype=np.uint64)
         if seeds.shape != chosen.shape:
-            raise SchemaError(f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: one per reset copy")
+            raise SchemaError(
+                f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: "
+                "one per reset copy"
+            )
         if self._now is None and copies is not None and len(np.unique(chosen)) != self.n_copies:
-            raise SchemaError(f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}")
+            raise SchemaError(
+                f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}"
+            )
         self._spawn(seeds, chosen)
         now = self._fresh()
         resets = np.zeros(self.n_copies, dtype=np.bool_)
@@ -184,7 +197,14 @@ class CoopNav:
         now.states.reshape(self.n_copies, -1, 6)[chosen, :, 4:] = self._goals[chosen]
         now.seeds[chosen] = seeds
         now.layouts[chosen] = self._world.layouts[chosen]
-        for array in (now.rewards, now.terminations, now.truncations, now.successes, now.events, now.times):
+        for array in (
+            now.rewards,
+            now.terminations,
+            now.truncations,
+            now.successes,
+            now.events,
+            now.times,
+        ):
             array[chosen] = 0
         return self._observe(now, resets)
 
@@ -193,13 +213,15 @@ class CoopNav:
         before = self._now
         if before is None:
             raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
-        actions = np.asarray(actions)
+        actions = np.asarray(actions, dtype=np.float64)
         expected = (self.n_copies, self.spec.n_agents, self.action_size)
         if actions.shape != expected:
             raise SchemaError(f"actions have shape {actions.shape}, expected {expected} [E, N, A]")
         active = ~before.ended
         if not self._world.step(actions, active):
-            raise SchemaError("an action is NaN or infinite; actions must be finite numbers in [-1, 1]")
+            raise SchemaError(
+                "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
+            )
         now = self._fresh()
         now.times[active] += 1
         now.rewards[~active] = 0
@@ -225,16 +247,16 @@ class CoopNav:
         )  # fmt: skip
         if drawn < len(chosen):
             raise SpawnError(
-                f"no layout found for seed {seeds[drawn]} in {self.spec.spawn.max_attempts} attempts: "
-                f"robots and obstacles with their gaps cover {density(self.spec):.0%} of the arena "
-                "(about 50% is the limit). Use fewer or smaller obstacles, or a larger arena."
+                f"no layout found for seed {seeds[drawn]} in {self.spec.spawn.max_attempts} "
+                f"attempts: robots and obstacles with their gaps cover {density(self.spec):.0%} "
+                "of the arena (about 50% is the limit). Use fewer or smaller obstacles."
             )
         self._world.reset(chosen, self._starts.astype(np.float64))
 
     def _fresh(self) -> Step:
         """A step with copies of the present arrays, so that earlier steps stay as they were."""
         if self._now is not None:
-            return Step(*(array.copy() for array in self._now))
+            return copy_step(self._now)
         e, n = self.n_copies, self.spec.n_agents
         flags = [np.zeros(e, dtype=np.bool_) for _ in range(3)]
         return Step(

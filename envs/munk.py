@@ -148,7 +148,9 @@ def _advance(
         contacts.events[b] = 0
         for _ in range(n_substeps):
             for i in range(n):  # Munk2D clears forces in every step
-                call_pv(calls[SET_FORCE], bodies[b, i], accelerations[b, i, 0], accelerations[b, i, 1])
+                call_pv(
+                    calls[SET_FORCE], bodies[b, i], accelerations[b, i, 0], accelerations[b, i, 1]
+                )
             call_pd(calls[STEP], spaces[b], dt)
             for i in range(n):
                 positions[b, i, 0], positions[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
@@ -162,7 +164,14 @@ def _advance(
 
 @njit(nogil=True, cache=True)
 def _reset_one(
-    calls: Int, space: int, shapes: Int, bodies: Int, layout: Float, corners: Double, starts: Double, dt: float
+    calls: Int,
+    space: int,
+    shapes: Int,
+    bodies: Int,
+    layout: Float,
+    corners: Double,
+    starts: Double,
+    dt: float,
 ) -> None:
     for shape in shapes:
         call_pp(calls[REMOVE], space, shape)

@@ -1,5 +1,6 @@
 """PettingZoo's ParallelEnv over one copy of a task, as a thin view."""
 
+import secrets
 from typing import Any
 
 import gymnasium
@@ -32,7 +33,9 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
 
     def __init__(self, spec: TaskSpec, render_mode: str | None = None) -> None:
         if render_mode not in (None, *RENDER_MODES):
-            raise SpecError(f"render_mode {render_mode!r} is unknown; use None or one of {RENDER_MODES}")
+            raise SpecError(
+                f"render_mode {render_mode!r} is unknown; use None or one of {RENDER_MODES}"
+            )
         self.metadata = {
             "name": f"{spec.task}_v{spec.version}",
             "render_modes": list(RENDER_MODES),
@@ -44,11 +47,15 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         self.agents: list[str] = []
         self._env = make_env(spec, 1)
         self._step: Step | None = None
-        self._seed, self._episode = int(np.random.SeedSequence().entropy or 0) % 2**63, 0
+        self._seed, self._episode = secrets.randbits(62), 0
         high = np.full(self._env.observation_size, np.inf, dtype=np.float32)
-        self.observation_spaces = {name: gymnasium.spaces.Box(-high, high) for name in self.possible_agents}
+        self.observation_spaces = {
+            name: gymnasium.spaces.Box(-high, high) for name in self.possible_agents
+        }
         one = np.ones(self._env.action_size, dtype=np.float32)
-        self.action_spaces = {name: gymnasium.spaces.Box(-one, one) for name in self.possible_agents}
+        self.action_spaces = {
+            name: gymnasium.spaces.Box(-one, one) for name in self.possible_agents
+        }
         wide = np.full(self._env.state_size, np.inf, dtype=np.float32)
         self.state_space = gymnasium.spaces.Box(-wide, wide)
 
@@ -77,19 +84,27 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         self.agents = list(self.possible_agents)
         step = self._env.reset(episode)
         self._step = step
-        return self._observations(step), {name: self._info(step, i) for i, name in enumerate(self.agents)}
+        return self._observations(step), {
+            name: self._info(step, i) for i, name in enumerate(self.agents)
+        }
 
     def step(
         self, actions: dict[str, Float]
     ) -> tuple[
-        dict[str, Float], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+        dict[str, Float],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
     ]:
         """Advances the episode by one control step; actions are one array [A] per agent."""
         if not self.agents:
             raise SchemaError("the episode has ended or was never started; call reset() first")
         missing = [name for name in self.agents if name not in actions]
         if missing:
-            raise SchemaError(f"no action for {', '.join(missing)}; give one for each of {self.agents}")
+            raise SchemaError(
+                f"no action for {', '.join(missing)}; give one for each of {self.agents}"
+            )
         joint = np.stack([np.asarray(actions[name], dtype=np.float32) for name in self.agents])
         step = self._env.step(joint[None])
         self._step = step

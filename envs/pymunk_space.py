@@ -70,7 +70,9 @@ def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
     return [pymunk.Segment(body, corners[i], corners[(i + 1) % 4], t) for i in range(4)]
 
 
-def build_space(spec: TaskSpec, layout: Float, starts: Double) -> tuple[pymunk.Space, list[pymunk.Body]]:
+def build_space(
+    spec: TaskSpec, layout: Float, starts: Double
+) -> tuple[pymunk.Space, list[pymunk.Body]]:
     """Builds one world: walls, obstacles in layout order, then robots at rest.
 
     Args:
@@ -90,7 +92,9 @@ def build_space(spec: TaskSpec, layout: Float, starts: Double) -> tuple[pymunk.S
             shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
         else:
             n_bars = bars(row, corners)
-            shapes += [pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()]
+            shapes += [
+                pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
+            ]
     bodies = []
     for robot, (x, y) in zip(spec.robots, starts.tolist(), strict=True):
         body = pymunk.Body(1.0, float("inf"))
@@ -137,6 +141,6 @@ class PublicBackend:
                 self.positions[b] = [body.position for body in bodies]
                 update_contacts(
                     self.positions[b], self._radii, self._layouts[b], self._half,
-                    contacts.robots[b], contacts.obstacles[b], contacts.slack[b], contacts.events[b],
+                    *(array[b] for array in contacts),
                 )  # fmt: skip
             self.velocities[b] = [body.velocity for body in bodies]

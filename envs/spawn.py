@@ -1,4 +1,4 @@
-"""Random layouts, starts and goals: solvable by construction, one pure function of the episode seed.
+"""Random layouts, starts and goals: solvable by construction, a pure function of the episode seed.
 
 Bounding circles of obstacles keep a gap from each other and from the walls in which a robot fits,
 and every concave shape opens into free space, so the free space is connected: any start reaches any
@@ -49,7 +49,7 @@ def _next(state: Seeds) -> float:
 
 @njit(nogil=True, cache=True)
 def _shape(state: Seeds, size: Double, row: Float) -> None:
-    """Draws shape and orientation of one obstacle; its direction is a rational point of the circle."""
+    """Draws shape and orientation; the direction is a rational point of the unit circle."""
     low, high = size[1], size[2]
     row[0] = size[0]
     row[5] = low + (high - low) * _next(state)
@@ -62,7 +62,9 @@ def _shape(state: Seeds, size: Double, row: Float) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _place_obstacles(state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float) -> bool:
+def _place_obstacles(
+    state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float
+) -> bool:
     """Draws all obstacles; False if one of them found no place."""
     for m in range(sizes.shape[0]):
         row = layout[m]
@@ -158,9 +160,13 @@ def spawn(
                 return k
             if not _place_obstacles(state, sizes, half, margins[0], layouts[b]):
                 continue
-            if not _place_points(state, layouts[b], half, radii, margins[1:3], starts[b], starts[b], 0.0):
+            if not _place_points(
+                state, layouts[b], half, radii, margins[1:3], starts[b], starts[b], 0.0
+            ):
                 continue
-            if _place_points(state, layouts[b], half, radii, margins[3:5], goals[b], starts[b], margins[5]):
+            if _place_points(
+                state, layouts[b], half, radii, margins[3:5], goals[b], starts[b], margins[5]
+            ):
                 break
     return copies.shape[0]
 
@@ -181,9 +187,11 @@ def spawn_margins(spec: TaskSpec) -> Double:
 
 
 def density(spec: TaskSpec) -> float:
-    """Part of the arena that robots and the bounding circles of obstacles cover, with their gaps."""
+    """Part of the arena that robots and bounding circles of obstacles cover, with their gaps."""
     sizes = size_table(spec)
     longest = sizes[:, 2]
-    reach = np.where(sizes[:, 0] == CIRCLE, longest, longest * math.sqrt(2)) + spec.obstacles.gap / 2
+    reach = (
+        np.where(sizes[:, 0] == CIRCLE, longest, longest * math.sqrt(2)) + spec.obstacles.gap / 2
+    )
     robots = sum((robot.radius + spec.spawn.start_separation / 2) ** 2 for robot in spec.robots)
     return math.pi * (float((reach**2).sum()) + robots) / (spec.arena.width * spec.arena.height)

@@ -1,4 +1,4 @@
-"""The world that tasks run in: robots under velocity or acceleration commands, and their contacts."""
+"""The world that tasks run in: robots under commands, and their contacts."""
 
 import math
 
@@ -12,23 +12,24 @@ from swarmdata.errors import SpecError
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
-AVAILABLE = {"dynamics": "holonomic", "observation": "state", "communication": "none"}
-"""What worlds of this version can run; the spec's other choices are refused, never ignored."""
-
 
 def check_available(spec: TaskSpec) -> None:
-    """Refuses a spec that asks for what the worlds of this version cannot run.
+    """Refuses what the worlds of this version cannot run; nothing in a spec is ever ignored.
 
     Raises:
-        SpecError: naming the field.
+        SpecError: naming the field and what it may be.
     """
-    asked = {f"team.{i}.robot.dynamics": role.robot.dynamics for i, role in enumerate(spec.team)}
-    asked |= {"observation.kind": spec.observation.kind, "communication.kind": spec.communication.kind}
-    for path, value in asked.items():
-        if value not in AVAILABLE.values():
+    asked = [
+        (f"team.{i}.robot.dynamics", str(role.robot.dynamics), "holonomic")
+        for i, role in enumerate(spec.team)
+    ]
+    asked.append(("observation.kind", spec.observation.kind, "state"))
+    asked.append(("communication.kind", spec.communication.kind, "none"))
+    for path, value, available in asked:
+        if value != available:
             raise SpecError(
-                f"{path}: {value!r} cannot be run by task {spec.task!r} version {spec.version}. "
-                f"Available: {', '.join(repr(v) for v in AVAILABLE.values())}."
+                f"{path}: {value!r} cannot be run by task {spec.task!r} version {spec.version}, "
+                f"only {available!r}"
             )
 
 
@@ -108,12 +109,13 @@ class World:
         self.backend = make_backend(spec, n_copies)
         self._control_dt = spec.control_dt
         self._limits = np.array(
-            [(r.max_speed, r.max_acceleration, r.command == "velocity") for r in spec.robots], dtype=np.float64
+            [(r.max_speed, r.max_acceleration, r.command == "velocity") for r in spec.robots],
+            dtype=np.float64,
         )
         self._accelerations: Double = np.zeros((n_copies, n, 2))
 
     def reset(self, copies: Int, starts: Double) -> None:
-        """Starts fresh worlds in `copies` from `self.layouts`, robots at rest at `starts` [E, N, 2]."""
+        """Starts worlds in `copies` from `self.layouts`; robots rest at `starts` [E, N, 2]."""
         for array in self.contacts:
             array[copies] = 0
         self.backend.reset(copies, self.layouts, starts)
@@ -121,7 +123,12 @@ class World:
     def step(self, actions: Float | Double, active: Bool) -> bool:
         """Advances the active copies by one control step; False if an action is not finite."""
         finite: bool = command_accelerations(
-            actions, self.backend.velocities, self._limits, self._control_dt, active, self._accelerations
+            actions,
+            self.backend.velocities,
+            self._limits,
+            self._control_dt,
+            active,
+            self._accelerations,
         )
         if finite:
             self.backend.step(active, self._accelerations, self.contacts)

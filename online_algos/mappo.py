@@ -18,6 +18,7 @@ Deviations, each measured on `coop_nav` or required by it:
 
 import json
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from torch import Tensor, nn
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.seeding import EVALUATION_BASE, derive
-from swarmdata.types import Bool, Float, Step
+from swarmdata.types import Bool, Float, Step, copy_step
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,11 @@ class Config:
     final_std: float = 0.1
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
-    contact_cost: float = 5.0  # final extra weight of contacts and collisions, in units of the spec's
+    critic_warmup: float = 0.0  # part of training in which only the critic learns
+    teacher: str = ""  # registered policy that the actor first clones; empty for none
+    contact_cost: float = (
+        5.0  # final extra weight of contacts and collisions, in units of the spec's
+    )
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
 
 
@@ -69,8 +74,27 @@ class Rollout(NamedTuple):
     ended: Bool  # [T, E]
 
 
+def _empty_rollout(
+    shape: tuple[int, int, int], n_own: int, n_critic: int, n_actions: int
+) -> Rollout:
+    """A rollout of zeros, shape [T, E, N]."""
+
+    def zeros(*features: int) -> Float:
+        return np.zeros((*shape, *features), np.float32)
+
+    flags = [np.zeros(shape[:2], np.bool_) for _ in range(2)]
+    figures = [zeros() for _ in range(4)]
+    return Rollout(zeros(n_own), zeros(n_critic), zeros(n_actions), *figures, *flags)  # type: ignore[arg-type]
+
+
 def generalized_advantages(
-    rewards: Float, values: Float, next_values: Float, terminations: Bool, ended: Bool, discount: float, lam: float
+    rewards: Float,
+    values: Float,
+    next_values: Float,
+    terminations: Bool,
+    ended: Bool,
+    discount: float,
+    lam: float,
 ) -> Float:
     """Advantages by GAE, bootstrapped through truncation and cut at every episode end.
 
@@ -117,9 +141,9 @@ class RunningScale:
 
 
 def mlp(sizes: tuple[int, ...], last_gain: float) -> nn.Sequential:
-    """A ReLU network with orthogonal weights; Yu et al., appendix, use a small last gain for actors."""
+    """A ReLU network with orthogonal weights; actors take a small last gain (Yu et al.)."""
     layers: list[nn.Module] = []
-    for k, (n_in, n_out) in enumerate(zip(sizes, sizes[1:], strict=False)):
+    for k, (n_in, n_out) in enumerate(pairwise(sizes)):
         linear = nn.Linear(n_in, n_out)
         last = k == len(sizes) - 2
         nn.init.orthogonal_(linear.weight, last_gain if last else 2**0.5)
@@ -145,8 +169,6 @@ class MAPPO:
         seed: of everything random in this run.
     """
 
-    Config = Config
-
     def __init__(self, env: VecEnv, config: Config, seed: int) -> None:
         self.env, self.config, self.frames = env, config, 0
         n, o = env.spec.n_agents, env.observation_size
@@ -154,11 +176,13 @@ class MAPPO:
         self.actor = mlp((o + n, config.hidden, config.hidden, env.action_size), 0.01)
         self.critic = mlp((o + n + env.state_size, config.hidden, config.hidden, 1), 1.0)
         self.parameters = [*self.actor.parameters(), *self.critic.parameters()]
-        self.optimizer = torch.optim.Adam(self.parameters, lr=config.learning_rate, eps=1e-5, fused=True)
+        self.optimizer = torch.optim.Adam(
+            self.parameters, lr=config.learning_rate, eps=1e-5, fused=True
+        )
         self.scale = RunningScale()
         self.generator = np.random.default_rng(seed)
         self._seed, self._episodes = seed, 0
-        self._step = env.reset(self._next_seeds(env.n_copies))
+        self.present = env.reset(self._next_seeds(env.n_copies))
         self.input_mean, self.input_scale = self._measure_inputs()
 
     @property
@@ -177,7 +201,9 @@ class MAPPO:
         self.frames += rollout.ended.size
         c = self.config
         for group in self.optimizer.param_groups:
-            group["lr"] = c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
+            group["lr"] = (
+                c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
+            )
         advantages = generalized_advantages(
             rollout.rewards, rollout.values, rollout.next_values,
             rollout.terminations, rollout.ended, c.discount, c.gae_lambda,
@@ -189,12 +215,14 @@ class MAPPO:
 
     def restart_worlds(self) -> None:
         """Starts new episodes everywhere; at checkpoints, so that a resumed run equals this one."""
-        self._step = self.env.reset(self._next_seeds(self.env.n_copies))
+        self.present = self.env.reset(self._next_seeds(self.env.n_copies))
 
     def actor_layers(self) -> list[tuple[Float, Float]]:
         """Weight [in, out] and bias [out] of each layer of the actor."""
         linears = [module for module in self.actor if isinstance(module, nn.Linear)]
-        return [(m.weight.detach().numpy().T.copy(), m.bias.detach().numpy().copy()) for m in linears]
+        return [
+            (m.weight.detach().numpy().T.copy(), m.bias.detach().numpy().copy()) for m in linears
+        ]
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors; see `restart_worlds`."""
@@ -202,7 +230,10 @@ class MAPPO:
         tensors |= {f"critic.{k}": v for k, v in self.critic.state_dict().items()}
         for index, moments in self.optimizer.state_dict()["state"].items():
             tensors |= {f"adam.{index}.{name}": value for name, value in moments.items()}
-        tensors |= {"input.mean": torch.from_numpy(self.input_mean), "input.scale": torch.from_numpy(self.input_scale)}
+        tensors |= {
+            "input.mean": torch.from_numpy(self.input_mean),
+            "input.scale": torch.from_numpy(self.input_scale),
+        }
         scale = [self.scale.weight, self.scale.first, self.scale.second]
         tensors["scale"] = torch.tensor(scale, dtype=torch.float64)
         tensors["counters"] = torch.tensor([self.frames, self._episodes])
@@ -224,7 +255,10 @@ class MAPPO:
             moments.setdefault(int(index), {})[field] = value
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": moments, "param_groups": groups})
-        self.input_mean, self.input_scale = state["input.mean"].numpy(), state["input.scale"].numpy()
+        self.input_mean, self.input_scale = (
+            state["input.mean"].numpy(),
+            state["input.scale"].numpy(),
+        )
         self.scale.weight, self.scale.first, self.scale.second = state["scale"].tolist()
         self.frames, self._episodes = (int(value) for value in state["counters"])
         self.generator.bit_generator.state = json.loads(bytes(state["generator"].tolist()))
@@ -237,25 +271,27 @@ class MAPPO:
         return derive(np.uint64(self._seed), counters) % np.uint64(EVALUATION_BASE)
 
     def _measure_inputs(self) -> tuple[Float, Float]:
-        """Mean and inverse deviation of observations under random actions; constants keep scale 1."""
+        """Mean and inverse deviation of observations under random actions; constants keep 1."""
         env, seen = self.env, []
         for _ in range(self.config.n_steps):
-            actions = self.generator.uniform(-1, 1, (env.n_copies, env.spec.n_agents, env.action_size))
-            seen.append(self._advance(actions)[0].observations)
+            actions = self.generator.uniform(
+                -1, 1, (env.n_copies, env.spec.n_agents, env.action_size)
+            )
+            seen.append(self.advance(actions)[0].observations)
         rows = np.concatenate(seen).reshape(-1, env.observation_size).astype(np.float64)
         std = rows.std(0)
         scale = np.where(std > 1e-3, 1 / np.maximum(std, 1e-3), 1.0)
         return rows.mean(0).astype(np.float32), scale.astype(np.float32)
 
-    def _advance(self, actions: Any) -> tuple[Step, Step]:
+    def advance(self, actions: Any) -> tuple[Step, Step]:
         """Steps the worlds; returns the step reached and the one after resetting ended copies."""
         reached = self.env.step(actions)
         ended = np.flatnonzero(reached.ended)
-        self._step = self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
-        return reached, self._step
+        self.present = self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
+        return reached, self.present
 
-    def _inputs(self, step: Step) -> tuple[Float, Float]:
-        """Actor and critic inputs: normalised observations and agent ids; for the critic, states."""
+    def inputs(self, step: Step) -> tuple[Float, Float]:
+        """Actor inputs: normalised observations and ids; critic inputs: states as well."""
         e, n = step.rewards.shape
         seen = (step.observations - self.input_mean) * self.input_scale
         ids = np.broadcast_to(np.eye(n, dtype=np.float32), (e, n, n))
@@ -273,38 +309,34 @@ class MAPPO:
         c, w = self.config, self.env.spec.rewards
         begin, end = c.contact_ramp
         extra = c.contact_cost * min(1.0, max(0.0, (self.progress - begin) / (end - begin)))
-        costs = np.array([w.robot_contact, w.obstacle_contact, w.robot_collision, w.obstacle_collision], np.float32)
+        costs = np.array(
+            [w.robot_contact, w.obstacle_contact, w.robot_collision, w.obstacle_collision],
+            np.float32,
+        )
         rewards = step.rewards - extra * (step.events @ costs)
         return (1 - c.team_share) * rewards + c.team_share * rewards.mean(1, keepdims=True)
 
     def _collect(self) -> Rollout:
         t_max, e, n = self.config.n_steps, self.env.n_copies, self.env.spec.n_agents
-        actor_in, critic_in = self._inputs(self._step)
-        shape = (t_max, e, n)
-        r = Rollout(
-            np.zeros((*shape, actor_in.shape[-1]), np.float32),
-            np.zeros((*shape, critic_in.shape[-1]), np.float32),
-            np.zeros((*shape, self.env.action_size), np.float32),
-            *(np.zeros(shape, np.float32) for _ in range(4)),
-            *(np.zeros((t_max, e), np.bool_) for _ in range(2)),
+        actor_in, critic_in = self.inputs(self.present)
+        r = _empty_rollout(
+            (t_max, e, n), actor_in.shape[-1], critic_in.shape[-1], self.env.action_size
         )
         std = np.float32(self.std)
-        final = np.zeros_like(r.critic_inputs[0])
         for t in range(t_max):
             r.observations[t], r.critic_inputs[t] = actor_in, critic_in
             with torch.inference_mode():
-                mean = self.actor(torch.from_numpy(actor_in.reshape(e * n, -1))).numpy().reshape(e, n, -1)
+                mean = self.actor(torch.from_numpy(actor_in)).numpy()
             noise = self.generator.standard_normal(mean.shape, dtype=np.float32)
             r.actions[t] = mean + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - np.log(std)).sum(-1)
-            reached, step = self._advance(r.actions[t])
+            reached, step = self.advance(r.actions[t])
             r.rewards[t] = self._train_rewards(reached)
             r.terminations[t], r.ended[t] = reached.terminations, reached.ended
             ended = np.flatnonzero(reached.ended)
             if len(ended):
-                final = self._inputs(Step(*(array[ended] for array in reached)))[1]
-                r.next_values[t, ended] = self._value(final)
-            actor_in, critic_in = self._inputs(step)
+                r.next_values[t, ended] = self._value(self.inputs(copy_step(reached, ended))[1])
+            actor_in, critic_in = self.inputs(step)
         r.values[:] = self._value(r.critic_inputs)
         following = np.concatenate([r.values[1:], self._value(critic_in)[None]])
         r.next_values[~r.ended] = following[~r.ended]
@@ -322,7 +354,7 @@ class MAPPO:
         losses: dict[str, float] = {}
         for _ in range(c.n_epochs):
             order = torch.from_numpy(self.generator.permutation(len(actions)))
-            for rows in order.split(c.minibatch):
+            for rows in torch.split(order, c.minibatch):
                 loss, losses = self._loss(
                     observations[rows], critic_inputs[rows], actions[rows],
                     old_log_probs[rows], advantage[rows], target[rows], std,
@@ -350,5 +382,8 @@ class MAPPO:
         value_loss = nn.functional.smooth_l1_loss(self.critic(critic_inputs).squeeze(-1), target)
         excess = (mean.abs() - 1).clamp(min=0).square().mean()
         kl = (ratio.detach() - 1 - log_ratio.detach()).mean()
-        loss = policy_loss + c.value_weight * value_loss + c.mean_penalty * excess
+        policy_weight = float(self.progress > c.critic_warmup or c.critic_warmup == 0)
+        loss = (
+            policy_weight * (policy_loss + c.mean_penalty * excess) + c.value_weight * value_loss
+        )
         return loss, {"policy": policy_loss.item(), "value": value_loss.item(), "kl": kl.item()}

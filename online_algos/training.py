@@ -15,15 +15,17 @@ from typing import Any
 
 import numpy as np
 import torch
+from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.learned import Learned, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.metrics import episode_metrics
 from swarmdata.online_algos.mappo import MAPPO, Config
-from swarmdata.registry import make_env
+from swarmdata.online_algos.warm_start import Config as WarmStart
+from swarmdata.online_algos.warm_start import warm_start
+from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
@@ -48,7 +50,9 @@ def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]
     return {name: float(np.mean([row[name] for row in rows])) for name in CURVE}
 
 
-def train_run(spec: TaskSpec, config: Config, seed: int, out: Path, *, n_episodes: int = 256) -> Path:
+def train_run(
+    spec: TaskSpec, config: Config, seed: int, out: Path, *, n_episodes: int = 256
+) -> Path:
     """Trains one run, or continues it where it stopped; returns its folder.
 
     Args:
@@ -62,14 +66,23 @@ def train_run(spec: TaskSpec, config: Config, seed: int, out: Path, *, n_episode
         BuildError: the folder holds a run with another configuration.
     """
     torch.set_num_threads(1)
-    document = {"algorithm": "mappo", "config": asdict(config), "seed": seed, "spec": spec.model_dump(mode="json")}
+    document = {
+        "algorithm": "mappo",
+        "config": asdict(config),
+        "seed": seed,
+        "spec": spec.model_dump(mode="json"),
+    }
     _claim(out, json.loads(json.dumps(document)))
     run = MAPPO(make_env(spec, config.n_copies), config, seed)
     state = out / "state.safetensors"
     if state.exists():
         run.load_state_dict(load_checkpoint(state)[0])
         _drop_rows_after(out / "curve.csv", run.frames)
-    with tqdm(total=config.n_frames, initial=run.frames, unit="frame", unit_scale=True, desc=out.name) as bar:
+    elif config.teacher:
+        warm_start(run, make_policy(config.teacher, spec), WarmStart())
+    with tqdm(
+        total=config.n_frames, initial=run.frames, unit="frame", unit_scale=True, desc=out.name
+    ) as bar:
         while run.progress < 1:
             for _ in range(EARLY_UPDATES if run.progress < EARLY else LATER_UPDATES):
                 losses = run.update()
@@ -84,7 +97,9 @@ def _claim(out: Path, document: dict[str, Any]) -> None:
     (out / "actors").mkdir(parents=True, exist_ok=True)
     path = out / "config.json"
     if path.exists() and json.loads(path.read_text()) != document:
-        raise BuildError(f"{out} holds a run with another configuration; choose another --out or delete it")
+        raise BuildError(
+            f"{out} holds a run with another configuration; choose another --out or delete it"
+        )
     path.write_text(json.dumps(document, indent=1))
 
 
@@ -121,7 +136,7 @@ def read_curve(run: Path) -> list[dict[str, float]]:
 
 
 def find_medium(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path, dict[str, float]]:
-    """The first checkpoint whose team success lies in `MEDIUM_BAND`, measured again on more episodes.
+    """The first checkpoint whose team success lies in `MEDIUM_BAND`, on `n_episodes` episodes.
 
     Raises:
         BuildError: no checkpoint lies in the band.
@@ -133,7 +148,9 @@ def find_medium(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path
             figures = measure(_learned(path, spec), spec, n_episodes)
             if low <= figures["success"] <= high:
                 return path, figures
-    raise BuildError(f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; save them more often")
+    raise BuildError(
+        f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; save them more often"
+    )
 
 
 def ship(runs: Sequence[Path], spec: TaskSpec, folder: Path) -> dict[str, list[dict[str, Any]]]:
@@ -152,11 +169,21 @@ def ship(runs: Sequence[Path], spec: TaskSpec, folder: Path) -> dict[str, list[d
     for k, run in enumerate(runs):
         last = sorted((run / "actors").glob("*.safetensors"))[-1]
         medium, medium_figures = find_medium(run, spec)
-        chosen = {"medium": (medium, medium_figures), "expert": (last, measure(_learned(last, spec), spec, 1024))}
+        chosen = {
+            "medium": (medium, medium_figures),
+            "expert": (last, measure(_learned(last, spec), spec, 1024)),
+        }
         for tier, (source, figures) in chosen.items():
             name = f"{spec.task}-{tier}-{k}.safetensors"
             shutil.copyfile(source, folder / name)
-            entry[tier].append({"file": name, "sha256": _digest(folder / name), "frames": int(source.stem), **figures})
+            entry[tier].append(
+                {
+                    "file": name,
+                    "sha256": _digest(folder / name),
+                    "frames": int(source.stem),
+                    **figures,
+                }
+            )
     index = folder / "index.json"
     table = json.loads(index.read_text()) if index.exists() else {}
     index.write_text(json.dumps(table | {spec.task: entry}, indent=1, sort_keys=True) + "\n")

@@ -13,6 +13,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from swarmdata.catalog import DatasetInfo, list_datasets, load
+    from swarmdata.dataset import Dataset
     from swarmdata.errors import SwarmdataError
     from swarmdata.registry import make_env
     from swarmdata.spec import Recipe, TaskSpec
@@ -22,23 +24,31 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Batch",
+    "Dataset",
+    "DatasetInfo",
     "Episode",
     "EvalResult",
     "Recipe",
     "Step",
     "SwarmdataError",
     "TaskSpec",
+    "list_datasets",
+    "load",
     "make_env",
 ]
 
 _HOMES = {
     "Batch": "swarmdata.types",
+    "Dataset": "swarmdata.dataset",
+    "DatasetInfo": "swarmdata.catalog",
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "Recipe": "swarmdata.spec",
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",
     "TaskSpec": "swarmdata.spec",
+    "list_datasets": "swarmdata.catalog",
+    "load": "swarmdata.catalog",
     "make_env": "swarmdata.registry",
 }
 

@@ -1,22 +1,22 @@
 """Every error that swarmdata raises on purpose.
 
-    SwarmdataError
-    ├── UnknownNameError (KeyError)         a registry or the catalog has no such name
-    ├── SpecError (ValueError)              a TaskSpec or Recipe is malformed or asks for what is not available
-    ├── SchemaError (ValueError)            arrays do not have the shape, dtype or range that was promised
-    ├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
-    ├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
-    ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
-    ├── BuildError (RuntimeError)           a dataset could not be made
-    │   └── RecipeConflictError             the folder holds parts of another recipe
-    └── DatasetError (OSError)              a stored dataset cannot be used
-        ├── DatasetNotFoundError            there is nothing at that path
-        ├── MissingManifestError            the folder has no manifest, so it was never finished
-        ├── ManifestError                   the manifest cannot be read or contradicts itself
-        ├── FormatVersionError              written by a newer swarmdata
-        ├── MissingFileError                a listed file or chunk is absent
-        ├── TruncatedFileError              a file is shorter or longer than listed
-        └── ChecksumError                   the bytes are not those that were written
+SwarmdataError
+├── UnknownNameError (KeyError)         a registry or the catalog has no such name
+├── SpecError (ValueError)              a spec is malformed or asks for what there is not
+├── SchemaError (ValueError)            arrays do not have the promised shape, dtype or range
+├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
+├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
+├── MissingExtraError (ImportError)     an optional dependency is needed and absent
+├── BuildError (RuntimeError)           a dataset could not be made
+│   └── RecipeConflictError             the folder holds parts of another recipe
+└── DatasetError (OSError)              a stored dataset cannot be used
+    ├── DatasetNotFoundError            there is nothing at that path
+    ├── MissingManifestError            the folder has no manifest, so it was never finished
+    ├── ManifestError                   the manifest cannot be read or contradicts itself
+    ├── FormatVersionError              written by a newer swarmdata
+    ├── MissingFileError                a listed file or chunk is absent
+    ├── TruncatedFileError              a file is shorter or longer than listed
+    └── ChecksumError                   the bytes are not those that were written
 """
 
 import difflib

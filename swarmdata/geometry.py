@@ -16,8 +16,8 @@ length and half width of the bounding rectangle (`a` is the radius of a circle),
 the bars."""
 
 CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
-"""Shape codes, which count the bars. A corner has bars along the lower and left sides of its rectangle; a pocket also
-along the right side, so that it opens towards local +y."""
+"""Shape codes, which count the bars. A corner has bars along the lower and left sides of its
+rectangle; a pocket also along the right side, so that it opens towards local +y."""
 
 
 @njit(nogil=True, cache=True, inline="always")

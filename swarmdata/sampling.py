@@ -191,7 +191,8 @@ class Sampler:
             self._first_ahead, offset = self._n_drawn, 0
             self._ahead = self._draw_ahead(max(1, _AHEAD // self.batch_size))
         self._n_drawn += 1
-        return self._ahead[offset].copy()
+        index: Int = self._ahead[offset].copy()
+        return index
 
     def _draw_ahead(self, n_batches: int) -> Int:
         """Rows of the next `n_batches` batches; draw number k of a seed is always the same."""

@@ -13,13 +13,16 @@ from statistics import NormalDist
 
 import numpy as np
 
-from swarmdata.types import Double, Seeds
+from swarmdata.types import Double, Int, Seeds
 
 GOLDEN = 0x9E3779B97F4A7C15
 MIX_1 = 0xBF58476D1CE4E5B9
 MIX_2 = 0x94D049BB133111EB
 
-STREAMS = {name: index for index, name in enumerate(("layout", "policy", "noise", "channel", "sensor", "split"))}
+STREAMS = {
+    name: index
+    for index, name in enumerate(("layout", "policy", "noise", "channel", "sensor", "split"))
+}
 """Independent streams of one episode's seed."""
 
 EVALUATION_BASE = 1 << 62
@@ -39,7 +42,7 @@ def mix(values: Seeds) -> Seeds:
     return z
 
 
-def derive(seeds: Seeds | int, *counters: Seeds | int) -> Seeds:
+def derive(seeds: Seeds | np.uint64 | int, *counters: Seeds | Int | np.uint64 | int) -> Seeds:
     """Returns one 64-bit value per broadcast element of `seeds` and `counters`.
 
     Different counters give independent values; the order of the counters matters.
@@ -59,7 +62,7 @@ def uniform(bits: Seeds) -> Double:
 
 @cache
 def normal_table() -> Double:
-    """Returns the quantiles (k + 1/2) / 4096 of the standard normal, rounded to multiples of 2**-12.
+    """Returns the quantiles (k + 1/2) / 4096 of the normal, rounded to multiples of 2**-12.
 
     The rounding makes the table the same on every platform; its standard deviation is 0.9998.
     """

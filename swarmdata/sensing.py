@@ -170,7 +170,7 @@ def observe_states(
         reach: gap (m) at which closeness features reach 0.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
-        gaps: written, smallest gap of each robot to another robot, an obstacle or a wall, m, [E, N].
+        gaps: written, smallest gap of each robot to a robot, obstacle or wall, m, [E, N].
     """
     found = np.empty((max(slots[0], slots[1]), 4))
     sizes = np.empty(layouts.shape[1])

@@ -56,7 +56,7 @@ class Frozen(BaseModel):
     def from_text(cls, text: str, source: str = "text") -> Self:
         """Builds the model from YAML or JSON text (JSON is YAML); duplicate keys are refused."""
         try:
-            data = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 (a SafeLoader)
+            data = yaml.load(text, Loader=_UniqueKeyLoader)
         except yaml.YAMLError as error:
             raise SpecError(f"{source} is neither YAML nor JSON: {error}") from error
         return cls.parse(data, source)
@@ -271,10 +271,12 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     """A safe YAML loader that refuses a key given twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         twice = {key for key in keys if keys.count(key) > 1}
         if twice:
-            raise yaml.constructor.ConstructorError(None, None, f"key {min(twice)!r} is given twice", node.start_mark)
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {min(twice)!r} is given twice", node.start_mark
+            )
         return super().construct_mapping(node, deep)
 
 
@@ -282,7 +284,8 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
     path = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         known = _known_keys(model, problem["loc"][:-1])
-        return f"{path}: unknown key.{did_you_mean(str(problem['loc'][-1]), known)} Known: {', '.join(known)}"
+        hint = did_you_mean(str(problem["loc"][-1]), known)
+        return f"{path}: unknown key.{hint} Known: {', '.join(known)}"
     got = f" (got {problem['input']!r})" if problem["type"] != "missing" and path else ""
     return f"{path or model.__name__}: {problem['msg']}{got}"
 

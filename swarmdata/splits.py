@@ -16,7 +16,8 @@ def split_mask(table: EpisodeTable, split: str) -> Bool:
     """
     if split not in SPLITS:
         raise UnknownNameError("split", split, SPLITS)
-    return table.split == SPLITS.index(split)
+    mask: Bool = table.split == SPLITS.index(split)
+    return mask
 
 
 def policy_mask(table: EpisodeTable, recipe: Recipe, label: str) -> Bool:
@@ -28,7 +29,8 @@ def policy_mask(table: EpisodeTable, recipe: Recipe, label: str) -> Bool:
     labels = [policy.label for policy in recipe.policies]
     if label not in labels:
         raise UnknownNameError(f"policy of {recipe.id}", label, labels)
-    return table.policy == labels.index(label)
+    mask: Bool = table.policy == labels.index(label)
+    return mask
 
 
 def outcome_mask(

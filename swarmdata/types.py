@@ -54,6 +54,11 @@ class Step(NamedTuple):
         return self.terminations | self.truncations
 
 
+def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
+    """Returns a step that shares no memory with `step`, of all copies or those selected."""
+    return Step._make(np.array(array[copies]) for array in step)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
     """One finished run of a task, time first.

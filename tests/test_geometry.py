@@ -29,13 +29,17 @@ def outline(row: Float) -> Double:
     n_bars = bars(row, corners)
     share = np.linspace(0, 1, 1000)[:, None]
     edges = [
-        bar[k] * (1 - share) + bar[(k + 1) % 4] * share for bar in corners[:n_bars] for k in range(4)
+        bar[k] * (1 - share) + bar[(k + 1) % 4] * share
+        for bar in corners[:n_bars]
+        for k in range(4)
     ]
     return np.concatenate(edges)
 
 
 @given(row=obstacles(), x=coordinate, y=coordinate)
-def test_distance_and_vector_lead_to_the_nearest_surface_point(row: Float, x: float, y: float) -> None:
+def test_distance_and_vector_lead_to_the_nearest_surface_point(
+    row: Float, x: float, y: float
+) -> None:
     distance, vx, vy = nearest(x, y, row)
     brute = np.linalg.norm(outline(row) - [x, y], axis=-1).min()
     if distance == 0:  # inside

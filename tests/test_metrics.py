@@ -23,7 +23,7 @@ SPEC = TaskSpec(team=(Role(count=2),))  # radius 0.12 m, goal radius 0.15 m, dt 
 def episode(**changes: Any) -> Episode:
     """Two robots, three steps: the first drives 0.5 m and 0.5 m and stops, the second waits."""
     states = np.zeros((4, 2, 6), np.float32)
-    states[:, 0, :2] = [[0, 0], [0.3, 0.4], [0.6, 0.8], [0.6, 0.8]]
+    states[:, 0, :2] = np.array([[0, 0], [0.3, 0.4], [0.6, 0.8], [0.6, 0.8]])
     states[:, 1, :2] = [0.6, 1.3]
     states[:, 0, 4:] = [0.6, 0.9]
     states[:, 1, 4:] = [0.6, 1.46]

@@ -4,7 +4,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.seeding import EVALUATION_BASE, derive, evaluation_seeds, mix, normal, normal_table, uniform
+from swarmdata.seeding import (
+    EVALUATION_BASE,
+    derive,
+    evaluation_seeds,
+    mix,
+    normal,
+    normal_table,
+    uniform,
+)
 
 
 def test_mix_gives_the_published_splitmix64_sequence() -> None:
@@ -15,7 +23,9 @@ def test_mix_gives_the_published_splitmix64_sequence() -> None:
     np.testing.assert_array_equal(mix(states), np.array(expected, dtype=np.uint64))
 
 
-@given(seed=st.integers(0, 2**64 - 1), counters=st.lists(st.integers(0, 2**63), min_size=1, max_size=5))
+@given(
+    seed=st.integers(0, 2**64 - 1), counters=st.lists(st.integers(0, 2**63), min_size=1, max_size=5)
+)
 def test_derive_is_the_same_alone_and_in_a_batch(seed: int, counters: list[int]) -> None:
     batch = derive(np.uint64(seed), np.array(counters, dtype=np.uint64), 3)
     alone = [derive(np.uint64(seed), np.uint64(c), 3)[0] for c in counters]

@@ -19,14 +19,14 @@ def twin(spec: TaskSpec, state: Float, layout: Float) -> Double:
     out = []
     for i, row in enumerate(rows):
         goal = row[4:] - row[:2]
-        own = [*row[:4], *goal, *(goal / max(np.linalg.norm(goal), 0.3))]
-        others = []
+        own = [*row[:4], *goal, *(goal / max(float(np.linalg.norm(goal)), 0.3))]
+        others: list[tuple[float, list[float]]] = []
         for j in np.delete(np.arange(len(rows)), i):
             d = rows[j, :2] - row[:2]
             gap = np.linalg.norm(d) - radius[i] - radius[j]
             close = np.clip(1 - gap / model.range, 0, 1) * d / np.linalg.norm(d)
             others.append((gap, [*d, *(rows[j, 2:4] - row[2:4]), *close, 1.0]))
-        around = []
+        around: list[tuple[float, list[float]]] = []
         for obstacle in layout:
             distance, *v = nearest(*row[:2], obstacle)
             gap = distance - radius[i]

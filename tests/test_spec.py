@@ -18,7 +18,11 @@ def specs(draw: st.DrawFn) -> TaskSpec:
     return TaskSpec.parse(
         {
             "team": [
-                {"name": f"r{k}", "count": draw(st.integers(1, 8)), "robot": {"radius": draw(st.floats(0.01, 1))}}
+                {
+                    "name": f"r{k}",
+                    "count": draw(st.integers(1, 8)),
+                    "robot": {"radius": draw(st.floats(0.01, 1))},
+                }
                 for k in range(draw(st.integers(1, 3)))
             ],
             "horizon": draw(st.integers(1, 1000)),
@@ -50,7 +54,10 @@ def test_the_hash_of_the_default_is_stable() -> None:
     [
         ({"rewards": {"progres": 1}}, r"rewards.progres: unknown key. Did you mean 'progress'\?"),
         ({"horizn": 1}, r"horizn: unknown key. Did you mean 'horizon'\?"),
-        ({"team": [{"robot": {"radiuss": 1}}]}, r"team.0.robot.radiuss: unknown key. Did you mean 'radius'"),
+        (
+            {"team": [{"robot": {"radiuss": 1}}]},
+            r"team.0.robot.radiuss: unknown key. Did you mean 'radius'",
+        ),
         ({"team": [{"count": 0}]}, r"team.0.count: .*greater than or equal to 1 \(got 0\)"),
         ({"control_dt": 0.05}, "at least 2 whole multiples of physics_dt, got 1"),
         ({"termination": {"goal_radius": float("nan")}}, "goal_radius"),
@@ -68,7 +75,7 @@ def test_a_key_given_twice_is_refused() -> None:
 
 
 def test_text_that_is_not_yaml_is_refused_with_its_source() -> None:
-    with pytest.raises(SpecError, match="broken.yaml is neither YAML nor JSON"):
+    with pytest.raises(SpecError, match=r"broken\.yaml is neither YAML nor JSON"):
         TaskSpec.from_text("a: [", "broken.yaml")
 
 

@@ -24,6 +24,10 @@ CHUNK_ROWS = 10_000
 """Most rows of one chunk; chunks are what the fast checksums cover."""
 
 
+DType = Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
+"""Names that NumPy and Zarr share."""
+
+
 @dataclass(frozen=True, slots=True)
 class Field:
     """One array: its dtype, what a row is, and the names of its axes.
@@ -31,12 +35,12 @@ class Field:
     `rows` is `steps` (T per episode), `states` (T + 1 per episode) or `episodes` (1 per episode).
     """
 
-    dtype: str
+    dtype: DType
     rows: Literal["steps", "states", "episodes"]
     dimensions: tuple[str, ...]
 
 
-def _column(dtype: str, *dimensions: str) -> Field:
+def _column(dtype: DType, *dimensions: str) -> Field:
     return Field(dtype, "episodes", ("episode", *dimensions))
 
 
@@ -91,7 +95,7 @@ class Shard:
         chunk_rows: rows of each chunk.
     """
 
-    dtype: str
+    dtype: DType
     shape: tuple[int, ...]
     chunk_rows: int
 
@@ -134,7 +138,7 @@ def expected_files(shards: Mapping[str, Shard]) -> list[str]:
     return sorted([RECIPE, *GROUP_FILES, *map(metadata_file, shards), *arrays])
 
 
-def plan_shard(dtype: str, shape: tuple[int, ...]) -> Shard:
+def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:
     """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding."""
     n_chunks = max(1, -(-shape[0] // CHUNK_ROWS))
     return Shard(dtype, shape, max(1, -(-shape[0] // n_chunks)))

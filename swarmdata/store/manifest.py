@@ -8,7 +8,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -18,7 +18,7 @@ from swarmdata.errors import (
     ManifestError,
     MissingManifestError,
 )
-from swarmdata.store.layout import FORMAT_VERSION, MANIFEST, Shard
+from swarmdata.store.layout import FORMAT_VERSION, MANIFEST, DType, Shard
 
 MAX_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
@@ -53,7 +53,7 @@ class FileEntry(_Section):
 class ArrayEntry(_Section):
     """One array: what it is, and the xxh3_64 of each chunk's bytes, in order."""
 
-    dtype: Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
+    dtype: DType
     shape: Annotated[tuple[Size, ...], Field(min_length=1, strict=False)]
     chunk_rows: Annotated[int, Field(ge=1)]
     checksums: Annotated[tuple[Xxh3, ...], Field(strict=False)]

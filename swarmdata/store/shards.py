@@ -73,10 +73,10 @@ def write_shard(
         return _entry(shard, ())
     with (folder / array_file(name, len(shard.shape))).open("wb") as file:
         for chunk in chunks:
-            logical.update(chunk[: min(left, len(chunk))])
+            logical.update(chunk[: min(left, len(chunk))].data)
             left -= min(left, len(chunk))
-            checksums.append(xxhash.xxh3_64_hexdigest(chunk))
-            file.write(chunk)
+            checksums.append(xxhash.xxh3_64_hexdigest(chunk.data))
+            file.write(chunk.data)
         file.write(shard.index())
     return _entry(shard, tuple(checksums))
 

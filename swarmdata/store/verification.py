@@ -50,7 +50,8 @@ def check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
     def is_intact(job: tuple[str, int, str]) -> bool:
         name, index, checksum = job
         size = manifest.arrays[name].shard.chunk_bytes
-        return xxhash.xxh3_64_hexdigest(raw[name][index * size : (index + 1) * size]) == checksum
+        chunk = raw[name][index * size : (index + 1) * size]
+        return xxhash.xxh3_64_hexdigest(chunk.data) == checksum
 
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
         for job, intact in zip(jobs, pool.map(is_intact, jobs), strict=True):
@@ -90,5 +91,5 @@ def logical_digest(manifest: Manifest, raw: Mapping[str, NDArray[Any]]) -> str:
     for name in sorted(manifest.arrays):
         entry = manifest.arrays[name]
         logical.update(logical_header(name, entry.dtype, entry.shape))
-        logical.update(raw[name][: entry.shard.nbytes])
+        logical.update(raw[name][: entry.shard.nbytes].data)
     return logical.hexdigest()

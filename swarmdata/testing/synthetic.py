@@ -1,5 +1,6 @@
-"""Synthetic episodes and datasets: small episodes whose values name their episode, time and agent."""
+"""Synthetic episodes and datasets, whose values name their episode, time and agent."""
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,41 +8,55 @@ import numpy as np
 
 from swarmdata.spec import PolicySource, Recipe, Role, Splits, TaskSpec
 from swarmdata.store import Manifest, assemble, merge_order, write_part
-from swarmdata.types import END_REASONS, Episode
+from swarmdata.types import END_REASONS, EVENTS, Counts, Episode
 
 N, S, A, M = 2, 3, 2, 4
 N_FEATURES = 5
 
 
-def make_episode(length: int, seed: int, policy: int = 0, n_obstacles: int = M) -> Episode:
+def make_episode(
+    length: int,
+    seed: int,
+    policy: int = 0,
+    n_obstacles: int = M,
+    n_agents: int = N,
+    n_features: int = N_FEATURES,
+    n_states: int = S,
+) -> Episode:
     """Feature 0 is the seed, feature 1 the time, feature 2 the agent; the rest is noise."""
     rng = np.random.default_rng([seed, policy])
-    observations = rng.normal(size=(length + 1, N, N_FEATURES)).astype(np.float32)
+    observations = rng.standard_normal((length + 1, n_agents, n_features), dtype=np.float32)
     observations[..., 0] = seed
     observations[..., 1] = np.arange(length + 1)[:, None]
-    observations[..., 2] = np.arange(N)
-    states = rng.normal(size=(length + 1, S)).astype(np.float32)
+    observations[..., 2] = np.arange(n_agents)
+    states = rng.standard_normal((length + 1, n_states), dtype=np.float32)
     states[:, 0] = seed
     states[:, 1] = np.arange(length + 1)
-    actions = rng.uniform(-1, 1, size=(length, N, A)).astype(np.float32)
     end_reason = int(rng.integers(len(END_REASONS)))
     ends = np.arange(length) == length - 1
     horizon = END_REASONS[end_reason] == "horizon"
-    events = rng.integers(0, 2, size=(length, N, 4)).astype(np.uint8)
-    events[:, 1, 2] = events[:, 0, 2]
     return Episode(
         observations=observations,
         states=states,
-        actions=actions,
-        rewards=rng.normal(size=(length, N)).astype(np.float32),
+        actions=rng.uniform(-1, 1, size=(length, n_agents, A)).astype(np.float32),
+        rewards=rng.standard_normal((length, n_agents), dtype=np.float32),
         terminations=ends & (not horizon),
         truncations=ends & horizon,
-        events=events,
-        layout=rng.normal(size=(n_obstacles, 8)).astype(np.float32),
+        events=_make_events(rng, length, n_agents),
+        layout=rng.standard_normal((n_obstacles, 8), dtype=np.float32),
         seed=seed,
         policy=policy,
         end_reason=end_reason,
     )
+
+
+def _make_events(rng: np.random.Generator, length: int, n_agents: int) -> Counts:
+    """Random events; contacts between robots begin for agents 0 and 1 together."""
+    events = rng.integers(0, 2, size=(length, n_agents, len(EVENTS))).astype(np.uint8)
+    onsets = EVENTS.index("robot_onsets")
+    events[:, 1, onsets] = events[:, 0, onsets]
+    events[:, 2:, onsets] = 0
+    return events
 
 
 def make_recipe(n_steps: int, n_policies: int = 1, seed: int = 0, block: int = 5) -> Recipe:
@@ -93,3 +108,21 @@ def make_dataset(
     assert merge.lacking is None
     manifest = assemble(out, recipe=recipe, parts=parts, order=merge.order)
     return manifest, [streams[policy][episode] for policy, episode in merge.order]
+
+
+def make_large_dataset(
+    out: Path, n_steps: int, n_agents: int = 4, n_features: int = 53
+) -> Manifest:
+    """Writes a dataset of the size and shapes of a real one, episodes of 125 steps."""
+    length, per_part = 125, 64
+    n_parts = -(-n_steps // (length * per_part))
+    parts = [out.parent / f"{out.name}.parts" / f"part-{k:04d}" for k in range(n_parts)]
+    for k, part in enumerate(parts):
+        seeds = range(k * per_part, (k + 1) * per_part)
+        sizes = {"n_agents": n_agents, "n_features": n_features, "n_states": 6 * n_agents}
+        write_part(part, [make_episode(length, seed, **sizes) for seed in seeds])
+    recipe = make_recipe(n_steps)
+    order = merge_order(recipe, [[length] * (n_parts * per_part)]).order
+    manifest = assemble(out, recipe=recipe, parts={0: parts}, order=order)
+    shutil.rmtree(parts[0].parent)
+    return manifest

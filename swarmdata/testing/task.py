@@ -1,6 +1,7 @@
 """The contract that every task must keep, as one function that users can run on their own tasks."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.seeding import derive, uniform
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Double, Step
+from swarmdata.types import Bool, Double, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
 
@@ -45,21 +46,25 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     _check_refusals(batch)
 
 
-def _play(env: VecEnv, seeds: np.ndarray, n_steps: int) -> list[Step]:
+def _play(env: VecEnv, seeds: Seeds, n_steps: int) -> list[Step]:
     """Plays random commands that depend on seed and time only; checks that steps are not reused."""
     steps = [env.reset(seeds)]
     for _ in range(n_steps):
         kept = [array.copy() for array in steps[-1]]
         steps.append(env.step(_commands(env, steps[-1])))
         for name, array, copy in zip(Step._fields, steps[-2], kept, strict=True):
-            assert np.array_equal(array, copy), f"step() wrote to the earlier step's {name}"
+            same = np.array_equal(np.asarray(array), copy)
+            assert same, f"step() wrote to the earlier step's {name}"
     return steps
 
 
 def _commands(env: VecEnv, step: Step) -> Double:
     agents = np.arange(env.spec.n_agents)[:, None]
     bits = derive(
-        step.seeds[:, None, None], step.times[:, None, None] // 10, agents, np.arange(env.action_size)
+        step.seeds[:, None, None],
+        step.times[:, None, None] // 10,
+        agents,
+        np.arange(env.action_size),
     )
     return 2 * uniform(bits) - 1
 
@@ -87,10 +92,12 @@ def _check_arrays(step: Step, env: VecEnv, e: int) -> None:
 
 def _check_ends(steps: list[Step], spec: TaskSpec) -> None:
     ended: Bool = np.zeros(len(steps[0].seeds), dtype=np.bool_)
-    for before, step in zip(steps, steps[1:], strict=False):
-        assert not (step.terminations & step.truncations).any(), "an end is both termination and truncation"
+    for before, step in pairwise(steps):
+        assert not (step.terminations & step.truncations).any(), "an end of two kinds"
         assert (step.successes <= step.terminations).all(), "a success that is no termination"
-        assert (step.truncations <= (step.times == spec.horizon)).all(), "truncation before the horizon"
+        assert (step.truncations <= (step.times == spec.horizon)).all(), (
+            "truncation before the horizon"
+        )
         assert (step.ended | (step.times < spec.horizon)).all(), "an episode outlived the horizon"
         assert not step.rewards[ended].any(), "an ended copy got a reward"
         assert (step.states[ended] == before.states[ended]).all(), "an ended copy moved"

@@ -66,7 +66,7 @@ def mpe2() -> Callable[[float], float]:
 
 def vmas(n_copies: int) -> Callable[[float], float]:
     import torch
-    import vmas as package
+    import vmas as package  # type: ignore[import-not-found]  # a peer to measure, not a dependency
 
     torch.set_num_threads(1)
     env = package.make_env(
@@ -100,13 +100,14 @@ def engines() -> Iterator[tuple[str, Callable[[float], float]]]:
 
 def main() -> None:
     runs = list(engines())
-    rates = {name: [] for name, _ in runs}
+    rates: dict[str, list[float]] = {name: [] for name, _ in runs}
     for _ in range(ROUNDS):
         for name, run in runs:
             rates[name].append(run(SECONDS))
     base = np.median(rates["mpe2 simple_spread_v3"])
     for name, values in rates.items():
-        print(f"{name:32s} {np.median(values):10,.0f} env steps/s  {np.median(values) / base:7.1f} x MPE2")
+        rate = np.median(values)
+        print(f"{name:32s} {rate:10,.0f} env steps/s  {rate / base:7.1f} x MPE2")
 
 
 if __name__ == "__main__":

@@ -71,7 +71,9 @@ def test_the_public_backend_gives_the_same_bits_through_resets() -> None:
         left, right = play(fast, ids, 100), play(public, ids, 100)
         for copy in range(4):
             assert_same(left, right, copy, copy)
-        np.testing.assert_array_equal(fast._world.backend.positions, public._world.backend.positions)
+        np.testing.assert_array_equal(
+            fast._world.backend.positions, public._world.backend.positions
+        )
 
 
 def test_earlier_steps_are_never_written_to_again() -> None:
@@ -132,9 +134,8 @@ def test_a_pair_collision_is_one_onset_until_the_robots_separate(open_spec: Task
     env = CoopNav(open_spec, 1)
     env.reset(seeds(3))
     put(env, [(-0.15, 0.0), (0.15, 0.0)])
-    events = []
-    for command in [1.0] * 8 + [-1.0] * 8 + [1.0] * 20:
-        events.append(env.step(np.array([[[command, 0.0], [-command, 0.0]]])).events[0])
+    commands = [1.0] * 8 + [-1.0] * 8 + [1.0] * 20
+    events = [env.step(np.array([[[c, 0.0], [-c, 0.0]]])).events[0] for c in commands]
     onsets = np.array(events)[:, :, 2].sum(0)
     np.testing.assert_array_equal(onsets, [2, 2])
     assert np.array(events)[:, :, 0].sum() > 4
@@ -229,7 +230,7 @@ def test_wrong_use_gives_one_clear_error() -> None:
 
 def test_an_impossible_layout_raises_with_the_density() -> None:
     spec = TaskSpec.parse({"obstacles": {"pockets": 12}, "spawn": {"max_attempts": 5}})
-    with pytest.raises(SpawnError, match="cover .*% of the arena"):
+    with pytest.raises(SpawnError, match=r"cover .*% of the arena"):
         CoopNav(spec, 1).reset(seeds(1))
 
 

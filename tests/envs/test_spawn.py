@@ -55,12 +55,19 @@ def test_spawned_places_keep_the_distances_of_the_spec() -> None:
             (starts, spec.spawn.start_clearance, spec.spawn.start_separation),
             (goals, spec.spawn.goal_clearance, spec.spawn.goal_separation),
         ):
-            assert min(clearance(x, y, layout, half) for x, y in points) >= radius + clear - tolerance
+            assert (
+                min(clearance(x, y, layout, half) for x, y in points) >= radius + clear - tolerance
+            )
             gaps = np.linalg.norm(points[:, None] - points, axis=-1) + 9 * np.eye(4) - 2 * radius
             assert gaps.min() >= apart - tolerance
-        assert np.linalg.norm(starts - goals, axis=-1).min() >= spec.spawn.min_goal_distance - tolerance
+        assert (
+            np.linalg.norm(starts - goals, axis=-1).min()
+            >= spec.spawn.min_goal_distance - tolerance
+        )
         sizes = np.array([bounding_radius(row) for row in layout])
-        between = np.linalg.norm(layout[:, None, 1:3] - layout[:, 1:3], axis=-1) + 9 * np.eye(len(layout))
+        between = np.linalg.norm(layout[:, None, 1:3] - layout[:, 1:3], axis=-1) + 9 * np.eye(
+            len(layout)
+        )
         assert (between - sizes[:, None] - sizes).min() >= spec.obstacles.gap - tolerance
 
 

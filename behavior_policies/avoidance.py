@@ -1,0 +1,107 @@
+"""What limits one robot's velocity: the surfaces near it, and the robots near it.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+from numba import njit
+
+from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
+from swarmdata.geometry import nearest, wall_gap
+from swarmdata.types import Double, Float
+
+HORIZON = 1.0
+"""Seconds for which robots avoid each other. Above 2 v / a = 0.8 s, so that they can brake; longer
+horizons make crowds stall."""
+
+BRAKE = 0.6
+"""Seconds in which a gap may be closed: approach speed <= gap / BRAKE. Braking alone needs v / a =
+0.4 s; the rest is for turning at the same time, which shares the acceleration limit."""
+
+ROBOT_MARGIN = 0.03
+"""Metres of gap kept between robots."""
+
+SURFACE_MARGIN = 0.01
+"""Metres of gap kept from surfaces; below the planner's `MARGIN`, so that ways can be driven."""
+
+SENSE = 1.5
+"""Metres between centres beyond which robots ignore each other: 2 v HORIZON and two radii."""
+
+NEAR = 0.5
+"""Metres from its goal within which a robot gives way."""
+
+
+@njit(nogil=True, cache=True)
+def surface_half_planes(
+    x: float, y: float, radius: float, primitives: Float, half: Double, planes: Double
+) -> int:
+    """Writes the velocities with which a robot can still brake before every surface near it.
+
+    Args:
+        x: position, m.
+        y: position, m.
+        radius: of the robot, m.
+        primitives: convex obstacles, [P, 8].
+        half: half width and half height of the arena, m, [2].
+        planes: written from row 0, at least [P + 4, 4].
+
+    Returns:
+        How many half-planes were written.
+    """
+    n = 0
+    reach = radius + 0.4
+    for m in range(primitives.shape[0]):
+        dx, dy = float(primitives[m, 1]) - x, float(primitives[m, 2]) - y
+        size = reach + primitives[m, 5] + primitives[m, 6]
+        if dx * dx + dy * dy > size * size:
+            continue
+        d, vx, vy = nearest(x, y, primitives[m])
+        if 0.0 < d < reach:
+            damper_half_plane(vx / d, vy / d, (d - radius - SURFACE_MARGIN) / BRAKE, planes[n])
+            n += 1
+    for wall in range(4):
+        gap = wall_gap(x, y, half, wall)
+        if gap < reach:
+            sign = 1.0 if wall % 2 == 0 else -1.0
+            nx, ny = (sign, 0.0) if wall < 2 else (0.0, sign)
+            damper_half_plane(nx, ny, (gap - radius - SURFACE_MARGIN) / BRAKE, planes[n])
+            n += 1
+    return n
+
+
+@njit(nogil=True, cache=True)
+def robot_half_planes(
+    i: int, robots: Double, radii: Double, aims: Double, n: int, planes: Double
+) -> int:
+    """Writes the velocities of robot i that are safe with the robots near it.
+
+    Args:
+        i: which robot.
+        robots: columns of the state, [N, 6].
+        radii: m, [N].
+        aims: preferred velocity, m/s, and distance to the goal, m, of every robot, [N, 3].
+        n: how many half-planes there are already.
+        planes: written from row n.
+
+    Returns:
+        How many half-planes there are now.
+    """
+    own = (robots[i, 2], robots[i, 3])
+    for j in range(robots.shape[0]):
+        x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
+        if j == i or x * x + y * y > SENSE * SENSE:
+            continue
+        reach = radii[i] + radii[j] + ROBOT_MARGIN
+        velocity = (robots[j, 2], robots[j, 3])
+        robot_half_plane((x, y), own, velocity, reach, (HORIZON, BRAKE, 0.5), planes[n])
+        n += 1
+        if gives_way(aims[i, 2], aims[j, 2]):
+            wish = (aims[j, 0], aims[j, 1])
+            robot_half_plane((x, y), own, wish, reach, (HORIZON, BRAKE, 1.0), planes[n])
+            n += 1
+    return n
+
+
+@njit(nogil=True, cache=True)
+def gives_way(own: float, other: float) -> bool:
+    """Whether a robot this far from its goal gives way to one that far from its own, m."""
+    return own < NEAR and other > own

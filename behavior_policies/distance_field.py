@@ -1,0 +1,180 @@
+"""The map of an episode: clearances on a grid, and the cheapest way to a goal from every node.
+
+Ways come from Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket queue
+of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM 1969), since costs
+are small integers. Nodes near surfaces cost more, so that ways keep to the middle of passages.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Double, Float
+
+Int32 = NDArray[np.int32]
+
+SPACING = 0.05
+"""Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
+radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
+
+MARGIN = 0.015
+"""Metres of free gap that a way keeps where it can."""
+
+STRAIGHT, DIAGONAL = 5, 7
+"""Costs of a step to the next node; 7 / 5 is within 1 % of sqrt(2)."""
+
+GAPS = (0.10, 0.04, MARGIN)
+WEIGHTS = (1, 2, 6, 40)
+"""Factors on the cost of entering a node whose free gap is above each of `GAPS`, and below all. The
+last is for robots that were pushed against a surface: they find a way out."""
+
+N_BUCKETS = DIAGONAL * WEIGHTS[3] + 1
+
+
+def grid_shape(spec: TaskSpec) -> tuple[int, int]:
+    """Returns the number of nodes along y and along x."""
+    arena = spec.arena
+    return int(arena.height / SPACING) + 1, int(arena.width / SPACING) + 1
+
+
+@njit(nogil=True, cache=True)
+def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None:
+    """Writes the distance from every node to the nearest surface or wall, at most `cap`.
+
+    Args:
+        layout: obstacles, [M, 8].
+        half: half width and half height of the arena, m, [2].
+        cap: m; only nodes this near to an obstacle are computed.
+        out: written, m, [rows, columns]; node (0, 0) is the lower left corner of the arena.
+    """
+    rows, columns = out.shape
+    for row in range(rows):
+        for column in range(columns):
+            x, y = column * SPACING - half[0], row * SPACING - half[1]
+            out[row, column] = min(cap, half[0] - abs(x), half[1] - abs(y))
+    for m in range(layout.shape[0]):
+        reach = bounding_radius(layout[m]) + cap
+        u, v = float(layout[m, 1]) + half[0], float(layout[m, 2]) + half[1]
+        first, last = max(int((u - reach) / SPACING), 0), int((u + reach) / SPACING)
+        low, high = max(int((v - reach) / SPACING), 0), int((v + reach) / SPACING)
+        for row in range(low, min(high + 2, rows)):
+            for column in range(first, min(last + 2, columns)):
+                x, y = column * SPACING - half[0], row * SPACING - half[1]
+                dx, dy = u - half[0] - x, v - half[1] - y
+                if dx * dx + dy * dy < reach * reach:
+                    out[row, column] = min(out[row, column], nearest(x, y, layout[m])[0])
+
+
+@njit(nogil=True, cache=True)
+def weights_of(grid: Float, radius: float) -> Int32:
+    """Returns the cost factor of entering each node, 0 where a robot cannot be, [rows * columns].
+
+    The border is always 0, so that a node that can be entered has eight neighbors.
+
+    Args:
+        grid: clearances, m, [rows, columns].
+        radius: of the robot, m.
+    """
+    rows, columns = grid.shape
+    weights = np.zeros(rows * columns, dtype=np.int32)
+    for row in range(1, rows - 1):
+        for column in range(1, columns - 1):
+            gap = grid[row, column] - radius
+            if gap <= -0.5 * radius:
+                continue
+            weight = WEIGHTS[0]
+            for level in range(3):
+                if gap < GAPS[level]:
+                    weight = WEIGHTS[level + 1]
+            weights[row * columns + column] = weight
+    return weights
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _unlink(node: int, bucket: int, heads: Int32, links: Int32) -> None:
+    before, after = links[node, 0], links[node, 1]
+    if before >= 0:
+        links[before, 1] = after
+    else:
+        heads[bucket] = after
+    if after >= 0:
+        links[after, 0] = before
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
+    first = heads[bucket]
+    links[node, 0], links[node, 1] = -1, first
+    if first >= 0:
+        links[first, 0] = node
+    heads[bucket] = node
+
+
+@njit(nogil=True, cache=True)
+def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32) -> None:
+    """Writes for every node the cost of the cheapest way to the goal and the next node on it.
+
+    Args:
+        goal: node, row * columns + column; it can be entered.
+        columns: nodes in a row.
+        weights: cost factor of entering each node, 0 where it cannot be and on the border, [n].
+        costs: written, [n]; -1 where there is no way.
+        ways: written, [n]; the goal's next node is itself.
+    """
+    heads = np.full(N_BUCKETS, -1, dtype=np.int32)  # first node of each bucket
+    links = np.empty((weights.shape[0], 2), dtype=np.int32)  # nodes before and after in the bucket
+    costs[:], ways[:] = -1, -1
+    costs[goal], ways[goal] = 0, goal
+    _push(goal, 0, heads, links)
+    cost, waiting = 0, 1
+    while waiting > 0:
+        bucket = cost % N_BUCKETS
+        node = heads[bucket]
+        if node < 0:
+            cost += 1
+            continue
+        _unlink(node, bucket, heads, links)
+        waiting -= 1
+        for k in range(9):
+            near = node + (k // 3 - 1) * columns + k % 3 - 1
+            if weights[near] == 0:
+                continue
+            new = cost + (STRAIGHT if k % 2 == 1 else DIAGONAL) * weights[near]
+            if costs[near] >= 0:
+                if costs[near] <= new:  # settled nodes end here: they were cheaper
+                    continue
+                _unlink(near, costs[near] % N_BUCKETS, heads, links)
+                waiting -= 1
+            costs[near], ways[near] = new, node
+            _push(near, new % N_BUCKETS, heads, links)
+            waiting += 1
+
+
+@njit(nogil=True, cache=True)
+def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -> int:
+    """Returns the node with a way to the goal that is nearest to a point, or -1.
+
+    Args:
+        x: point, m.
+        y: point, m.
+        costs: of the ways, -1 where there is none, [n].
+        columns: nodes in a row.
+        half: half width and half height of the arena, m, [2].
+    """
+    u, v = (x + half[0]) / SPACING, (y + half[1]) / SPACING
+    rows = costs.shape[0] // columns
+    column = min(max(int(u + 0.5), 0), columns - 1)
+    row = min(max(int(v + 0.5), 0), rows - 1)
+    if costs[row * columns + column] >= 0:
+        return int(row * columns + column)
+    best, found = 1e9, -1
+    for r in range(max(row - 2, 0), min(row + 3, rows)):
+        for c in range(max(column - 2, 0), min(column + 3, columns)):
+            square = (c - u) * (c - u) + (r - v) * (r - v)
+            if costs[r * columns + c] >= 0 and square < best:
+                best, found = square, r * columns + c
+    return found

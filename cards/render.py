@@ -1,0 +1,346 @@
+"""Writes a dataset's card from its files; nothing on it is typed by hand.
+
+The card is Markdown with the front matter that the Hugging Face Hub reads, and a pure function of
+the manifest, the recipe, the episode table and the measured references.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
+from swarmdata.cards.schema import Interval, TaskReferences, references_of
+from swarmdata.errors import SchemaError
+from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.store import SPLITS, EpisodeTable, Manifest, open_store, write_file
+from swarmdata.store.layout import CARD
+from swarmdata.types import END_REASONS, EVENTS, Bool, Double
+
+BINS, BAR = 12, 40
+"""Rows of the return histogram, and characters of its longest bar."""
+
+SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+"""The Hub's size categories, by joint steps below."""
+
+SHOWN = (
+    "return",
+    "success",
+    "clean_success",
+    "time_to_goal",
+    "robot_collisions",
+    "obstacle_collisions",
+)
+"""Metrics of the reference table."""
+
+LIMITS = (
+    "Simulated: planar, circular robots of equal mass, no wheel slip, no sensor noise unless the "
+    "observation model says so.",
+    "Every episode ends for the whole team at once; no robot leaves or joins.",
+    "States hold the goals; they are for training and analysis, not for deployed policies.",
+    "Actions of learned tiers are noisy, and each episode was made by one policy only.",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """Everything a card is made from."""
+
+    manifest: Manifest
+    recipe: Recipe
+    table: EpisodeTable
+    references: TaskReferences | None
+
+
+def write_card(folder: Path) -> None:
+    """Writes the card of a finished dataset beside its files; errors are those of `card_of`."""
+    write_file(folder / CARD, card_of(folder).encode())
+
+
+def card_of(folder: Path) -> str:
+    """Renders the card of a finished dataset.
+
+    Raises:
+        DatasetError: the dataset cannot be used.
+        SchemaError: a check that the card reports did not pass.
+        SpecError: something stored has no description.
+    """
+    stored = open_store(folder, verify="none")
+    references = references_of(stored.recipe.spec.hash())
+    return render(Facts(stored.manifest, stored.recipe, stored.table, references))
+
+
+def render(facts: Facts) -> str:
+    """Returns the card's text.
+
+    Raises:
+        SchemaError: a check that the card reports did not pass.
+        SpecError: something stored has no description.
+    """
+    sections = (
+        _identity(facts),
+        _task(facts.recipe.spec),
+        _fields(facts.recipe.spec, facts.manifest),
+        _policies(facts),
+        _statistics(facts),
+        _splits(facts),
+        _references(facts),
+        _checks(facts),
+        _bullets("Known limits", LIMITS),
+        _rebuild(facts),
+    )
+    return "".join([_front_matter(facts), *sections])
+
+
+def _front_matter(facts: Facts) -> str:
+    size = next((name for below, name in SIZES if facts.manifest.n_steps < below), "1M<n<10M")
+    recipe = facts.recipe
+    content = {
+        "pretty_name": recipe.id,
+        "license": "cc-by-4.0",
+        "task_categories": ["reinforcement-learning", "robotics"],
+        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],
+        "size_categories": [size],
+    }
+    return f"---\n{yaml.safe_dump(content, sort_keys=False)}---\n"
+
+
+def _identity(facts: Facts) -> str:
+    manifest, recipe = facts.manifest, facts.recipe
+    size = sum(entry.size for entry in manifest.files.values())
+    rows = (
+        ("id", f"`{recipe.id}`"),
+        ("task", f"`{recipe.spec.task}` version {recipe.spec.version}"),
+        ("tier", recipe.tier),
+        ("joint steps", f"{manifest.n_steps:,}"),
+        ("episodes", f"{manifest.n_episodes:,}"),
+        ("size", f"{size / 1e6:,.1f} MB"),
+        ("digest of the arrays", f"`{manifest.digest}`"),
+        ("recipe", f"`{manifest.recipe_hash}`"),
+        ("format version", str(manifest.format_version)),
+    )
+    snippet = f'```python\nimport swarmdata\n\ndataset = swarmdata.load("{recipe.id}")\n```\n'
+    return f"\n# {recipe.id}\n\n{snippet}\n" + _table(("", ""), rows)
+
+
+def _task(spec: TaskSpec) -> str:
+    rows = [
+        ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
+        ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
+        ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
+        ("control step", f"{spec.control_dt:g} s, {spec.n_substeps} physics steps"),
+        ("success", f"all robots within {spec.termination.goal_radius:g} m of their goals"),
+        ("on collision", spec.termination.on_collision),
+    ]
+    for role in spec.team:
+        robot = role.robot
+        rows.append(
+            (
+                f"{role.name}",
+                f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
+                f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
+            )
+        )
+    rows += [(f"reward: {name}", f"{value:g}") for name, value in spec.rewards]
+    rows += [(f"obstacles: {name}", _plain(value)) for name, value in spec.obstacles]
+    return "\n## Task\n\n" + _table(("", ""), rows) + _task_notes(spec)
+
+
+def _task_notes(spec: TaskSpec) -> str:
+    channel = spec.communication.kind
+    return (
+        "\nRewards are per robot; the team return of an episode is the sum over time of their mean "
+        "over robots. An episode terminates on success"
+        f"{' or on a collision' if spec.termination.on_collision == 'fail' else ''} and is "
+        f"truncated at the horizon. Communication: {channel}.\n"
+    )
+
+
+def _fields(spec: TaskSpec, manifest: Manifest) -> str:
+    rows = observation_rows(spec)
+    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
+    n_described = sum(len(row.columns.split(",")) for row in rows)
+    _expect("observation features", shapes["observations"][2], n_described)
+    _expect("state features", shapes["states"][1], 6 * spec.n_agents)
+    arrays = [
+        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
+        for name, entry in sorted(manifest.arrays.items())
+    ]
+    return (
+        "\n## Arrays\n\n"
+        + _table(("array", "dtype", "shape"), arrays)
+        + f"\nColumns of `events`: {', '.join(EVENTS)}. Actions are commands in [-1, 1], scaled by "
+        "the robot's limit.\n"
+        + "\n### Observation of one robot, world frame\n\n"
+        + _field_table(rows)
+        + "\n### State\n\n"
+        + _field_table(state_rows(spec))
+    )
+
+
+def _expect(what: str, got: int, expected: int) -> None:
+    if got != expected:
+        raise SchemaError(f"{what}: the arrays have {got}, the description has {expected}")
+
+
+def _field_table(rows: Sequence[FieldRow]) -> str:
+    cells = [(row.columns, f"`{row.name}`", row.unit, row.meaning) for row in rows]
+    return _table(("column", "name", "unit", "meaning"), cells)
+
+
+def _policies(facts: Facts) -> str:
+    table, rows = facts.table, []
+    for index, source in enumerate(facts.recipe.policies):
+        chosen = table.policy == index
+        if not chosen.any():
+            raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
+        checkpoint = f"`{source.checkpoint}`" if source.checkpoint else "none"
+        rows.append(
+            (
+                source.label,
+                source.name,
+                checkpoint,
+                f"{source.noise:g}",
+                f"{chosen.sum():,}",
+                f"{table.lengths[chosen].sum():,}",
+                f"{table.team_return[chosen].mean():.2f}",
+                _percent(table.success[chosen]),
+            )
+        )
+    head = ("label", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success")
+    return "\n## Behavior policies\n\n" + _table(head, rows)
+
+
+def _statistics(facts: Facts) -> str:
+    table = facts.table
+    quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
+    rows = [
+        ("return, mean", f"{table.team_return.mean():.3f}"),
+        ("return, standard deviation", f"{table.team_return.std():.3f}"),
+        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
+        ("success", _percent(table.success)),
+        ("length, mean", f"{table.lengths.mean():.1f} steps"),
+        ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
+        ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
+    ]
+    for code, reason in enumerate(END_REASONS):
+        rows.append((f"ended by {reason}", _percent(table.end_reason == code)))
+    return (
+        "\n## Statistics\n\n"
+        + _table(("", "per episode"), rows)
+        + f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
+    )
+
+
+def histogram(values: Double, bins: int = BINS) -> str:
+    """Returns a histogram as text, one line per bin."""
+    counts, edges = np.histogram(values, bins=bins)
+    scale = BAR / counts.max()
+    lines = [
+        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{BAR}} {n}"
+        for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _splits(facts: Facts) -> str:
+    table, rule = facts.table, facts.recipe.splits
+    rows = []
+    for code, name in enumerate(SPLITS):
+        chosen = table.split == code
+        mean = f"{table.team_return[chosen].mean():.3f}" if chosen.any() else "none"
+        rows.append((name, f"{chosen.sum():,}", f"{table.lengths[chosen].sum():,}", mean))
+    return (
+        "\n## Splits\n\n"
+        + _table(("split", "episodes", "steps", "mean return"), rows)
+        + f"\nBy episode and by policy: of every {rule.block} consecutive episodes of a policy, "
+        f"{rule.validation} is for validation and {rule.test} for test. Normalization statistics "
+        "come from train only. Evaluation seeds are reserved and never occur in a dataset.\n"
+    )
+
+
+def _references(facts: Facts) -> str:
+    known = facts.references
+    if known is None:
+        return "\n## Reference scores\n\nNone measured for this spec.\n"
+    rows = [
+        (policy, *(_interval(metrics.get(name)) for name in SHOWN))
+        for policy, metrics in known.policies.items()
+    ]
+    score = known.score(float(facts.table.team_return.mean()))
+    anchors = "The score needs an expert, which is not measured yet.\n"
+    if score is not None:
+        anchors = (
+            f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f});"
+            f" this dataset's own mean return scores {score:.1f}.\n"
+        )
+    labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
+    return (
+        "\n## Reference scores\n\n"
+        + _table(("policy", *labels), rows)
+        + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
+        f"intervals, policies without noise. {anchors}"
+    )
+
+
+def _checks(facts: Facts) -> str:
+    return _bullets("Checks passed", check(facts))
+
+
+def check(facts: Facts) -> tuple[str, ...]:
+    """Returns what holds of this dataset.
+
+    Raises:
+        SchemaError: naming what does not hold.
+    """
+    table, spec = facts.table, facts.recipe.spec
+    claims = {
+        "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
+        "No seed occurs twice.": len(np.unique(table.seeds)) == len(table),
+        "No episode is longer than the horizon.": (table.lengths <= spec.horizon).all(),
+        "Every episode that was not solved or failed has the horizon's length.": (
+            table.lengths[table.end_reason == END_REASONS.index("horizon")] == spec.horizon
+        ).all(),
+        "Every return is finite.": np.isfinite(table.team_return).all(),
+        "The dataset has the steps of its recipe.": facts.manifest.n_steps >= facts.recipe.n_steps,
+    }
+    broken = [claim for claim, holds in claims.items() if not holds]
+    if broken:
+        raise SchemaError(f"{facts.recipe.id} fails its checks: {' '.join(broken)}")
+    return tuple(claims)
+
+
+def _rebuild(facts: Facts) -> str:
+    made = ", ".join(f"{name} {value}" for name, value in sorted(facts.manifest.provenance.items()))
+    return (
+        "\n## Rebuild\n\n    swarmdata generate recipe.json --out FOLDER\n\n"
+        "makes this dataset again from the recipe beside this card, on any machine and with any "
+        f"number of workers, with the digest above. This copy was made with {made}.\n"
+    )
+
+
+def _bullets(title: str, lines: Sequence[str]) -> str:
+    return f"\n## {title}\n\n" + "".join(f"- {line}\n" for line in lines)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _percent(values: Bool) -> str:
+    return f"{100 * values.mean():.1f} %"
+
+
+def _interval(interval: Interval | None) -> str:
+    if interval is None:
+        return "never"
+    return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+
+
+def _plain(value: object) -> str:
+    return " to ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else f"{value:g}"

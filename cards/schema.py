@@ -1,0 +1,101 @@
+"""What the package knows about published datasets and about the reference policies of each task."""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Annotated
+
+from pydantic import Field
+
+from swarmdata.spec import Frozen
+from swarmdata.store import Manifest
+
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Published(Frozen):
+    """The digest and size of one published (id, version)."""
+
+    digest: Sha256
+    n_steps: Annotated[int, Field(ge=1)]
+    n_episodes: Annotated[int, Field(ge=1)]
+    n_bytes: Annotated[int, Field(ge=1)]
+    made_with: dict[str, str]  # versions and platform
+
+
+class Interval(Frozen):
+    """A mean over episodes and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class TaskReferences(Frozen):
+    """Measured reference policies of one spec, on the reserved evaluation seeds."""
+
+    spec_hash: Sha256
+    n_episodes: Annotated[int, Field(ge=1)]
+    made_with: dict[str, str]
+    policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
+
+    @property
+    def no_skill(self) -> float | None:
+        """Mean return of the better of the idle and the random team; 0 on the score."""
+        returns = [self.mean_return(name) for name in ("idle", "random")]
+        known = [value for value in returns if value is not None]
+        return max(known) if len(known) == len(returns) else None
+
+    @property
+    def expert(self) -> float | None:
+        """Mean return of the expert team; 100 on the score."""
+        return self.mean_return("expert")
+
+    def mean_return(self, policy: str) -> float | None:
+        """Mean team return of a reference policy, None if it was not measured."""
+        interval = self.policies.get(policy, {}).get("return")
+        return interval.value if interval else None
+
+    def score(self, team_return: float) -> float | None:
+        """100 (R - R0) / (R_expert - R0), None where a reference was not measured."""
+        if self.no_skill is None or self.expert is None:
+            return None
+        return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
+
+
+def publication(manifest: Manifest) -> Published:
+    """Returns what is published of a built dataset."""
+    return Published(
+        digest=manifest.digest,
+        n_steps=manifest.n_steps,
+        n_episodes=manifest.n_episodes,
+        n_bytes=sum(entry.size for entry in manifest.files.values()),
+        made_with=manifest.provenance,
+    )
+
+
+@cache
+def published() -> Mapping[str, Published]:
+    """Every published dataset by its id with version."""
+    entries = _read("published.json").items()
+    return MappingProxyType({key: Published.parse(value, key) for key, value in entries})
+
+
+@cache
+def references() -> Mapping[str, TaskReferences]:
+    """Measured references by task."""
+    entries = _read("references.json").items()
+    return MappingProxyType({key: TaskReferences.parse(value, key) for key, value in entries})
+
+
+def references_of(spec_hash: str) -> TaskReferences | None:
+    """The references measured on exactly this spec, None if there are none."""
+    return next((entry for entry in references().values() if entry.spec_hash == spec_hash), None)
+
+
+def _read(name: str) -> dict[str, object]:
+    text = (files("swarmdata.cards") / name).read_text(encoding="utf-8")
+    data: dict[str, object] = json.loads(text)
+    return data

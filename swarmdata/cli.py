@@ -1,0 +1,282 @@
+"""The command line: reads arguments, calls the library, prints what it returns."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from swarmdata import __version__
+from swarmdata.errors import SwarmdataError
+
+
+class _Group(TyperGroup):
+    """Turns errors that users can act on into one message, and Ctrl-C into exit code 130."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (SwarmdataError, OSError) as error:
+            typer.echo(f"{type(error).__name__}: {error}", err=True)
+            raise typer.Exit(1) from None
+        except KeyboardInterrupt:
+            typer.echo("Stopped. Run the same command again to go on from here.", err=True)
+            raise typer.Exit(130) from None
+
+
+app = typer.Typer(
+    cls=_Group,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Offline multi-agent RL datasets for multi-robot tasks.",
+)
+
+DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
+IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
+Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
+Episodes = Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")]
+Task = Annotated[str, typer.Option(help="of policies and tiers")]
+
+
+def main() -> None:
+    """Runs the command line."""
+    app()
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"swarmdata {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command("list")
+def list_command() -> None:
+    """Show every dataset."""
+    from swarmdata.catalog import list_datasets
+
+    line = "{:36} {:>7} {:>12} {:>10} {:>8}"
+    typer.echo(line.format("id", "robots", "joint steps", "size", "cached"))
+    for info in list_datasets():
+        size = f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown"
+        cached = "yes" if info.is_cached else "no"
+        typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, cached))
+
+
+@app.command()
+def info(dataset: DatasetId) -> None:
+    """Show where a dataset is, its published digest and its recipe."""
+    from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.catalog import dataset_folder, list_datasets
+
+    recipe = find_recipe(dataset)
+    entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
+    typer.echo(f"folder: {dataset_folder(recipe)}{'' if entry.is_cached else ' (not built yet)'}")
+    typer.echo(f"published digest: {entry.digest or 'none'}")
+    typer.echo(recipe.to_yaml(), nl=False)
+
+
+@app.command()
+def generate(
+    dataset: Annotated[str, typer.Argument(metavar="ID_OR_RECIPE", help="an id or a recipe file")],
+    steps: Annotated[int | None, typer.Option(min=1, help="other number of joint steps")] = None,
+    workers: Workers = None,
+    out: Annotated[
+        Path | None, typer.Option(help="the dataset's folder; default the cache")
+    ] = None,
+) -> None:
+    """Build a dataset; run again after any interruption to go on."""
+    from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.catalog import dataset_folder
+    from swarmdata.recipes import build
+    from swarmdata.spec import Recipe
+    from swarmdata.store import read_manifest
+
+    is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")
+    if out is None and (is_file or steps is not None):
+        raise typer.BadParameter("needed for a recipe file and with --steps", param_hint="--out")
+    if is_file and not Path(dataset).exists():
+        raise typer.BadParameter(f"there is no file {dataset}")
+    recipe = Recipe.from_file(Path(dataset)) if is_file else find_recipe(dataset)
+    if steps is not None:
+        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
+    folder = build(recipe, out or dataset_folder(recipe), workers=workers)
+    manifest = read_manifest(folder)
+    typer.echo(f"{folder}\n{manifest.n_steps:,} joint steps, digest {manifest.digest}")
+
+
+def _folder(dataset: str) -> Path:
+    """The folder of an id in the cache, or the path itself."""
+    from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.catalog import dataset_folder
+
+    return Path(dataset) if Path(dataset).is_dir() else dataset_folder(find_recipe(dataset))
+
+
+@app.command()
+def verify(dataset: IdOrPath) -> None:
+    """Read every byte again and compare it with the manifest and the published digest."""
+    from swarmdata.cards.schema import published
+    from swarmdata.dataset import Dataset
+
+    opened = Dataset.open(_folder(dataset), verify="full")
+    entry = published().get(opened.id)
+    typer.echo(f"{opened.path}: every file is as it was written, digest {opened.digest}")
+    if entry is None:
+        typer.echo(f"no digest is published for {opened.id}")
+    elif entry.digest == opened.digest:
+        typer.echo("this is the published dataset")
+    else:
+        typer.echo(f"the published dataset has another digest, {entry.digest}", err=True)
+        raise typer.Exit(1)
+
+
+@app.command()
+def card(
+    dataset: IdOrPath,
+    write: Annotated[bool, typer.Option(help="replace the card in the dataset's folder")] = False,
+) -> None:
+    """Render a dataset's card from its files."""
+    from swarmdata.cards.render import card_of, write_card
+
+    typer.echo(card_of(_folder(dataset)), nl=False)
+    if write:
+        write_card(_folder(dataset))
+
+
+@app.command()
+def train(
+    algorithm: Annotated[str, typer.Argument(help="such as bc or maddpg_bc")],
+    dataset: DatasetId,
+    out: Annotated[Path, typer.Option(help="the run's folder")],
+    seeds: Annotated[int, typer.Option(min=1, help="trained at once: 0, 1, ...")] = 3,
+    updates: Annotated[int | None, typer.Option(min=1, help="gradient updates")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
+    ] = None,
+    curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    device: Annotated[str, typer.Option(help="of torch")] = "cpu",
+) -> None:
+    """Train an offline algorithm on the train split; run again to go on."""
+    from swarmdata.targets import require
+
+    changes = dict(_setting(text) for text in settings or [])
+    if updates is not None:
+        changes["n_updates"] = str(updates)
+    require("torch", "torch", "training")
+    from swarmdata.training import train_offline
+
+    train_offline(
+        algorithm,
+        dataset,
+        out,
+        n_seeds=seeds,
+        changes=changes,
+        curve_every=curve_every,
+        device=device,
+    )
+    typer.echo(out)
+
+
+def _setting(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+    return key, value
+
+
+@app.command()
+def evaluate(
+    targets: Annotated[
+        list[str],
+        typer.Argument(metavar="TARGET...", help="policies, tiers, dataset ids or run folders"),
+    ],
+    episodes: Episodes = 1000,
+    out: Annotated[Path | None, typer.Option(help="folder for the results")] = None,
+    task: Task = "coop_nav",
+) -> None:
+    """Evaluate policies on the reserved seeds and print a table."""
+    from swarmdata.reporting import compare
+    from swarmdata.targets import evaluate_target, find_target
+
+    found = [find_target(name, task) for name in targets]
+    results = {target.label: evaluate_target(target, episodes, out) for target in found}
+    typer.echo(compare(results, found[0].spec).to_text(), nl=False)
+
+
+@app.command()
+def report(
+    results: Annotated[Path, typer.Argument(help="folder that `evaluate --out` filled")],
+    out: Annotated[Path, typer.Option(help="folder for the table and pictures")],
+    runs: Annotated[list[Path] | None, typer.Option(help="run folders to draw curves of")] = None,
+    task: Task = "coop_nav",
+) -> None:
+    """Write the table (Markdown, CSV), its picture, and learning curves."""
+    from swarmdata.reporting import write_report
+
+    typer.echo(write_report(results, out, runs or [], task).to_text(), nl=False)
+
+
+@app.command()
+def render(
+    target: Annotated[str, typer.Argument(help="a policy, tier, run folder or dataset id")],
+    out: Annotated[Path, typer.Option(help="the .gif file")],
+    episode: Annotated[int, typer.Option(min=0, help="evaluation seed, or recorded episode")] = 0,
+    task: Task = "coop_nav",
+) -> None:
+    """Animate one episode: a fresh one of a policy, or a recorded one of a dataset."""
+    from swarmdata.reporting import animate_target
+
+    animate_target(target, out, episode, task)
+    typer.echo(out)
+
+
+@app.command()
+def references(
+    task: Annotated[str, typer.Argument(help="such as coop_nav")],
+    episodes: Episodes = 1000,
+    out: Annotated[
+        Path | None, typer.Option(help="JSON file in which to replace this task")
+    ] = None,
+) -> None:
+    """Measure the reference policies of a task again (cards/references.json)."""
+    from swarmdata.targets import measure_references
+
+    table = measure_references(task, episodes)
+    _update(out, {task: table.model_dump(mode="json")})
+
+
+@app.command()
+def digests(
+    datasets: Annotated[list[str], typer.Argument(metavar="ID...")],
+    out: Annotated[
+        Path | None, typer.Option(help="JSON file in which to replace these ids")
+    ] = None,
+) -> None:
+    """Take the digests of built datasets, for publishing (cards/published.json)."""
+    from swarmdata.cards.schema import publication
+    from swarmdata.store import read_manifest
+
+    manifests = [read_manifest(_folder(dataset)) for dataset in datasets]
+    _update(out, {m.id: publication(m).model_dump(mode="json") for m in manifests})
+
+
+def _update(path: Path | None, entries: dict[str, Any]) -> None:
+    """Prints the entries, or puts them into a JSON file."""
+    there = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
+    text = json.dumps({**there, **entries}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    if path is None:
+        typer.echo(text, nl=False)
+    else:
+        path.write_text(text, encoding="utf-8")

@@ -1,0 +1,297 @@
+"""Builds the dataset that a recipe describes: in parallel parts, resumable, the same bits always.
+
+Part k of a policy holds the episodes k * part_episodes and on of that policy's stream, and is a
+pure function of the recipe and k. So it does not matter who makes a part, when, or how often.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from filelock import FileLock
+from tqdm import tqdm
+
+from swarmdata.cards.render import write_card
+from swarmdata.errors import BuildError, RecipeConflictError
+from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.registry import make_env, make_policy
+from swarmdata.rollout import rollout
+from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store import (
+    MergeOrder,
+    PartTable,
+    assemble,
+    merge_order,
+    read_manifest,
+    read_part_table,
+    remove_leftovers,
+    write_file,
+    write_part,
+)
+from swarmdata.store.layout import CARD
+from swarmdata.types import Episode, Seeds
+from swarmdata.workers import Crew, Job, Report, serve
+
+N_COPIES = 64
+"""Copies of the task that a worker steps together; episodes are the same for any number."""
+
+
+def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> Path:
+    """Makes the dataset, or what is missing of it, and returns `out`.
+
+    Parts are collected in `<out>.build` and removed at the end. Kill the process at any time and
+    call again: finished parts are kept, and the dataset is the same. Where another process builds
+    the same dataset, this one waits for it.
+
+    Args:
+        recipe: what to make.
+        out: the dataset's folder; where it is finished already, nothing is done.
+        workers: processes that simulate; by default one for each core.
+        progress: whether to show a bar in joint steps, on standard error.
+
+    Raises:
+        RecipeConflictError: `out` or `<out>.build` belongs to another recipe.
+        BuildError: a part could not be made, or the disk is too small.
+    """
+    out = Path(out)
+    if is_finished(out, recipe):
+        return out
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(out.parent / f".{out.name}.lock"):
+        if not out.exists():
+            _make(recipe, out, workers or os.cpu_count() or 1, progress)
+        if build_folder(out).exists():
+            shutil.rmtree(build_folder(out))
+        write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
+    return out
+
+
+def build_folder(out: Path) -> Path:
+    """Where the parts of an unfinished dataset are."""
+    return out.parent / f"{out.name}.build"
+
+
+def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> Seeds:
+    """Returns the seeds of consecutive episodes in a policy's stream, [n_episodes].
+
+    The top two bits are clear, so they never meet the reserved evaluation seeds.
+    """
+    episodes = np.arange(first, first + n_episodes, dtype=np.uint64)
+    return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
+
+
+def make_source_policy(source: PolicySource, spec: TaskSpec) -> Policy:
+    """Builds a behavior policy as the recipe states it, noise included."""
+    options: dict[str, Any] = {"checkpoint": source.checkpoint, "sha256": source.sha256}
+    options = {name: value for name, value in options.items() if value is not None}
+    if source.noise:
+        options["noise"] = source.noise
+    return make_policy(source.name, spec, **options)
+
+
+def make_part(
+    recipe: Recipe, policy: int, part: int, report: Report = lambda n: None
+) -> list[Episode]:
+    """Simulates part number `part` of one policy's stream.
+
+    Args:
+        recipe: the recipe.
+        policy: index into `recipe.policies`.
+        part: k.
+        report: called with the joint steps of each episode.
+    """
+    seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
+    actor = make_source_policy(recipe.policies[policy], recipe.spec)
+    episodes = []
+    for episode in rollout(_copies(recipe.spec), actor, seeds, policy_index=policy):
+        episodes.append(episode)
+        report(len(episode))
+    return episodes
+
+
+@lru_cache(maxsize=1)
+def _copies(spec: TaskSpec) -> VecEnv:
+    """The worker's copies of the task, kept from part to part."""
+    return make_env(spec, N_COPIES)
+
+
+def work() -> None:
+    """Makes parts until told to stop; runs in worker processes."""
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        recipe = Recipe.from_text(payload["recipe"])
+        episodes = make_part(recipe, payload["policy"], payload["part"], report)
+        write_part(Path(payload["folder"]), episodes)
+
+    serve(handle)
+
+
+def is_finished(out: Path, recipe: Recipe) -> bool:
+    """Whether `build` has nothing left to do; what is finished is never written to.
+
+    Raises:
+        RecipeConflictError: `out` holds a dataset of another recipe.
+        DatasetError: `out` is there and has no readable manifest.
+    """
+    if not out.exists():
+        return False
+    found = read_manifest(out)
+    if found.recipe_hash != recipe.hash():
+        raise RecipeConflictError(
+            f"{out} holds {found.id} made from another recipe ({found.recipe_hash[:12]}, expected "
+            f"{recipe.hash()[:12]} of {recipe.id}). Delete it or choose another folder."
+        )
+    return (out / CARD).exists()
+
+
+def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> None:
+    parts = _Parts(recipe, build_folder(out))
+    parts.open()
+    with _bar(recipe, parts, progress) as report, Crew(f"{__name__}:work", workers) as crew:
+        while (merge := parts.merge()).lacking is not None:
+            parts.check_space()
+            crew.run(parts.wave(merge, workers), report)
+    assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
+
+
+@contextmanager
+def _bar(recipe: Recipe, parts: "_Parts", shown: bool) -> Iterator[Report]:
+    """A progress bar over joint steps; it starts at what earlier runs have made."""
+    have = min(recipe.n_steps, sum(table.n_steps for table in parts.all_tables()))
+    with tqdm(
+        total=recipe.n_steps,
+        initial=have,
+        unit="step",
+        unit_scale=True,
+        desc=recipe.id,
+        disable=None if shown else True,  # None: hidden where there is no terminal
+    ) as bar:
+
+        def report(steps: int) -> None:
+            bar.total = max(recipe.n_steps, bar.n + steps)  # the last parts overshoot
+            bar.update(steps)
+
+        yield report
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The folder of parts of one recipe."""
+
+    recipe: Recipe
+    folder: Path
+
+    def open(self) -> None:
+        """Creates the folder, or checks that the one there is of the same recipe."""
+        self.folder.mkdir(exist_ok=True)
+        remove_leftovers(self.folder)
+        note = self.folder / "recipe.json"
+        if not note.exists():
+            write_file(note, self.recipe.to_json().encode())
+            return
+        there = Recipe.from_file(note)
+        if there != self.recipe:
+            raise RecipeConflictError(
+                f"{self.folder} holds parts of another recipe: {_difference(there, self.recipe)}. "
+                "Delete it or choose another folder."
+            )
+
+    def path(self, policy: int, part: int) -> Path:
+        return self.folder / f"policy-{policy}-part-{part:05d}"
+
+    def folders(self) -> dict[int, list[Path]]:
+        """Consecutive finished parts of each policy, from part 0."""
+        found: dict[int, list[Path]] = {}
+        for policy in range(len(self.recipe.policies)):
+            found[policy] = []
+            while (path := self.path(policy, len(found[policy]))).exists():
+                found[policy].append(path)
+        return {policy: paths for policy, paths in found.items() if paths}
+
+    def tables(self) -> list[list[PartTable]]:
+        """Tables of the parts in `folders`, by policy."""
+        folders = self.folders()
+        return [
+            [read_part_table(path) for path in folders.get(policy, [])]
+            for policy in range(len(self.recipe.policies))
+        ]
+
+    def all_tables(self) -> list[PartTable]:
+        return [table for tables in self.tables() for table in tables]
+
+    def merge(self) -> MergeOrder:
+        lengths = [[int(n) for table in tables for n in table.lengths] for tables in self.tables()]
+        return merge_order(self.recipe, lengths)
+
+    def wave(self, merge: MergeOrder, workers: int) -> list[Job]:
+        """The parts to make next: what each policy's share still needs, by its mean part so far.
+
+        A policy without parts gets one; then the estimates are good, and nearly nothing is made in
+        vain.
+        """
+        whole = sum(source.share for source in self.recipe.policies)
+        jobs = []
+        for policy, tables in enumerate(self.tables()):
+            steps = sum(table.n_steps for table in tables)
+            left = self.recipe.n_steps * self.recipe.policies[policy].share / whole - steps
+            mean = steps / len(tables) if tables else self.recipe.n_steps
+            n_parts = max(int(policy == merge.lacking or not tables), round(left / mean))
+            jobs += [self._job(policy, len(tables) + k) for k in range(n_parts)]
+        return jobs
+
+    def _job(self, policy: int, part: int) -> Job:
+        return Job(
+            name=f"part {part} of {self.recipe.policies[policy].label}",
+            payload={
+                "recipe": self.recipe.to_json(),
+                "policy": policy,
+                "part": part,
+                "folder": str(self.path(policy, part)),
+            },
+        )
+
+    def check_space(self) -> None:
+        """Raises if the disk cannot hold the missing parts and the assembled dataset.
+
+        Sizes are those of the parts that are there; before the first part nothing is known.
+        """
+        have = sum(table.n_steps for table in self.all_tables())
+        if not have:
+            return
+        size = sum(file.stat().st_size for file in self.folder.glob("policy-*/*"))
+        per_step = size / have
+        needed = per_step * (max(0, self.recipe.n_steps - have) + self.recipe.n_steps)
+        free = shutil.disk_usage(self.folder).free
+        if free < needed:
+            raise BuildError(
+                f"{self.recipe.id} needs {needed / 1e6:.0f} MB more in {self.folder.parent}, which "
+                f"has {free / 1e6:.0f} MB free. Make room or choose another folder; finished parts "
+                "are kept."
+            )
+
+
+def _difference(there: Recipe, wanted: Recipe) -> str:
+    """Names the fields that differ, with both values."""
+    return "; ".join(
+        _differences("", there.model_dump(mode="json"), wanted.model_dump(mode="json"))
+    )
+
+
+def _differences(path: str, there: Any, wanted: Any) -> Iterator[str]:
+    if isinstance(there, Mapping) and isinstance(wanted, Mapping):
+        for key in sorted(there.keys() | wanted.keys()):
+            yield from _differences(
+                f"{path}.{key}" if path else key, there.get(key), wanted.get(key)
+            )
+    elif isinstance(there, Sequence) and not isinstance(there, str) and len(there) == len(wanted):
+        for index, pair in enumerate(zip(there, wanted, strict=True)):
+            yield from _differences(f"{path}[{index}]", *pair)
+    elif there != wanted:
+        yield f"{path} is {there!r} there, {wanted!r} in the recipe"

@@ -1,0 +1,147 @@
+"""The contract of a policy, as a suite that anyone can run on their own.
+
+    check_policy(policy, spec, make_env)
+
+raises an AssertionError that names the broken promise of `interfaces.Policy`.
+"""
+
+import random
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+
+from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.rollout import rollout
+from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Episode, Float, Seeds, Step
+
+MakeEnv = Callable[[TaskSpec, int], VecEnv]
+
+_BASE = EVALUATION_BASE + (1 << 40)  # reserved seeds that no evaluation uses
+
+
+def check_policy(
+    policy: Policy, spec: TaskSpec, make_env: MakeEnv, *, n_episodes: int = 7, n_steps: int = 20
+) -> None:
+    """Checks every promise of `interfaces.Policy`.
+
+    Args:
+        policy: under test; it is reset and used in environments of several sizes.
+        spec: the task it was made for; a short horizon makes the check fast.
+        make_env: builds copies of that task, such as `registry.make_env`.
+        n_episodes: how many episodes must be the same bits in any batch.
+        n_steps: how many steps the actions themselves are looked at.
+
+    Raises:
+        AssertionError: a promise is broken.
+    """
+    check_actions(policy, spec, make_env, n_steps)
+    check_batch_invariance(policy, spec, make_env, n_episodes)  # first: sight needs repeatable acts
+    check_sight(policy, spec, make_env, n_steps)
+
+
+def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+    """Actions are fresh, finite, in range, and asked for without side effects."""
+    assert isinstance(policy, Policy), (
+        f"{type(policy).__name__} lacks one of uses_state, reset(step, copies), act(step)"
+    )
+    assert isinstance(policy.uses_state, bool), f"uses_state is {policy.uses_state!r}, not a bool"
+    env, step = _start(policy, spec, make_env)
+    expected = env.n_copies, spec.n_agents, env.action_size
+    for _ in range(n_steps):
+        before, generators = [field.copy() for field in step], _global_generators()
+        actions = policy.act(step)
+        assert _global_generators() == generators, (
+            "act drew from a global generator; use seeding.derive(step.seeds, step.times)"
+        )
+        for name, old, new in zip(Step._fields, before, step, strict=True):
+            assert np.array_equal(old, new), f"act wrote to step.{name}"
+        assert actions.dtype == np.float32, f"actions are {actions.dtype}, not float32"
+        assert actions.shape == expected, f"actions are {actions.shape}, not [E, N, A] {expected}"
+        assert np.isfinite(actions).all(), "actions are not finite"
+        assert (np.abs(actions) <= 1).all(), f"actions reach {np.abs(actions).max():g}, above 1"
+        kept = actions.copy()
+        step = env.step(actions)
+        assert np.array_equal(actions, kept), "the environment changed the actions"
+
+
+def check_sight(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+    """A policy that does not declare `uses_state` acts on observations alone.
+
+    Two runs, one with states, layouts and rewards hidden (NaN), must choose the same actions.
+    """
+    if policy.uses_state:
+        return
+    seen = _actions(policy, spec, make_env, n_steps, hidden=False)
+    blind = _actions(policy, spec, make_env, n_steps, hidden=True)
+    assert np.array_equal(seen, blind), (
+        "the actions depend on states, layouts or rewards, which robots do not see; "
+        "use observations only, or declare uses_state = True"
+    )
+
+
+def check_batch_invariance(
+    policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_episodes: int
+) -> None:
+    """An episode is the same bits alone, in a batch, first, last, and when run again."""
+    seeds = np.arange(_BASE, _BASE + n_episodes, dtype=np.uint64)
+    alone = _episodes(policy, spec, make_env, seeds, 1)
+    for n_copies, order in ((1, seeds), (3, seeds), (3, seeds[::-1]), (n_episodes, seeds)):
+        batch = _episodes(policy, spec, make_env, order.copy(), n_copies)
+        for seed in alone:
+            wrong = _difference(alone[seed], batch[seed])
+            assert wrong is None, (
+                f"episode {seed} has other {wrong} in {n_copies} copies than alone; randomness and "
+                "memory must depend on step.seeds and step.times only, and reset(step, copies) "
+                "must forget exactly the copies it names"
+            )
+
+
+def _start(policy: Policy, spec: TaskSpec, make_env: MakeEnv) -> tuple[VecEnv, Step]:
+    env = make_env(spec, 3)
+    step = env.reset(np.arange(_BASE, _BASE + 3, dtype=np.uint64))
+    policy.reset(step, np.arange(3))
+    return env, step
+
+
+def _global_generators() -> tuple[object, ...]:
+    """The states of Python's and NumPy's global generators, to compare."""
+    return random.getstate(), repr(np.random.get_state())  # noqa: NPY002
+
+
+def _actions(
+    policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int, *, hidden: bool
+) -> Float:
+    """Actions of three copies, [n_steps, E, N, A]."""
+    env = make_env(spec, 3)
+    step = env.reset(np.arange(_BASE, _BASE + 3, dtype=np.uint64))
+    policy.reset(_hide(step) if hidden else step, np.arange(3))
+    rows = []
+    for _ in range(n_steps):
+        rows.append(policy.act(_hide(step) if hidden else step).copy())
+        step = env.step(rows[-1])
+    return np.stack(rows)
+
+
+def _hide(step: Step) -> Step:
+    def gone(values: Float) -> Float:
+        return np.full_like(values, np.nan)
+
+    return step._replace(
+        states=gone(step.states), layouts=gone(step.layouts), rewards=gone(step.rewards)
+    )
+
+
+def _episodes(
+    policy: Policy, spec: TaskSpec, make_env: MakeEnv, seeds: Seeds, n_copies: int
+) -> dict[int, Episode]:
+    env = make_env(spec, n_copies)
+    return {episode.seed: episode for episode in rollout(env, policy, seeds)}
+
+
+def _difference(a: Episode, b: Episode) -> str | None:
+    """The first field in which two episodes differ."""
+    names = (field.name for field in fields(Episode))
+    return next((n for n in names if not np.array_equal(getattr(a, n), getattr(b, n))), None)

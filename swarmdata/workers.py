@@ -1,0 +1,224 @@
+"""A crew of worker processes that do named jobs; a worker that is killed costs its job one retry.
+
+`concurrent.futures.ProcessPoolExecutor` fails as a whole when one worker is killed, and
+`multiprocessing` runs the caller's script again in every worker unless it is guarded. Here a worker
+is a plain new interpreter, which reads jobs from its standard input and reports on its standard
+output, one JSON object per line. It ends when its standard input ends, so it never outlives the
+supervisor for long, however that one died.
+"""
+
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Self
+
+from swarmdata.errors import BuildError, SwarmdataError
+
+ATTEMPTS = 3
+"""How often a job is begun at most, when its workers are killed."""
+
+Report = Callable[[int], None]
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One piece of work; doing it twice must be the same as doing it once."""
+
+    name: str  # for messages, such as "part 3 of expert-0"
+    payload: dict[str, Any]  # JSON values, given to the worker's handler
+
+
+@dataclass(eq=False)
+class _Worker:
+    """One process, what it is doing, and the part of its output that is not yet a whole line."""
+
+    process: "subprocess.Popen[bytes]"
+    job: Job | None = None
+    reported: int = 0
+    buffer: bytes = b""
+
+    def assign(self, job: Job) -> None:
+        self.job, self.reported = job, 0
+        stdin = self.process.stdin
+        assert stdin is not None
+        try:
+            stdin.write(json.dumps(job.payload).encode() + b"\n")
+            stdin.flush()
+        except BrokenPipeError:
+            return  # it was killed while idle: the end of its output says so too
+
+    def messages(self) -> list[dict[str, Any]] | None:
+        """The whole lines that are there to read, or None at the end of the output."""
+        stdout = self.process.stdout
+        assert stdout is not None
+        data = os.read(stdout.fileno(), 1 << 16)
+        if not data:
+            return None
+        *lines, self.buffer = (self.buffer + data).split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def stop(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout):
+            assert stream is not None
+            try:
+                stream.close()
+            except BrokenPipeError:
+                continue  # a job that the dead worker never read
+
+
+@dataclass
+class Crew:
+    """Up to `n_workers` processes that run `module:function`, kept from one `run` to the next.
+
+    The function must call `serve`. Use the crew as a context manager; leaving it kills the workers.
+
+    Args:
+        entry: "module:function" that a worker calls.
+        n_workers: how many processes at most, at least 1.
+    """
+
+    entry: str
+    n_workers: int
+    _workers: list[_Worker] = field(default_factory=list)
+    _selector: selectors.BaseSelector = field(default_factory=selectors.DefaultSelector)
+
+    def __enter__(self) -> Self:
+        if self.n_workers < 1:
+            raise ValueError(f"n_workers is {self.n_workers}, expected at least 1")
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        for worker in self._workers:
+            worker.stop()
+        self._workers.clear()
+        self._selector.close()
+
+    def run(self, jobs: Iterable[Job], progress: Report = lambda amount: None) -> None:
+        """Does all jobs, in any order.
+
+        Args:
+            jobs: what to do.
+            progress: called with what handlers report; negative when a killed job starts again.
+
+        Raises:
+            BuildError: a job raised an error, or its workers were killed `ATTEMPTS` times.
+        """
+        queue, attempts = deque(jobs), Counter[str]()
+        while queue or any(worker.job for worker in self._workers):
+            self._hire(len(queue))
+            for worker in self._workers:
+                if queue and worker.job is None:
+                    worker.assign(queue.popleft())
+            for key, _ in self._selector.select():
+                worker = key.data
+                lost = self._listen(worker, progress)
+                if lost is None:
+                    continue
+                attempts[lost.name] += 1
+                if attempts[lost.name] == ATTEMPTS:
+                    raise _killed(lost, worker.process.returncode)
+                queue.appendleft(lost)
+
+    def _hire(self, n_waiting: int) -> None:
+        """Starts workers until all waiting jobs have one, or there are `n_workers`."""
+        n_busy = sum(worker.job is not None for worker in self._workers)
+        while len(self._workers) < min(self.n_workers, n_busy + n_waiting):
+            worker = _Worker(_start(self.entry))
+            self._workers.append(worker)
+            assert worker.process.stdout is not None
+            self._selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+
+    def _listen(self, worker: _Worker, progress: Report) -> Job | None:
+        """Takes a worker's messages; returns the job that was lost if the worker has ended."""
+        messages = worker.messages()
+        if messages is None:
+            return self._dismiss(worker, progress)
+        for message in messages:
+            if "error" in message:
+                name = worker.job.name if worker.job else "starting a worker"
+                raise BuildError(f"{name} failed: {message['error']}")
+            if "done" in message:
+                worker.job = None
+            else:
+                worker.reported += message["progress"]
+                progress(message["progress"])
+        return None
+
+    def _dismiss(self, worker: _Worker, progress: Report) -> Job | None:
+        """Removes a worker that has ended; an idle one is simply gone."""
+        assert worker.process.stdout is not None
+        self._selector.unregister(worker.process.stdout)
+        self._workers.remove(worker)
+        worker.process.wait()
+        code = worker.process.returncode
+        worker.stop()
+        if code > 0:
+            name = worker.job.name if worker.job else "no job"
+            raise BuildError(
+                f"a worker process ended with exit code {code} while doing {name}; "
+                "its error is printed above"
+            )
+        if worker.job is not None:
+            progress(-worker.reported)
+        return worker.job
+
+
+def _start(entry: str) -> "subprocess.Popen[bytes]":
+    module, function = entry.split(":")
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {module} import {function}; {function}()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, **dict.fromkeys(_THREADS, "1")},
+    )
+
+
+def _killed(job: Job, code: int) -> BuildError:
+    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    return BuildError(
+        f"{job.name} failed: the worker process that did it ended {ATTEMPTS} times, last by {name}."
+        " If memory ran out, use fewer workers. What is finished is kept: run the same again to go "
+        "on."
+    )
+
+
+def serve(handle: Callable[[dict[str, Any], Report], None]) -> None:
+    """Does jobs from standard input until it ends; the main loop of a worker.
+
+    Args:
+        handle: does one job, given its payload and a function that reports progress. An error that
+            it raises is sent to the supervisor.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone; the supervisor acts
+    lines = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
+    os.dup2(2, 1)  # whatever else prints must not garble the messages
+
+    def send(**message: Any) -> None:
+        lines.write(json.dumps(message) + "\n")
+
+    for line in sys.stdin:
+        try:
+            handle(json.loads(line), lambda amount: send(progress=amount))
+        except (SwarmdataError, OSError) as error:
+            if isinstance(error, BrokenPipeError):
+                os._exit(0)  # the supervisor is gone
+            send(error=f"{type(error).__name__}: {error}")
+        else:
+            send(done=True)

@@ -1,0 +1,168 @@
+"""The scripted controller in a kinematic toy and in the world."""
+
+import numpy as np
+import pytest
+
+from swarmdata.behavior_policies.avoidance import gives_way
+from swarmdata.behavior_policies.scripted import Scripted
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.geometry import CIRCLE, POCKET, clearance
+from swarmdata.registry import make_env, make_policy
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import Obstacles, Robot, Role, TaskSpec
+from swarmdata.types import Double, Float, Step
+
+HALF = np.array([2.0, 2.0])
+EMPTY = np.zeros((0, 8), dtype=np.float32)
+NO_OBSTACLES = Obstacles(circles=0, boxes=0, corners=0, pockets=0)
+DIAMETER = 0.24
+
+
+def spec_of(n_robots: int, obstacles: Obstacles = NO_OBSTACLES) -> TaskSpec:
+    return TaskSpec(team=(Role(count=n_robots),), obstacles=obstacles)
+
+
+def toy_step(robots: Double, layout: Float) -> Step:
+    """One copy with the given rows of (x, y, vx, vy, goal x, goal y)."""
+    no, n = np.zeros(1, dtype=np.bool_), len(robots)
+    return Step(
+        observations=np.zeros((1, n, 53), dtype=np.float32),
+        states=robots.reshape(1, -1).astype(np.float32),
+        rewards=np.zeros((1, n), dtype=np.float32),
+        terminations=no,
+        truncations=no,
+        successes=no,
+        events=np.zeros((1, n, 4), dtype=np.uint8),
+        seeds=np.zeros(1, dtype=np.uint64),
+        times=np.zeros(1, dtype=np.int64),
+        layouts=layout[None],
+    )
+
+
+def drive(spec: TaskSpec, starts: Double, goals: Double, layout: Float = EMPTY) -> Double:
+    """Paths of point robots with an acceleration limit until all arrive, [T, N, 2]."""
+    robots = np.concatenate([starts, np.zeros_like(starts), goals], axis=1)
+    policy = Scripted(spec)
+    policy.reset(toy_step(robots, layout), np.arange(1))
+    paths = [robots[:, :2].copy()]
+    for _ in range(200):
+        change = 0.6 * policy.act(toy_step(robots, layout))[0] - robots[:, 2:4]
+        size = np.linalg.norm(change, axis=1, keepdims=True)
+        robots[:, 2:4] += change * np.minimum(1.0, 0.15 / np.maximum(size, 1e-9))
+        robots[:, :2] += 0.1 * robots[:, 2:4]
+        paths.append(robots[:, :2].copy())
+        if (np.linalg.norm(robots[:, :2] - goals, axis=1) < 0.15).all():
+            return np.array(paths)
+    raise AssertionError(f"not arrived after 200 steps: {robots[:, :2]} goals {goals}")
+
+
+def smallest_separation(paths: Double) -> float:
+    offset = paths[:, :, None] - paths[:, None, :]
+    distance = np.linalg.norm(offset, axis=-1) + 9.0 * np.eye(paths.shape[1])
+    return float(distance.min())
+
+
+def smallest_clearance(paths: Double, layout: Float) -> float:
+    return min(float(clearance(x, y, layout, HALF)) for x, y in paths.reshape(-1, 2))
+
+
+def test_two_robots_pass_each_other_head_on() -> None:
+    starts = np.array([[-1.2, 0.0], [1.2, 0.0]])
+    paths = drive(spec_of(2), starts, -starts)
+    assert smallest_separation(paths) > DIAMETER
+    assert len(paths) < 65  # 2.4 m at 0.6 m/s are 40 steps
+
+
+@pytest.mark.parametrize("n_robots", [4, 8])
+def test_antipodal_swap(n_robots: int) -> None:
+    angles = 2 * np.pi * np.arange(n_robots) / n_robots
+    starts = 1.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    paths = drive(spec_of(n_robots), starts, -starts)
+    assert smallest_separation(paths) > DIAMETER
+    assert len(paths) < 150
+
+
+def test_a_robot_gets_out_of_a_pocket() -> None:
+    layout = np.array([[POCKET, 0.0, 0.0, 0.0, 1.0, 0.4, 0.4, 0.05]], dtype=np.float32)
+    spec = spec_of(1, Obstacles(circles=0, boxes=0, corners=0, pockets=1))
+    paths = drive(spec, np.array([[0.15, 0.05]]), np.array([[1.2, 0.0]]), layout)
+    assert smallest_clearance(paths, layout) > DIAMETER / 2
+
+
+def gate(width: float) -> Float:
+    """Two rows of circles with one passage between them at the origin, along x."""
+    centers = [sign * (width / 2 + 0.25 + 0.5 * k) for k in range(4) for sign in (-1, 1)]
+    return np.array([[CIRCLE, 0.0, y, 1.0, 0.0, 0.25, 0.25, 0.0] for y in centers], np.float32)
+
+
+def test_a_robot_takes_the_narrowest_passage_of_the_spec() -> None:
+    layout, spec = gate(0.34), spec_of(1, NO_OBSTACLES.model_copy(update={"circles": 8}))
+    paths = drive(spec, np.array([[-1.0, 0.6]]), np.array([[1.0, -0.5]]), layout)
+    assert smallest_clearance(paths, layout) > DIAMETER / 2
+
+
+def test_a_robot_at_its_goal_in_a_passage_makes_room_and_comes_back() -> None:
+    layout, spec = gate(0.4), spec_of(2, NO_OBSTACLES.model_copy(update={"circles": 8}))
+    starts = np.array([[0.0, 0.0], [-1.2, 0.1]])
+    goals = np.array([[0.0, 0.0], [1.2, 0.0]])
+    paths = drive(spec, starts, goals, layout)
+    assert np.linalg.norm(paths[:, 0], axis=1).max() > 0.2
+    assert smallest_separation(paths) > DIAMETER
+    assert smallest_clearance(paths, layout) > DIAMETER / 2
+
+
+def test_right_of_way_is_never_mutual() -> None:
+    assert gives_way(0.1, 0.3)
+    assert not gives_way(0.3, 0.1)
+    assert not gives_way(0.2, 0.2)
+    assert not gives_way(0.6, 0.9)
+
+
+def test_the_default_task_is_solved_almost_without_contact() -> None:
+    env, policy = make_env(TaskSpec(), 64), make_policy("scripted", TaskSpec())
+    step = env.reset(evaluation_seeds(64))
+    policy.reset(step, np.arange(64))
+    touched, solved = np.zeros(64, dtype=np.bool_), np.zeros(64, dtype=np.bool_)
+    while not step.ended.all():
+        running = ~step.ended
+        step = env.step(policy.act(step))
+        touched |= running & step.events.any(axis=(1, 2))
+        solved |= step.successes
+    assert solved.mean() >= 0.95
+    assert (solved & ~touched).mean() >= 0.9
+
+
+def test_noise_depends_on_seed_and_time_only() -> None:
+    spec = TaskSpec()
+    step = make_env(spec, 4).reset(evaluation_seeds(4))
+    policy, noisy = Scripted(spec), Scripted(spec, noise=0.1)
+    policy.reset(step, np.arange(4))
+    noisy.reset(step, np.arange(4))
+    first = noisy.act(step)
+    assert first.tobytes() == noisy.act(step).tobytes()
+    assert 0.0 < np.abs(first - policy.act(step)).max() < 0.5
+    with pytest.raises(SpecError, match="noise"):
+        Scripted(spec, noise=float("nan"))
+
+
+def test_episodes_that_it_was_not_told_of_are_refused() -> None:
+    spec = TaskSpec()
+    env, policy = make_env(spec, 2), Scripted(spec)
+    step = env.reset(evaluation_seeds(2))
+    with pytest.raises(SchemaError, match="reset"):
+        policy.act(step)
+    policy.reset(step, np.array([0]))
+    with pytest.raises(SchemaError, match="reset"):
+        policy.act(step)
+    policy.reset(step, np.array([1]))
+    policy.act(step)
+    again = env.reset(evaluation_seeds(3)[2:], np.array([1]))
+    with pytest.raises(SchemaError, match="reset"):
+        policy.act(again)
+
+
+@pytest.mark.parametrize("change", [{"dynamics": "unicycle"}, {"command": "acceleration"}])
+def test_robots_it_cannot_drive_are_refused(change: dict[str, str]) -> None:
+    spec = TaskSpec(team=(Role(robot=Robot.parse(change)),))
+    with pytest.raises(SpecError, match="holonomic"):
+        Scripted(spec)

@@ -1,0 +1,64 @@
+"""Idle, random and straight: what they command, and that batches do not matter."""
+
+import numpy as np
+import pytest
+
+from swarmdata.registry import make_env, make_policy
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Step
+
+SPEC = TaskSpec()
+
+
+def first_step(n_copies: int) -> Step:
+    return make_env(SPEC, n_copies).reset(evaluation_seeds(n_copies))
+
+
+def test_idle_commands_zero() -> None:
+    actions = make_policy("idle", SPEC).act(first_step(3))
+    assert actions.shape == (3, 4, 2)
+    assert actions.dtype == np.float32
+    assert not actions.any()
+
+
+def test_random_is_uniform_and_changes_with_seed_time_robot_and_component() -> None:
+    step = first_step(1)._replace(
+        seeds=np.arange(4000, dtype=np.uint64), times=np.zeros(4000, dtype=np.int64)
+    )
+    policy = make_policy("random", SPEC)
+    actions = policy.act(step)
+    assert actions.min() >= -1.0
+    assert actions.max() < 1.0
+    np.testing.assert_allclose(actions.mean(axis=0), 0.0, atol=0.04)
+    np.testing.assert_allclose(actions.std(axis=0), 3.0**-0.5, atol=0.02)
+    columns = actions.reshape(4000, -1)
+    assert np.abs(np.corrcoef(columns.T) - np.eye(8)).max() < 0.06
+    assert (policy.act(step._replace(times=step.times + 1)) != actions).mean() > 0.99
+
+
+def test_straight_points_at_the_goal_and_brakes() -> None:
+    step = first_step(2)
+    robots = step.states.reshape(2, 4, 6)
+    robots[0, 0] = (0.0, 0.0, 0.0, 0.0, 0.3, 0.4)  # 0.5 m away: full speed
+    robots[0, 1] = (1.0, 1.0, 0.0, 0.0, 1.0, 0.85)  # 0.15 m away: half speed
+    robots[0, 2, 4:] = robots[0, 2, :2]
+    actions = make_policy("straight", SPEC).act(step)
+    np.testing.assert_allclose(actions[0, 0], (0.6, 0.8), atol=1e-6)
+    np.testing.assert_allclose(actions[0, 1], (0.0, -0.5), atol=1e-6)
+    assert not actions[0, 2].any()
+
+
+@pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
+def test_an_episode_is_the_same_alone_and_in_a_batch(name: str) -> None:
+    seeds = evaluation_seeds(8)
+    together, policy = make_env(SPEC, 8), make_policy(name, SPEC)
+    step = together.reset(seeds)
+    policy.reset(step, np.arange(8))
+    alone, single = make_env(SPEC, 1), make_policy(name, SPEC)
+    only = alone.reset(seeds[5:6])
+    single.reset(only, np.arange(1))
+    for _ in range(60):
+        actions, own = policy.act(step), single.act(only)
+        assert actions[5].tobytes() == own[0].tobytes()
+        step, only = together.step(actions), alone.step(own)

@@ -1,0 +1,87 @@
+"""Reference tables and the shipped JSON files."""
+
+import numpy as np
+import pytest
+
+from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
+from swarmdata.cards.references import interval, summarize
+from swarmdata.cards.schema import Interval, TaskReferences, published, references, references_of
+from swarmdata.errors import SchemaError
+from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.types import EvalResult
+
+
+def make_result(policy: str, value: float, n_episodes: int = 50) -> EvalResult:
+    spread = np.linspace(-1.0, 1.0, n_episodes)
+    metrics = dict.fromkeys(EPISODE_METRICS, value + spread)
+    metrics["time_to_goal"] = np.full(n_episodes, np.nan)
+    seeds = evaluation_seeds(n_episodes)
+    return EvalResult(policy, "coop_nav", "a" * 64, seeds, metrics)
+
+
+def test_interval_holds_the_mean() -> None:
+    values = np.random.default_rng(1).normal(3.0, 1.0, size=(1, 400))
+    result = interval(values)
+
+    assert result is not None
+    assert result.value == pytest.approx(values.mean())
+    assert result.low < result.value < result.high
+    assert result.high - result.low == pytest.approx(2 * 1.96 / 20, rel=0.2)
+
+
+def test_checkpoints_are_averaged_per_episode_and_undefined_values_left_out() -> None:
+    values = np.array([[1.0, np.nan, 5.0], [3.0, np.nan, np.nan]])
+    result = interval(values)
+
+    assert result is not None
+    assert result.value == pytest.approx((2.0 + 5.0) / 2)
+    assert interval(np.full((2, 3), np.nan)) is None
+
+
+def test_summary_anchors_the_score() -> None:
+    table = summarize(
+        {
+            "idle": [make_result("idle", -4.0)],
+            "random": [make_result("random", -12.0)],
+            "expert": [make_result("expert", 5.0), make_result("expert", 7.0)],
+        }
+    )
+
+    assert table.no_skill == pytest.approx(-4.0)
+    assert table.expert == pytest.approx(6.0)
+    assert table.score(1.0) == pytest.approx(50.0)
+    assert table.policies["idle"]["time_to_goal"] is None
+    assert TaskReferences.parse(table.model_dump(mode="json")) == table
+
+
+def test_score_needs_all_its_references() -> None:
+    only_idle = summarize({"idle": [make_result("idle", -4.0)]})
+
+    assert only_idle.no_skill is None
+    assert only_idle.score(0.0) is None
+
+
+def test_summary_refuses_other_seeds_and_nothing() -> None:
+    with pytest.raises(SchemaError, match="different seeds"):
+        summarize({"a": [make_result("a", 0.0)], "b": [make_result("b", 0.0, n_episodes=40)]})
+    with pytest.raises(SchemaError, match="'b'"):
+        summarize({"a": [make_result("a", 0.0)], "b": []})
+
+
+def test_shipped_references_are_of_the_shipped_specs() -> None:
+    for task, table in references().items():
+        assert table.spec_hash == SPECS[task].hash()
+        assert table.n_episodes == 1000
+        assert set(table.policies) >= {"idle", "random", "straight", "scripted"}
+    assert references_of("0" * 64) is None
+
+
+def test_published_datasets_have_recipes() -> None:
+    for dataset_id, entry in published().items():
+        assert shipped_recipes()[dataset_id].n_steps <= entry.n_steps
+
+
+def test_interval_is_strict() -> None:
+    with pytest.raises(ValueError, match="extra"):
+        Interval.model_validate({"value": 1, "low": 0, "high": 2, "median": 1})

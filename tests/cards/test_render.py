@@ -1,0 +1,190 @@
+"""The card: a golden file, and the checks that keep a wrong dataset from having one."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from swarmdata.cards.render import Facts, check, histogram, render
+from swarmdata.cards.schema import Interval, TaskReferences
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.spec import ObservationModel, PolicySource, Recipe, TaskSpec
+from swarmdata.store import EpisodeTable, Manifest
+from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry
+
+GOLDEN = Path(__file__).parent / "golden_card.md"
+N_EPISODES = 40
+
+
+def make_table(**changes: object) -> EpisodeTable:
+    index = np.arange(N_EPISODES)
+    solved = index % 4 != 0
+    lengths = np.where(solved, 50 + index, 160)
+    columns: dict[str, object] = {
+        "starts": np.cumsum(lengths) - lengths,
+        "lengths": lengths,
+        "seeds": (index + 7).astype(np.uint64),
+        "layouts": np.zeros((N_EPISODES, 6, 8), np.float32),
+        "split": np.select([index % 20 == 3, index % 20 == 9], [1, 2], 0).astype(np.uint8),
+        "end_reason": np.where(solved, 0, 2).astype(np.uint8),
+        "policy": (index % 2).astype(np.uint8),
+        "policy_episode": index // 2,
+        "team_return": np.where(solved, 4.0 + index / 10, -3.0 - index / 8),
+        "success": solved,
+        "robot_collisions": (index % 3 == 0).astype(np.int64),
+        "obstacle_collisions": np.zeros(N_EPISODES, np.int64),
+    }
+    return EpisodeTable(**{**columns, **changes})  # type: ignore[arg-type]
+
+
+def make_facts(
+    table: EpisodeTable | None = None, recipe: Recipe | None = None, n_features: int = 53
+) -> Facts:
+    table = table if table is not None else make_table()
+    recipe = recipe or Recipe(
+        id="coop_nav-golden-v0",
+        tier="golden",
+        spec=TaskSpec(),
+        policies=(
+            PolicySource(label="random", name="random"),
+            PolicySource(
+                label="expert-0",
+                name="learned",
+                checkpoint="expert-0.safetensors",
+                sha256="b" * 64,
+                noise=0.1,
+            ),
+        ),
+        n_steps=3000,
+    )
+    steps = int(table.lengths.sum())
+    rows = steps + len(table)
+    shapes = {
+        "actions": ("float32", (steps, 4, 2)),
+        "observations": ("float32", (rows, 4, n_features)),
+        "states": ("float32", (rows, 24)),
+    }
+    arrays = {
+        name: ArrayEntry(dtype=dtype, shape=shape, chunk_rows=10_000, checksums=("0" * 16,))  # type: ignore[arg-type]
+        for name, (dtype, shape) in shapes.items()
+    }
+    manifest = Manifest(
+        format_version=1,
+        id=recipe.id,
+        recipe_hash="c" * 64,
+        n_episodes=len(table),
+        n_steps=steps,
+        digest="d" * 64,
+        arrays=arrays,
+        files={"recipe.json": FileEntry(size=2_500_000, sha256="e" * 64)},
+        statistics=StatisticsEntry(
+            observation_mean=(0.0,) * n_features,
+            observation_std=(1.0,) * n_features,
+            reward_mean=0.0,
+            reward_std=1.0,
+        ),
+        provenance={"numpy": "2.4.6", "platform": "Linux"},
+    )
+    return Facts(manifest, recipe, table, make_references())
+
+
+def make_references() -> TaskReferences:
+    def metrics(team_return: float) -> dict[str, Interval | None]:
+        table: dict[str, Interval | None] = dict.fromkeys(
+            EPISODE_METRICS, Interval(value=0.5, low=0.4, high=0.6)
+        )
+        table["return"] = Interval(value=team_return, low=team_return - 1, high=team_return + 1)
+        return table
+
+    policies = {
+        name: metrics(r) for name, r in (("idle", -4.0), ("random", -13.0), ("expert", 6.0))
+    }
+    policies["idle"]["time_to_goal"] = None
+    return TaskReferences(spec_hash="f" * 64, n_episodes=1000, made_with={}, policies=policies)
+
+
+def test_golden(update_golden: bool) -> None:
+    text = render(make_facts())
+    if update_golden:
+        GOLDEN.write_text(text, encoding="utf-8")
+
+    assert text == GOLDEN.read_text(encoding="utf-8")
+
+
+def test_front_matter_is_yaml_for_the_hub() -> None:
+    _, front, _ = render(make_facts()).split("---\n", 2)
+    content = yaml.safe_load(front)
+
+    assert content["license"] == "cc-by-4.0"
+    assert content["size_categories"] == ["1K<n<10K"]
+    assert "coop_nav" in content["tags"]
+
+
+def test_numbers_are_those_of_the_table() -> None:
+    table = make_table()
+    text = render(make_facts(table))
+
+    assert f"| return, mean | {table.team_return.mean():.3f} |" in text
+    assert "| success | 75.0 % |" in text
+    assert "| train | 36 |" in text
+    score = 100 * (table.team_return.mean() + 4.0) / 10.0
+    assert f"mean return scores {score:.1f}." in text
+
+
+def test_without_references_the_card_says_so() -> None:
+    facts = make_facts()
+    bare = Facts(facts.manifest, facts.recipe, facts.table, None)
+
+    assert "None measured for this spec." in render(bare)
+
+
+@pytest.mark.parametrize(
+    ("column", "spoil", "claim"),
+    [
+        ("seeds", lambda v: v + np.uint64(EVALUATION_BASE), "reserved evaluation seed"),
+        ("seeds", lambda v: v // np.uint64(2), "occurs twice"),
+        ("lengths", lambda v: v + 1, "longer than the horizon"),
+        ("end_reason", lambda v: np.full_like(v, 2), "horizon's length"),
+        ("team_return", lambda v: v * np.nan, "finite"),
+        ("lengths", lambda v: v // 10, "steps of its recipe"),
+    ],
+)
+def test_dataset_that_fails_a_check_gets_no_card(
+    column: str, spoil: Callable[[np.ndarray], np.ndarray], claim: str
+) -> None:
+    table = make_table(**{column: spoil(getattr(make_table(), column))})
+
+    assert len(check(make_facts())) == 6
+    with pytest.raises(SchemaError, match=claim):
+        check(make_facts(table))
+
+
+def test_features_without_description_are_an_error() -> None:
+    with pytest.raises(SchemaError, match="observation features: the arrays have 54"):
+        render(make_facts(n_features=54))
+
+
+def test_observation_model_without_description_is_an_error() -> None:
+    facts = make_facts()
+    spec = TaskSpec(observation=ObservationModel(kind="lidar"))
+    recipe = facts.recipe.model_copy(update={"spec": spec})
+
+    with pytest.raises(SpecError, match="'lidar' has no field descriptions"):
+        render(make_facts(recipe=recipe))
+
+
+def test_policy_without_episodes_is_an_error() -> None:
+    with pytest.raises(SchemaError, match="'expert-0' made no episode"):
+        render(make_facts(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
+
+
+def test_histogram_counts_everything() -> None:
+    values = np.random.default_rng(0).normal(size=1000)
+    lines = histogram(values).splitlines()
+
+    assert sum(int(line.split()[-1]) for line in lines) == 1000
+    assert max(line.count("█") for line in lines) == 40

@@ -1,0 +1,139 @@
+"""Every registered policy keeps the contract, and the suite notices every broken promise."""
+
+import hashlib
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata import registry
+from swarmdata.interfaces import Policy
+from swarmdata.registry import make_env, make_policy
+from swarmdata.spec import TaskSpec
+from swarmdata.testing.policy import check_policy
+from swarmdata.types import Float, Int, Step
+
+SPEC = TaskSpec(horizon=25)
+
+
+def checkpoints() -> list[Any]:
+    """The actors that the package ships."""
+    folder = files("swarmdata.behavior_policies") / "checkpoints"
+    return sorted(
+        (item for item in folder.iterdir() if item.name.endswith(".safetensors")),
+        key=lambda item: item.name,
+    )
+
+
+@pytest.mark.parametrize("name", sorted(set(registry.POLICIES) - {"learned"}))
+def test_registered_policies_keep_the_contract(name: str) -> None:
+    check_policy(make_policy(name, SPEC), SPEC, make_env)
+
+
+@pytest.mark.parametrize("checkpoint", checkpoints(), ids=lambda item: item.name)
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_shipped_actors_keep_the_contract(checkpoint: Any, noise: float) -> None:
+    digest = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
+    policy = make_policy("learned", SPEC, checkpoint=checkpoint.name, sha256=digest, noise=noise)
+    check_policy(policy, SPEC, make_env)
+
+
+class Good:
+    """A base for policies that each break one promise."""
+
+    uses_state = False
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def reset(self, step: Step, copies: Int) -> None:
+        pass
+
+    def act(self, step: Step) -> Float:
+        self.calls += 1
+        return np.clip(step.observations[..., 6:8], -1.0, 1.0)
+
+
+class Loud(Good):
+    def act(self, step: Step) -> Float:
+        return super().act(step) * np.float32(3)
+
+
+class Wide(Good):
+    def act(self, step: Step) -> Float:
+        return super().act(step).astype(np.float64)
+
+
+class Flat(Good):
+    def act(self, step: Step) -> Float:
+        actions: Float = super().act(step)[:, 0]
+        return actions
+
+
+class Undefined(Good):
+    def act(self, step: Step) -> Float:
+        return super().act(step) * np.float32(np.nan)
+
+
+class Gambler(Good):
+    def act(self, step: Step) -> Float:
+        return super().act(step) * np.float32(np.random.random())  # noqa: NPY002
+
+
+class Vandal(Good):
+    def act(self, step: Step) -> Float:
+        step.observations[0, 0, 0] += 1
+        return super().act(step)
+
+
+class Seer(Good):
+    def act(self, step: Step) -> Float:
+        robots = step.states.reshape(len(step.states), -1, 6)
+        goals: Float = np.tanh(np.nan_to_num(robots[..., 4:]))
+        return goals
+
+
+class Moody(Good):
+    """Acts on how often it was called, not on the episode's own time."""
+
+    def act(self, step: Step) -> Float:
+        return super().act(step) * np.float32(1 / (1 + self.calls % 7))
+
+
+class Crowd(Good):
+    """Copies influence each other."""
+
+    def act(self, step: Step) -> Float:
+        actions = super().act(step)
+        mixed: Float = (0.5 * actions + 0.5 * actions.mean(0)).astype(np.float32)
+        return mixed
+
+
+def test_a_good_policy_passes() -> None:
+    check_policy(Good(), SPEC, make_env)
+
+
+def test_what_is_no_policy_is_named() -> None:
+    with pytest.raises(AssertionError, match="object lacks one of uses_state"):
+        check_policy(object(), SPEC, make_env)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("broken", "message"),
+    [
+        (Loud, r"actions reach 2\.\d+, above 1"),
+        (Wide, "actions are float64, not float32"),
+        (Flat, r"actions are \(3, 2\), not \[E, N, A\]"),
+        (Undefined, "actions are not finite"),
+        (Gambler, "global generator"),
+        (Vandal, "act wrote to step.observations"),
+        (Seer, "declare uses_state = True"),
+        (Moody, "has other"),
+        (Crowd, "has other .* copies than alone"),
+    ],
+)
+def test_each_broken_promise_is_found(broken: Callable[[], Policy], message: str) -> None:
+    with pytest.raises(AssertionError, match=message):
+        check_policy(broken(), SPEC, make_env)

@@ -1,0 +1,380 @@
+"""Every way a stored dataset can be damaged ends in one named error that says what to do."""
+
+import json
+import math
+import os
+import resource
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xxhash
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swarmdata.errors import (
+    ChecksumError,
+    DatasetError,
+    DatasetNotFoundError,
+    FormatVersionError,
+    ManifestError,
+    MissingFileError,
+    MissingManifestError,
+    TruncatedFileError,
+)
+from swarmdata.store import open_store, read_manifest
+from swarmdata.store.layout import FIELDS, array_file, metadata_file
+from swarmdata.store.manifest import _ZEROS, Manifest, _digest
+from swarmdata.store.shards import file_digest
+from swarmdata.testing.synthetic import make_dataset
+
+FILES = [
+    *(array_file(name, len(field.dimensions)) for name, field in FIELDS.items()),
+    *(metadata_file(name) for name in FIELDS),
+    "data.zarr/zarr.json",
+    "data.zarr/episodes/zarr.json",
+    "recipe.json",
+    "manifest.json",
+]
+
+
+@pytest.fixture(scope="module")
+def intact(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("faults") / "ds"
+    make_dataset(path, [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]], n_steps=30)
+    open_store(path, "full")
+    return path
+
+
+@pytest.fixture
+def dataset(intact: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(intact, tmp_path / "ds"))
+
+
+def sign(path: Path, content: dict[str, Any]) -> None:
+    """Writes a manifest with a right checksum, whatever it says."""
+    blank = json.dumps({**content, "checksum": "0" * 64}).encode()
+    signed = blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)))
+    (path / "manifest.json").write_bytes(signed)
+
+
+def list_again(path: Path, name: str) -> None:
+    """Signs a changed file as if it had been written that way."""
+    content = json.loads((path / "manifest.json").read_bytes())
+    content["files"][name] = {
+        "size": (path / name).stat().st_size,
+        "sha256": file_digest(path / name),
+    }
+    for array, entry in content["arrays"].items():
+        if array_file(array, len(entry["shape"])) == name:
+            size = Manifest.model_validate(content).arrays[array].shard.chunk_bytes
+            chunk = (path / name).read_bytes()[:size]
+            entry["checksums"] = [xxhash.xxh3_64_hexdigest(chunk)]
+    sign(path, content)
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
+def test_flipped_bit(dataset: Path, name: str, place: float) -> None:
+    content = bytearray((dataset / name).read_bytes())
+    position = round(place * (len(content) - 1))
+    content[position] ^= 0b100
+    (dataset / name).write_bytes(content)
+    expected = (ChecksumError, ManifestError) if name == "manifest.json" else ChecksumError
+    with pytest.raises(expected) as caught:
+        open_store(dataset, "fast")
+    assert str(dataset / name) in str(caught.value)
+    assert "swarmdata generate" in str(caught.value)
+
+
+def test_flipped_bit_names_the_chunk(dataset: Path) -> None:
+    file = dataset / array_file("actions", 3)
+    content = bytearray(file.read_bytes())
+    content[20] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(ChecksumError, match=r"chunk 0 of 1 \(rows 0 to \d+ of 'actions'\)"):
+        open_store(dataset)
+
+
+@pytest.mark.parametrize("verify", ["none", "fast", "full"])
+@pytest.mark.parametrize("name", FILES)
+def test_missing_file(dataset: Path, name: str, verify: Any) -> None:
+    (dataset / name).unlink()
+    expected = MissingManifestError if name == "manifest.json" else MissingFileError
+    with pytest.raises(expected) as caught:
+        open_store(dataset, verify)
+    assert str(dataset / name) in str(caught.value)
+    assert "swarmdata generate" in str(caught.value)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.5, 0.99])
+@pytest.mark.parametrize("name", FILES)
+def test_truncated_file(dataset: Path, name: str, keep: float) -> None:
+    content = (dataset / name).read_bytes()
+    (dataset / name).write_bytes(content[: int(keep * len(content))])
+    expected = ManifestError if name == "manifest.json" else TruncatedFileError
+    with pytest.raises(expected) as caught:
+        open_store(dataset, "none")
+    assert str(dataset / name) in str(caught.value)
+
+
+def test_longer_file(dataset: Path) -> None:
+    with (dataset / array_file("states", 2)).open("ab") as file:
+        file.write(b"more")
+    with pytest.raises(TruncatedFileError, match="expected"):
+        open_store(dataset)
+
+
+def test_swapped_files(dataset: Path) -> None:
+    first, second = (dataset / array_file(n, 1) for n in ("terminations", "truncations"))
+    one, two = first.read_bytes(), second.read_bytes()
+    assert one != two
+    first.write_bytes(two)
+    second.write_bytes(one)
+    with pytest.raises(ChecksumError):
+        open_store(dataset)
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    with pytest.raises(DatasetNotFoundError, match="no dataset folder"):
+        open_store(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("name", ["recipe.json", "card.md", "manifest.json", "data.zarr"])
+def test_symbolic_link(dataset: Path, tmp_path: Path, name: str) -> None:
+    target = tmp_path / "elsewhere"
+    if (dataset / name).exists():
+        (dataset / name).rename(target)
+    else:
+        target.write_text("secret")
+    (dataset / name).symlink_to(target)
+    with pytest.raises(ManifestError, match="symbolic link"):
+        open_store(dataset)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"garbage",
+        b"[]",
+        b"null",
+        b"{}",
+        b'{"format_version": "1"}',
+        b'{"format_version": 0}',
+        b'{"format_version": 1, "format_version": 1}',
+        b"[" * 100_000,
+        b"\xff\xfe",
+        b'{"format_version": NaN}',
+    ],
+    ids=repr,
+)
+def test_garbage_manifest(dataset: Path, content: bytes) -> None:
+    (dataset / "manifest.json").write_bytes(content)
+    with pytest.raises(ManifestError, match="swarmdata generate"):
+        open_store(dataset)
+
+
+def test_huge_manifest_is_not_read(dataset: Path) -> None:
+    os.truncate(dataset / "manifest.json", 1 << 40)
+    with pytest.raises(ManifestError, match="more than"):
+        open_store(dataset)
+
+
+def test_newer_format(dataset: Path) -> None:
+    content = json.loads((dataset / "manifest.json").read_bytes())
+    sign(dataset, {**content, "format_version": 2, "arrays": "in a new form"})
+    with pytest.raises(FormatVersionError, match="Upgrade"):
+        open_store(dataset)
+
+
+def test_newer_keys_of_the_same_format_are_read(dataset: Path) -> None:
+    content = json.loads((dataset / "manifest.json").read_bytes())
+    sign(dataset, {**content, "license": "CC-BY-4.0"})
+    assert open_store(dataset, "full").manifest == read_manifest(dataset)
+
+
+def _set_array(name: str, key: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda content: content["arrays"][name].__setitem__(key, value)
+
+
+def _drop_file(content: dict[str, Any]) -> None:
+    del content["files"]["recipe.json"]
+
+
+def _add_file(content: dict[str, Any]) -> None:
+    content["files"]["../../etc/passwd"] = content["files"]["recipe.json"]
+
+
+def _drop_array(content: dict[str, Any]) -> None:
+    del content["arrays"]["events"]
+
+
+def _climb(content: dict[str, Any]) -> None:
+    content["arrays"]["../../outside"] = content["arrays"]["events"]
+
+
+def _fewer_steps(content: dict[str, Any]) -> None:
+    content["n_steps"] -= 1
+
+
+def _smaller_file(content: dict[str, Any]) -> None:
+    content["files"][array_file("rewards", 2)]["size"] -= 1
+
+
+def _other_recipe(content: dict[str, Any]) -> None:
+    content["recipe_hash"] = "0" * 64
+
+
+def _huge_chunks(content: dict[str, Any]) -> None:
+    content["arrays"]["observations"]["chunk_rows"] = 10**15
+
+
+def _not_a_number(content: dict[str, Any]) -> None:
+    content["statistics"]["reward_std"] = math.nan
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _set_array("observations", "shape", [10**15, 2, 5]),
+        _set_array("actions", "shape", [10**15, 10**15, 10**15]),
+        _set_array("actions", "shape", [-1, 2, 2]),
+        _set_array("actions", "dtype", "object"),
+        _set_array("actions", "dtype", "float64"),
+        _set_array("actions", "chunk_rows", 0),
+        _set_array("actions", "chunk_rows", 1),
+        _set_array("actions", "checksums", []),
+        _set_array("states", "shape", [3]),
+        _drop_file,
+        _add_file,
+        _drop_array,
+        _climb,
+        _fewer_steps,
+        _smaller_file,
+        _other_recipe,
+        _huge_chunks,
+        _not_a_number,
+    ],
+)
+def test_signed_manifest_that_lies(dataset: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    content = json.loads((dataset / "manifest.json").read_bytes())
+    change(content)
+    sign(dataset, content)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ManifestError, match="swarmdata generate"):
+        open_store(dataset, "none")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
+
+
+@pytest.mark.parametrize(
+    ("column", "index", "value", "problem"),
+    [
+        ("lengths", 0, 10**6, "end where"),
+        ("lengths", 0, 0, "no steps"),
+        ("lengths", 1, -5, "no steps"),
+        ("starts", 1, 0, "without gaps"),
+        ("split", 0, 3, "split"),
+        ("end_reason", 0, 77, "end reason"),
+        ("policy", 0, 2, "policy"),
+    ],
+)
+def test_signed_episode_table_that_lies(
+    dataset: Path, column: str, index: int, value: int, problem: str
+) -> None:
+    name = array_file(f"episodes/{column}", 1)
+    dtype = np.dtype(FIELDS[f"episodes/{column}"].dtype)
+    content = bytearray((dataset / name).read_bytes())
+    content[index * dtype.itemsize : (index + 1) * dtype.itemsize] = dtype.type(value).tobytes()
+    (dataset / name).write_bytes(content)
+    list_again(dataset, name)
+    with pytest.raises(ManifestError, match=problem):
+        open_store(dataset, "fast")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("shape", [10**15, 2, 2]),
+        ("zarr_format", 2),
+        ("data_type", "int32"),
+        ("codecs", [{"name": "bytes"}, {"name": "zstd"}]),
+    ],
+)
+def test_signed_zarr_metadata_that_lies(dataset: Path, key: str, value: Any) -> None:
+    name = metadata_file("actions")
+    content = json.loads((dataset / name).read_bytes())
+    (dataset / name).write_text(json.dumps({**content, key: value}))
+    list_again(dataset, name)
+    with pytest.raises(ManifestError, match=key):
+        open_store(dataset, "fast")
+
+
+def test_signed_recipe_of_another_dataset(dataset: Path) -> None:
+    content = json.loads((dataset / "recipe.json").read_bytes())
+    (dataset / "recipe.json").write_text(json.dumps({**content, "seed": 9}))
+    list_again(dataset, "recipe.json")
+    with pytest.raises(ManifestError, match="another dataset"):
+        open_store(dataset)
+
+
+def test_only_full_sees_a_wrong_logical_digest(dataset: Path) -> None:
+    content = json.loads((dataset / "manifest.json").read_bytes())
+    sign(dataset, {**content, "digest": "0" * 64})
+    open_store(dataset, "fast")
+    with pytest.raises(ChecksumError, match="logical digest"):
+        open_store(dataset, "full")
+
+
+def test_unknown_verification_is_refused(dataset: Path) -> None:
+    with pytest.raises(ValueError, match="'quick'"):
+        open_store(dataset, "quick")  # type: ignore[arg-type]
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_fuzzed_manifest_bytes(dataset: Path, data: st.DataObject) -> None:
+    original = (dataset / "manifest.json").read_bytes()
+    content = bytearray(original)
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    if content == original:
+        return
+    (dataset / "manifest.json").write_bytes(content)
+    try:
+        with pytest.raises(DatasetError):
+            open_store(dataset, "none")
+    finally:
+        (dataset / "manifest.json").write_bytes(original)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), value=json_values)
+def test_fuzzed_and_signed_manifest(dataset: Path, data: st.DataObject, value: Any) -> None:
+    """A signed manifest of wrong types is refused by name; nothing else may be raised."""
+    original = (dataset / "manifest.json").read_bytes()
+    content = json.loads(original)
+    key = data.draw(st.sampled_from(["arrays", "files", "statistics", "n_steps", "n_episodes"]))
+    holder = content
+    while isinstance(holder[key], dict) and data.draw(st.booleans()):
+        holder = holder[key]
+        key = data.draw(st.sampled_from(sorted(holder)))
+    if holder[key] == value or isinstance(value, float | int):
+        value = "wrong"
+    holder[key] = value
+    sign(dataset, content)
+    try:
+        with pytest.raises(ManifestError):
+            open_store(dataset, "none")
+    finally:
+        (dataset / "manifest.json").write_bytes(original)

@@ -1,0 +1,171 @@
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+from swarmdata.store import assemble, merge_order, open_store, write_part
+from swarmdata.store import layout as layout_module
+from swarmdata.store.layout import FIELDS, array_file, crc32c, plan_shard
+from swarmdata.store.statistics import Moments
+from swarmdata.store.verification import logical_digest
+from swarmdata.testing.dataset import check_dataset
+from swarmdata.testing.synthetic import make_dataset, make_recipe, make_streams, write_streams
+
+LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several chunks per array, the last one padded."""
+    monkeypatch.setattr(layout_module, "CHUNK_ROWS", 4)
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_zarr_reads_the_same_bits(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    stored = open_store(tmp_path / "ds", "full")
+    group = zarr.open_group(tmp_path / "ds" / "data.zarr", mode="r")
+    assert stored.manifest.arrays["observations"].shard.n_chunks > 5
+    for name in FIELDS:
+        array = group[name]
+        assert isinstance(array, zarr.Array)
+        assert array.dtype == stored.arrays[name].dtype
+        assert np.asarray(array[...]).tobytes() == stored.arrays[name].tobytes()
+    assert group.attrs["policies"] == ["tag-0", "tag-1"]
+
+
+def test_zarr_itself_writes_our_bytes(tmp_path: Path) -> None:
+    manifest, _ = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    compared = set()
+    for name, entry in manifest.arrays.items():
+        file = tmp_path / "ds" / array_file(name, len(entry.shape))
+        ours = file.read_bytes()
+        array = zarr.open_array(
+            tmp_path / "ds" / "data.zarr" / name, mode="r+", config={"write_empty_chunks": True}
+        )
+        values = np.asarray(array[...])
+        if not values.any():  # zarr-python writes no file for a shard of fill values only
+            continue
+        file.unlink()
+        array[...] = values
+        assert file.read_bytes() == ours, name
+        compared.add(name)
+    assert compared >= {"observations", "actions", "events", "episodes/layouts", "episodes/seeds"}
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_stored_episodes_are_the_written_ones(tmp_path: Path) -> None:
+    _, episodes = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    stored = open_store(tmp_path / "ds")
+    for index, episode in enumerate(episodes):
+        start = stored.table.starts[index]
+        rows = slice(start + index, start + index + len(episode) + 1)
+        assert np.array_equal(stored.arrays["observations"][rows], episode.observations)
+        assert stored.table.seeds[index] == episode.seed
+        assert stored.table.team_return[index] == episode.team_return
+        assert np.array_equal(stored.table.layouts[index], episode.layout)
+
+
+def test_digest_ignores_parts_and_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, _ = make_dataset(tmp_path / "a", LENGTHS, n_steps=30)
+    monkeypatch.setattr(layout_module, "CHUNK_ROWS", 3)
+    recipe = make_recipe(30, n_policies=2)
+    parts = write_streams(tmp_path / "parts", make_streams(LENGTHS), per_part=5)
+    order = merge_order(recipe, LENGTHS).order
+    second = assemble(tmp_path / "b", recipe=recipe, parts=parts, order=order)
+    assert second.digest == first.digest
+    assert second.statistics == first.statistics
+    assert second.arrays["actions"].checksums != first.arrays["actions"].checksums
+
+
+def test_digest_depends_on_every_value(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    stored = open_store(tmp_path / "ds")
+    for name, array in stored.arrays.items():
+        changed = {n: a.copy().reshape(-1).view(np.uint8) for n, a in stored.arrays.items()}
+        assert logical_digest(stored.manifest, changed) == stored.manifest.digest
+        changed[name][array.nbytes // 2] ^= 1
+        assert logical_digest(stored.manifest, changed) != stored.manifest.digest
+
+
+def test_layouts_without_obstacles(tmp_path: Path) -> None:
+    from swarmdata.testing.synthetic import make_episode
+
+    episodes = [make_episode(3, seed=i, n_obstacles=0) for i in range(5)]
+    write_part(tmp_path / "part", episodes)
+    recipe = make_recipe(15)
+    order = [(0, i) for i in range(5)]
+    assemble(tmp_path / "ds", recipe=recipe, parts={0: [tmp_path / "part"]}, order=order)
+    assert open_store(tmp_path / "ds", "full").table.layouts.shape == (5, 0, 8)
+    group = zarr.open_group(tmp_path / "ds" / "data.zarr", mode="r")
+    layouts = group["episodes/layouts"]
+    assert isinstance(layouts, zarr.Array)
+    assert layouts.shape == (5, 0, 8)
+
+
+def test_contract_suite_accepts_a_good_dataset(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=40)
+    check_dataset(tmp_path / "ds")
+
+
+def test_few_files(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    files = [path for path in (tmp_path / "ds").rglob("*") if path.is_file()]
+    assert len(files) == 2 * len(FIELDS) + 2 + 2
+
+
+def test_reading_imports_no_zarr(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    code = (
+        "import sys, swarmdata.dataset as d;"
+        f"next(d.Dataset.open({str(tmp_path / 'ds')!r}, 'full').sampler());"
+        "print(sorted({'zarr', 'h5py', 'numba', 'torch', 'pymunk'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"123456789", 0xE3069283),  # the check value of the CRC catalogue
+        (bytes(32), 0x8A9136AA),  # RFC 3720, B.4
+        (b"\xff" * 32, 0x62A8AB43),
+        (bytes(range(32)), 0x46DD794E),
+    ],
+)
+def test_crc32c_of_known_data(data: bytes, expected: int) -> None:
+    assert crc32c(data) == expected
+
+
+@pytest.mark.parametrize("rows", [1, 9_999, 10_000, 10_001, 1_000_000, 1_008_000])
+def test_shards_waste_little(rows: int) -> None:
+    shard = plan_shard("float32", (rows, 4, 53))
+    assert shard.chunk_rows <= 10_000
+    assert shard.n_chunks * shard.chunk_rows - rows < shard.n_chunks
+    assert shard.n_chunks == math.ceil(rows / 10_000)
+
+
+def test_moments_agree_with_numpy_in_any_blocks() -> None:
+    rows = np.random.default_rng(0).normal(1000, 0.1, size=(500, 3)).astype(np.float32)
+    rows[:, 2] = 0.3
+    moments = Moments()
+    for block in np.split(rows, [10, 11, 200]):
+        moments.add(block)
+    mean, std = moments.result()
+    np.testing.assert_allclose(mean, rows.mean(0, dtype=np.float64), rtol=1e-12)
+    np.testing.assert_allclose(std[:2], rows.std(0, dtype=np.float64)[:2], rtol=1e-9)
+    assert std[2] == 0.0
+
+
+def test_manifest_is_readable_json(tmp_path: Path) -> None:
+    manifest, _ = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    content = json.loads((tmp_path / "ds" / "manifest.json").read_bytes())
+    assert content["digest"] == manifest.digest
+    assert content["n_steps"] == manifest.n_steps >= 30
+    assert set(content["provenance"]) >= {"numpy", "zarr", "python", "platform"}

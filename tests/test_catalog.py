@@ -1,0 +1,114 @@
+"""From an id to an open dataset."""
+
+import warnings
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+
+from swarmdata import catalog
+from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
+from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
+from swarmdata.errors import MissingManifestError, UnknownNameError
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+
+TINY = Recipe(
+    id="coop_nav-random-v0",
+    tier="random",
+    spec=TaskSpec(horizon=40),
+    policies=(PolicySource(label="random", name="random"),),
+    n_steps=800,
+    part_episodes=8,
+)
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes every id mean a recipe that is built in a second."""
+    monkeypatch.setattr(catalog, "find_recipe", lambda dataset_id: TINY)
+
+
+def test_list_shows_every_tier_and_its_mini() -> None:
+    infos = {info.id: info for info in list_datasets()}
+
+    assert list(infos) == sorted(infos)
+    assert {"coop_nav-random-v0", "coop_nav-scripted-mini-v0"} <= set(infos)
+    mini = infos["coop_nav-scripted-mini-v0"]
+    assert (mini.task, mini.tier, mini.n_agents) == ("coop_nav", "scripted", 4)
+    assert not mini.is_cached
+
+
+def test_unknown_id_names_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'coop_nav-scripted'"):
+        load("coop_nav-scirpted")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
+    first = load("coop_nav-random", workers=1, progress=False)
+    before = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
+    second = load("coop_nav-random")
+    after = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
+
+    assert (first.source, second.source) == ("rebuilt", "cache")
+    assert first.path == cache_folder / "datasets" / TINY.id
+    assert first.digest == second.digest
+    assert first.card.count("# coop_nav-random-v0") == 1
+    assert before == after, "a cache that cannot be written to must do"
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> None:
+    dataset = load("coop_nav-random", path=tmp_path / "mine", workers=1, progress=False)
+
+    assert dataset.path == tmp_path / "mine"
+    assert load("coop_nav-random", path=tmp_path / "mine").source == "folder"
+    assert not list(cache_folder.iterdir())
+
+
+@pytest.mark.usefixtures("tiny")
+def test_other_digest_than_the_published_is_kept_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    manifest = load("x", path=tmp_path / "d", workers=1, progress=False).stored.manifest
+    right = publication(manifest)
+    wrong = Published(
+        **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
+    )
+
+    monkeypatch.setattr(catalog, "published", lambda: MappingProxyType({TINY.id: right}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load("x", path=tmp_path / "d")
+    monkeypatch.setattr(catalog, "published", lambda: MappingProxyType({TINY.id: wrong}))
+    with pytest.warns(RebuiltDifferentlyWarning, match="instead of 1.2.3"):
+        dataset = load("x", path=tmp_path / "d")
+    assert dataset.digest == right.digest
+
+
+@pytest.mark.usefixtures("tiny")
+def test_references_of_the_same_spec_anchor_the_score(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def references_of(spec_hash: str) -> TaskReferences:
+        returns = {"idle": -4.0, "random": -12.0, "expert": 6.0}
+        return TaskReferences(
+            spec_hash=spec_hash,
+            n_episodes=10,
+            made_with={},
+            policies={
+                name: {"return": Interval(value=value, low=value, high=value)}
+                for name, value in returns.items()
+            },
+        )
+
+    monkeypatch.setattr(catalog, "references_of", references_of)
+    dataset = load("x", path=tmp_path / "d", workers=1, progress=False)
+
+    assert dataset.normalized_score([-4.0, 1.0, 6.0]).tolist() == [0.0, 50.0, 100.0]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MissingManifestError):
+        load("x", path=tmp_path)

@@ -1,0 +1,149 @@
+"""The command line: what it prints, and its exit codes."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata import __version__
+from swarmdata.cli import app
+from swarmdata.recipes import build_folder
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+
+COMMAND = [
+    sys.executable,
+    "-c",
+    f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()",
+]
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture
+def recipe_file(tmp_path: Path) -> Path:
+    recipe = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="tiny",
+        spec=TaskSpec(horizon=40),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=16,
+    )
+    path = tmp_path / "recipe.yaml"
+    path.write_text(recipe.to_yaml())
+    return path
+
+
+def test_version_and_list() -> None:
+    assert run("--version") == f"swarmdata {__version__}\n"
+    assert "coop_nav-random-mini-v0" in run("list")
+
+
+def test_info_shows_the_recipe_and_builds_nothing(cache_folder: Path) -> None:
+    output = run("info", "coop_nav-random-mini")
+
+    assert "not built yet" in output
+    assert "n_steps: 50000" in output
+    assert not list(cache_folder.iterdir())
+
+
+def test_error_of_the_library_is_one_message_and_code_1() -> None:
+    output = run("info", "coop_nav-rando", code=1)
+
+    assert output.startswith("UnknownNameError: unknown dataset 'coop_nav-rando'. Did you mean")
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nonsense",),
+        ("info",),
+        ("generate", "coop_nav-random", "--steps", "5"),
+        ("generate", "absent.yaml", "--out", "x"),
+        ("train", "bc", "x", "--out", "y", "--set", "a"),
+    ],
+)
+def test_wrong_usage_is_code_2(arguments: tuple[str, ...]) -> None:
+    run(*arguments, code=2)
+
+
+def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    output = run("generate", recipe_file, "--out", out, "--workers", "1", "--steps", "500")
+
+    assert "520 joint steps" in output
+    assert "every file is as it was written" in run("verify", out)
+    assert run("card", out) == (out / "card.md").read_text()
+    published = json.loads(run("digests", out))
+    assert published["coop_nav-tiny-v0"]["digest"] in output
+
+    data = out / "data.zarr" / "rewards" / "c.0.0"
+    damaged = bytearray(data.read_bytes())
+    damaged[100] ^= 1
+    data.write_bytes(damaged)
+    assert "ChecksumError" in run("verify", out, code=1)
+
+
+def test_evaluate_and_report(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the report has pictures")
+    results, out = tmp_path / "results", tmp_path / "out"
+    table = run(
+        "evaluate", "idle", "random", "coop_nav-random", "--episodes", "4", "--out", results
+    )
+
+    names = {path.name for path in results.iterdir()}
+    assert names == {"idle-0.json", "random-0.json", "coop_nav-random-0.json"}
+    assert "idle" in table
+    assert "4 episodes of coop_nav" in run("report", results, "--out", out)
+    assert {path.name for path in out.iterdir()} == {"table.md", "table.csv", "table.png"}
+    assert "holds no results" in run("report", out / "no", "--out", out, code=1)
+
+
+def test_render_writes_a_gif(tmp_path: Path) -> None:
+    pytest.importorskip("PIL", reason="Pillow writes the animation")
+    run("render", "idle", "--out", tmp_path / "x.gif")
+
+    assert (tmp_path / "x.gif").read_bytes().startswith(b"GIF8")
+
+
+def test_references_are_added_to_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "references.json"
+    path.write_text('{"other": 1}')
+    run("references", "coop_nav", "--episodes", "2", "--out", path)
+
+    content = json.loads(path.read_text())
+    assert content["other"] == 1
+    assert {"idle", "random", "straight", "scripted"} <= set(content["coop_nav"]["policies"])
+    assert "unknown task" in run("references", "coop_nv", code=1)
+
+
+def test_unknown_target_is_named() -> None:
+    assert "Did you mean 'straight'" in run("evaluate", "strait", code=1)
+
+
+def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    process = subprocess.Popen(
+        [*COMMAND, "generate", str(recipe_file), "--out", str(out), "--steps", "400000"],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while process.poll() is None and not build_folder(out).exists():
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+
+    assert process.returncode == 130
+    assert stderr.endswith("Stopped. Run the same command again to go on from here.\n")
+    assert "Traceback" not in stderr

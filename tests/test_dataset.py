@@ -1,0 +1,200 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.dataset import Dataset, References
+from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
+from swarmdata.store import SPLITS
+from swarmdata.testing import dataset as contract
+from swarmdata.testing.synthetic import N_FEATURES, M, N, S, make_dataset
+from swarmdata.types import Episode
+
+LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Episode]]:
+    path = tmp_path_factory.mktemp("dataset") / "ds"
+    return path, make_dataset(path, LENGTHS, n_steps=60)[1]
+
+
+@pytest.fixture
+def dataset(stored: tuple[Path, list[Episode]]) -> Dataset:
+    return Dataset.open(stored[0], references=References(no_skill=-2.0, expert=8.0))
+
+
+@pytest.fixture
+def episodes(stored: tuple[Path, list[Episode]]) -> list[Episode]:
+    return stored[1]
+
+
+def assert_equal_episodes(first: Episode, second: Episode) -> None:
+    for name in Episode.__dataclass_fields__:
+        assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+def test_episodes_come_back_in_order(dataset: Dataset, episodes: list[Episode]) -> None:
+    assert len(dataset) == dataset.n_episodes == len(episodes)
+    assert dataset.n_steps == sum(map(len, episodes))
+    for got, expected in zip(dataset, episodes, strict=True):
+        assert_equal_episodes(got, expected)
+    assert_equal_episodes(dataset[-1], episodes[-1])
+    with pytest.raises(IndexError, match=f"episode {len(episodes)} of {len(episodes)}"):
+        dataset[len(episodes)]
+
+
+def test_nothing_is_copied_and_nothing_can_be_written(dataset: Dataset) -> None:
+    episode = dataset.split("train")[0]
+    assert np.shares_memory(episode.observations, dataset.stored.arrays["observations"])
+    for name in ("observations", "actions", "layout"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(episode, name)[...] = 0
+
+
+def test_identity(dataset: Dataset) -> None:
+    assert dataset.id == "coop_nav-synthetic-v0"
+    assert dataset.spec.n_agents == N
+    assert len(dataset.digest) == 64
+    assert dataset.source == "folder"
+    text = repr(dataset.filter(policy="tag-1"))
+    assert dataset.id in text
+    assert f"of {len(dataset)} episodes" in text
+
+
+def test_splits_partition(dataset: Dataset) -> None:
+    views = [dataset.split("train"), dataset.split("validation"), dataset.split("test")]
+    together = np.concatenate([view.selection for view in views])
+    assert sorted(together) == list(range(len(dataset)))
+    assert all(len(view) for view in views)
+    for code, view in enumerate(views):
+        assert (view.episodes.split == code).all()
+        assert SPLITS[code] in ("train", "validation", "test")
+        assert [e.seed for e in view] == view.episodes.seeds.tolist()
+
+
+@settings(deadline=None)
+@given(
+    success=st.none() | st.booleans(),
+    low=st.none() | st.floats(-5, 5),
+    high=st.none() | st.floats(-5, 5),
+    policy=st.sampled_from([None, "tag-0", "tag-1"]),
+    split=st.sampled_from([None, *SPLITS]),
+)
+def test_filters_keep_exactly_what_they_say(
+    stored: tuple[Path, list[Episode]],
+    success: bool | None,
+    low: float | None,
+    high: float | None,
+    policy: str | None,
+    split: str | None,
+) -> None:
+    dataset = Dataset.open(stored[0], verify="none")
+    view = dataset.filter(
+        success=success, min_return=low, max_return=high, policy=policy, split=split
+    )
+    codes = dataset.episodes.split
+    expected = [
+        index
+        for index, episode in enumerate(stored[1])
+        if success in (None, episode.success)
+        and (low is None or episode.team_return >= low)
+        and (high is None or episode.team_return <= high)
+        and policy in (None, f"tag-{episode.policy}")
+        and split in (None, SPLITS[codes[index]])
+    ]
+    assert view.selection.tolist() == expected
+    again = view.filter(success=success).filter(policy=policy)
+    assert again.selection.tolist() == expected
+
+
+def test_unknown_names_are_explained(dataset: Dataset) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'train'"):
+        dataset.filter(split="trian")
+    with pytest.raises(UnknownNameError, match="Known: tag-0, tag-1"):
+        dataset.filter(policy="expert")
+    with pytest.raises(UnknownNameError, match="pettingzoo"):
+        dataset.make_env(api="gym")  # type: ignore[call-overload]
+    with pytest.raises(SchemaError, match="n_copies=2"):
+        dataset.make_env(2, api="pettingzoo")
+
+
+def test_transitions_are_aligned_and_complete(dataset: Dataset) -> None:
+    view = dataset.split("train")
+    transitions = view.transitions()
+    lengths = view.episodes.lengths
+    assert {len(values) for values in transitions.values()} == {view.n_steps}
+    seeds = np.repeat(view.episodes.seeds, lengths)
+    times = np.concatenate([np.arange(n) for n in lengths])
+    assert np.array_equal(transitions["episodes"], np.repeat(np.arange(len(view)), lengths))
+    for name, step in (("observations", 0), ("next_observations", 1)):
+        assert np.array_equal(transitions[name][:, 0, 0], seeds)
+        assert np.array_equal(transitions[name][:, 0, 1], times + step)
+        assert np.array_equal(transitions[name][:, 1, 2], np.ones(view.n_steps))
+    assert np.array_equal(transitions["next_states"][:, 1], times + 1)
+    assert np.array_equal(transitions["actions"], np.concatenate([e.actions for e in view]))
+    ends = transitions["terminations"] | transitions["truncations"]
+    assert np.array_equal(np.flatnonzero(ends), np.cumsum(lengths) - 1)
+
+
+def test_shapes(dataset: Dataset) -> None:
+    batch = next(dataset.sampler(batch_size=7))
+    assert batch.observations.shape == batch.next_observations.shape == (7, N, N_FEATURES)
+    assert batch.states.shape == (7, S)
+    assert dataset.episodes.layouts.shape == (len(dataset), M, 8)
+    assert len(batch) == 7
+
+
+def test_normalized_score(dataset: Dataset, stored: tuple[Path, list[Episode]]) -> None:
+    assert dataset.normalized_score([-2.0, 8.0, 3.0]).tolist() == [0.0, 100.0, 50.0]
+    assert float(dataset.split("test").normalized_score(3.0)) == 50.0
+    with pytest.raises(SchemaError, match="references"):
+        Dataset.open(stored[0]).normalized_score([1.0])
+
+
+@pytest.mark.parametrize("anchors", [(1.0, 1.0), (2.0, 1.0), (float("nan"), 1.0)])
+def test_useless_references_are_refused(anchors: tuple[float, float]) -> None:
+    with pytest.raises(SchemaError, match="expert above no_skill"):
+        References(*anchors)
+
+
+def test_statistics_use_train_only(dataset: Dataset) -> None:
+    train = np.concatenate([e.observations.reshape(-1, N_FEATURES) for e in dataset.split("train")])
+    every = np.concatenate([e.observations.reshape(-1, N_FEATURES) for e in dataset])
+    found = dataset.split("test").statistics
+    np.testing.assert_allclose(found.observation_mean, train.mean(0, dtype=np.float64), rtol=1e-12)
+    np.testing.assert_allclose(found.observation_std, train.std(0, dtype=np.float64), rtol=1e-9)
+    assert not np.allclose(found.observation_mean, every.mean(0))
+
+
+def test_card(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", LENGTHS, n_steps=60)
+    dataset = Dataset.open(str(tmp_path / "ds"))
+    with pytest.raises(MissingFileError, match="no card"):
+        _ = dataset.card
+    (tmp_path / "ds" / "card.md").write_text("# ä card", encoding="utf-8")
+    assert dataset.card == "# ä card"
+
+
+class TestContract:
+    """check_dataset must fail on each promise that is broken."""
+
+    def test_wrong_flags(self, episodes: list[Episode], dataset: Dataset) -> None:
+        table = dataset.episodes
+        contract.check_episode(episodes[0], table, 0)
+        flags = episodes[0].truncations.copy()
+        episodes[0].truncations[:] = ~flags
+        with pytest.raises(SchemaError, match="episode 0"):
+            contract.check_episode(episodes[0], table, 0)
+        episodes[0].truncations[:] = flags
+
+    def test_row_of_another_episode(self, episodes: list[Episode], dataset: Dataset) -> None:
+        with pytest.raises(SchemaError, match="table says"):
+            contract.check_episode(episodes[0], dataset.episodes, 1)
+
+    def test_whole_suite(self, stored: tuple[Path, list[Episode]]) -> None:
+        contract.check_dataset(stored[0])
+        assert json.loads((stored[0] / "manifest.json").read_bytes())["n_episodes"] > 10

@@ -1,0 +1,258 @@
+"""Builds: the same bits for any number of workers and after any kill; conflicts; waves; space."""
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Self
+
+import numpy as np
+import pytest
+
+from swarmdata import recipes
+from swarmdata.dataset import Dataset
+from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
+from swarmdata.recipes import build, build_folder, episode_seeds, make_part
+from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store import read_manifest, write_part
+from swarmdata.workers import Job
+
+SCRIPT = """
+import sys
+from pathlib import Path
+sys.path[:] = {path!r}
+from swarmdata.recipes import build
+from swarmdata.spec import Recipe
+build(Recipe.from_file(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)
+"""
+
+
+def make_recipe(n_steps: int = 1500, part_episodes: int = 4, **changes: Any) -> Recipe:
+    fields: dict[str, Any] = {
+        "id": "coop_nav-tiny-v0",
+        "tier": "tiny",
+        "spec": TaskSpec(horizon=40),
+        "policies": (
+            PolicySource(label="a", name="random"),
+            PolicySource(label="b", name="straight", share=2.0),
+        ),
+        "seed": 5,
+        "n_steps": n_steps,
+        "part_episodes": part_episodes,
+    }
+    return Recipe(**{**fields, **changes})
+
+
+class OneProcessCrew:
+    """Makes parts in this process, and remembers which."""
+
+    made: list[str]
+
+    def __init__(self, entry: str, n_workers: int) -> None:
+        assert entry == "swarmdata.recipes:work"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        pass
+
+    def run(self, jobs: Iterable[Job], progress: Any) -> None:
+        for job in jobs:
+            recipe = Recipe.from_text(job.payload["recipe"])
+            episodes = make_part(recipe, job.payload["policy"], job.payload["part"], progress)
+            write_part(Path(job.payload["folder"]), episodes)
+            self.made.append(job.name)
+
+
+@pytest.fixture
+def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
+    monkeypatch.setattr(OneProcessCrew, "made", [], raising=False)
+    monkeypatch.setattr(recipes, "Crew", OneProcessCrew)
+    return OneProcessCrew
+
+
+@pytest.fixture(scope="module")
+def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Digest of the tiny recipe, built with one worker."""
+    folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", workers=1, progress=False)
+    return read_manifest(folder).digest
+
+
+def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
+    path = folder / "recipe.json"
+    path.write_text(make_recipe().to_json())
+    command = [sys.executable, "-c", SCRIPT.format(path=sys.path), str(path), str(out)]
+    return subprocess.Popen(command, start_new_session=True)
+
+
+def test_two_workers_give_the_same_digest(tmp_path: Path, digest: str) -> None:
+    folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
+
+    assert read_manifest(folder).digest == digest
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".d.lock", "d"]
+    Dataset.open(folder, verify="full")
+
+
+def test_kills_at_random_moments_change_nothing(tmp_path: Path, digest: str) -> None:
+    out, rng = tmp_path / "d", random.Random(3)
+    for _ in range(3):
+        process = start_build(tmp_path, out)
+        while process.poll() is None and not build_folder(out).exists():
+            time.sleep(0.02)
+        time.sleep(rng.uniform(0.0, 3.0))
+        process.send_signal(signal.SIGKILL)  # its workers live on for a moment
+        process.wait()
+    assert start_build(tmp_path, out).wait() == 0
+
+    assert read_manifest(out).digest == digest
+    assert not build_folder(out).exists()
+    Dataset.open(out, verify="full")
+
+
+def test_processes_that_build_at_once_agree(tmp_path: Path, digest: str) -> None:
+    processes = [start_build(tmp_path, tmp_path / "d") for _ in range(3)]
+
+    assert [process.wait() for process in processes] == [0, 0, 0]
+    assert read_manifest(tmp_path / "d").digest == digest
+
+
+@pytest.mark.usefixtures("one_process")
+def test_finished_parts_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, digest: str
+) -> None:
+    def run_out_of_disk(*args: object, **kwargs: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recipes, "assemble", run_out_of_disk)
+        with pytest.raises(OSError, match="No space"):
+            build(make_recipe(), tmp_path / "d", progress=False)
+    n_parts = len(OneProcessCrew.made)
+    build(make_recipe(), tmp_path / "d", progress=False)
+
+    assert len(OneProcessCrew.made) == n_parts > 0
+    assert read_manifest(tmp_path / "d").digest == digest
+
+
+@pytest.mark.usefixtures("one_process")
+def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
+    small = build(make_recipe(600, part_episodes=3), tmp_path / "small", progress=False)
+    large = build(make_recipe(1800), tmp_path / "large", progress=False)
+
+    first, second = Dataset.open(small), Dataset.open(large)
+    assert 600 <= first.n_steps < 640
+    assert len(first) < len(second)
+    for one, other in zip(first, second, strict=False):
+        assert (one.seed, one.policy) == (other.seed, other.policy)
+        np.testing.assert_array_equal(one.observations, other.observations)
+        np.testing.assert_array_equal(one.actions, other.actions)
+
+
+def test_little_is_made_in_vain(tmp_path: Path, one_process: type[OneProcessCrew]) -> None:
+    recipe = make_recipe(4000)
+    build(recipe, tmp_path / "d", progress=False)
+
+    needed = 4000 / 40 / recipe.part_episodes
+    assert len(one_process.made) == len(set(one_process.made))
+    assert needed <= len(one_process.made) <= needed + 2 * len(recipe.policies)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_finished_dataset_is_not_touched(tmp_path: Path) -> None:
+    build(make_recipe(), tmp_path / "d", progress=False)
+    before = snapshot(tmp_path)
+    build(make_recipe(), tmp_path / "d", progress=False)
+
+    assert snapshot(tmp_path) == before
+
+
+def snapshot(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+@pytest.mark.usefixtures("one_process")
+def test_lost_card_is_written_again(tmp_path: Path) -> None:
+    out = build(make_recipe(), tmp_path / "d", progress=False)
+    card = (out / "card.md").read_text()
+    (out / "card.md").unlink()
+    build(make_recipe(), out, progress=False)
+
+    assert (out / "card.md").read_text() == card
+
+
+@pytest.mark.usefixtures("one_process")
+def test_other_recipe_in_the_dataset_is_refused(tmp_path: Path) -> None:
+    out = build(make_recipe(), tmp_path / "d", progress=False)
+
+    with pytest.raises(RecipeConflictError, match="another recipe"):
+        build(make_recipe(seed=6), out, progress=False)
+
+
+def test_other_recipe_in_the_parts_is_refused_with_what_differs(tmp_path: Path) -> None:
+    folder = build_folder(tmp_path / "d")
+    folder.mkdir()
+    there = make_recipe(seed=6, spec=TaskSpec(horizon=41))
+    (folder / "recipe.json").write_text(there.to_json())
+
+    with pytest.raises(RecipeConflictError) as error:
+        build(make_recipe(), tmp_path / "d", progress=False)
+    assert "seed is 6 there, 5 in the recipe" in str(error.value)
+    assert "spec.horizon is 41 there, 40 in the recipe" in str(error.value)
+    assert "n_steps" not in str(error.value)
+
+
+def test_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "thesis.tex").write_text("precious")
+
+    with pytest.raises(DatasetError, match="manifest"):
+        build(make_recipe(), tmp_path / "d", progress=False)
+    assert (tmp_path / "d" / "thesis.tex").read_text() == "precious"
+
+
+@pytest.mark.usefixtures("one_process")
+def test_full_disk_is_noticed_before_most_of_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1_000_000))
+    recipe = make_recipe(100_000)
+
+    with pytest.raises(BuildError, match=r"needs 2[0-9][0-9] MB more .* 1 MB free"):
+        build(recipe, tmp_path / "d", progress=False)
+    assert len(OneProcessCrew.made) == len(recipe.policies)
+
+
+def test_part_is_a_pure_function() -> None:
+    recipe = make_recipe()
+    first, again = make_part(recipe, 1, 2), make_part(recipe, 1, 2)
+    larger_parts = make_recipe(part_episodes=6)
+    same = [*make_part(larger_parts, 1, 1), *make_part(larger_parts, 1, 2)][2:6]
+
+    assert [episode.seed for episode in first] == [episode.seed for episode in same]
+    for one, *others in zip(first, again, same, strict=True):
+        for other in others:
+            np.testing.assert_array_equal(one.states, other.states)
+            np.testing.assert_array_equal(one.actions, other.actions)
+
+
+def test_seeds_are_distinct_and_never_reserved() -> None:
+    recipe = make_recipe()
+    seeds = np.concatenate([episode_seeds(recipe, policy, 0, 50_000) for policy in (0, 1)])
+
+    assert seeds.dtype == np.uint64
+    assert (seeds < EVALUATION_BASE).all()
+    assert len(np.unique(seeds)) == len(seeds)
+
+
+def test_policy_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    recipe = make_recipe(policies=(PolicySource(label="x", name="rundom"),))
+
+    with pytest.raises(BuildError, match=r"part 0 of x failed: UnknownNameError.*'random'"):
+        build(recipe, tmp_path / "d", workers=1, progress=False)

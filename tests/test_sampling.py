@@ -1,0 +1,215 @@
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import SchemaError
+from swarmdata.sampling import Sampler
+from swarmdata.testing.synthetic import make_dataset
+from swarmdata.types import Batch
+
+LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path: Path = tmp_path_factory.mktemp("sampling") / "ds"
+    make_dataset(path, LENGTHS, n_steps=60)
+    return Dataset.open(path)
+
+
+def assert_equal_batches(first: Batch, second: Batch) -> None:
+    for name in Batch.__dataclass_fields__:
+        assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+def view_of(dataset: Dataset, seed: int) -> Dataset:
+    """A view of some episodes, at least one."""
+    rng = np.random.default_rng(seed)
+    keep = rng.random(len(dataset)) < 0.5
+    keep[rng.integers(len(dataset))] = True
+    return dataclasses.replace(dataset, selection=np.flatnonzero(keep))
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**64 - 1), batch_size=st.integers(1, 40))
+def test_transitions_never_cross(dataset: Dataset, seed: int, batch_size: int) -> None:
+    view = view_of(dataset, seed)
+    batch = next(view.sampler(batch_size, seed=seed))
+    by_seed = {episode.seed: episode for episode in view}
+    for b in range(batch_size):
+        episode = by_seed[int(batch.observations[b, 0, 0])]
+        t = int(batch.observations[b, 0, 1])
+        assert np.array_equal(batch.observations[b], episode.observations[t])
+        assert np.array_equal(batch.next_observations[b], episode.observations[t + 1])
+        assert np.array_equal(batch.states[b], episode.states[t])
+        assert np.array_equal(batch.next_states[b], episode.states[t + 1])
+        assert np.array_equal(batch.actions[b], episode.actions[t])
+        assert np.array_equal(batch.rewards[b], episode.rewards[t])
+        assert batch.terminations[b] == episode.terminations[t]
+        assert batch.truncations[b] == episode.truncations[t]
+    assert batch.mask.all()
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**64 - 1), horizon=st.integers(1, 14))
+def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
+    view = view_of(dataset, seed)
+    sampler = view.sampler(8, horizon=horizon, seed=seed)
+    batch = next(sampler)
+    by_seed = {episode.seed: episode for episode in view}
+    assert batch.observations.shape[:2] == (8, horizon)
+    for b in range(8):
+        episode = by_seed[int(batch.observations[b, 0, 0, 0])]
+        t = int(batch.observations[b, 0, 0, 1])
+        n = min(horizon, len(episode) - t)
+        expected = {
+            "observations": episode.observations[t : t + n],
+            "next_observations": episode.observations[t + 1 : t + n + 1],
+            "states": episode.states[t : t + n],
+            "next_states": episode.states[t + 1 : t + n + 1],
+            "actions": episode.actions[t : t + n],
+            "rewards": episode.rewards[t : t + n],
+            "terminations": episode.terminations[t : t + n],
+            "truncations": episode.truncations[t : t + n],
+            "mask": np.ones(n, dtype=bool),
+        }
+        for name, values in expected.items():
+            got = getattr(batch, name)[b]
+            assert np.array_equal(got[:n], values), name
+            assert not got[n:].any(), name
+
+
+@pytest.mark.parametrize("horizon", [None, 4])
+def test_every_valid_start_is_drawn_equally_often(dataset: Dataset, horizon: int | None) -> None:
+    view = dataset.split("train")
+    sampler = view.sampler(1000, horizon=horizon, seed=3)
+    drawn = np.concatenate([sampler.draw() for _ in range(40)])
+    rows, counts = np.unique(drawn, return_counts=True)
+    assert rows.tolist() == sampler.rows.valid.tolist()
+    assert len(rows) == view.n_steps
+    # chi-square with n - 1 degrees of freedom: mean n - 1, standard deviation sqrt(2 (n - 1))
+    expected = len(drawn) / len(rows)
+    statistic = np.sum((counts - expected) ** 2 / expected)
+    assert statistic < len(rows) - 1 + 5 * np.sqrt(2 * (len(rows) - 1))
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    before=st.integers(0, 30), batch_size=st.sampled_from([1, 3, 64, 5000, 20000]), data=st.data()
+)
+def test_resume_continues_the_stream(
+    dataset: Dataset, before: int, batch_size: int, data: st.DataObject
+) -> None:
+    seed = data.draw(st.integers(0, 2**64 - 1))
+    whole = dataset.sampler(batch_size, seed=seed)
+    for _ in range(before):
+        whole.draw()
+    state = json.loads(json.dumps(whole.state_dict()))
+    resumed = dataset.sampler(batch_size, seed=seed)
+    for _ in range(data.draw(st.integers(0, 5))):
+        resumed.draw()
+    resumed.load_state_dict(state)
+    for _ in range(3):
+        assert np.array_equal(whole.draw(), resumed.draw())
+    assert whole.state_dict() == resumed.state_dict()
+
+
+def test_batches_of_a_seed_are_one_stream(dataset: Dataset) -> None:
+    small, large = dataset.sampler(10, seed=5), dataset.sampler(3 * 10**4, seed=5)
+    stream = large.draw()
+    for k in range(2000):
+        assert np.array_equal(small.draw(), stream[10 * k : 10 * k + 10])
+
+
+def test_seeds_give_different_streams(dataset: Dataset) -> None:
+    draws = [dataset.sampler(64, seed=seed).draw() for seed in range(5)]
+    assert len({tuple(draw) for draw in draws}) == 5
+
+
+def test_the_stream_is_pinned(dataset: Dataset) -> None:
+    """A recorded run can be repeated with any later version."""
+    assert dataset.n_steps == 61
+    assert dataset.sampler(6, seed=7).draw().tolist() == [44, 39, 33, 36, 21, 11]
+
+
+def test_other_settings_are_refused_on_resume(dataset: Dataset) -> None:
+    state = dataset.sampler(8, seed=1).state_dict()
+    for other in (
+        dataset.sampler(9, seed=1),
+        dataset.sampler(8, seed=2),
+        dataset.sampler(8, horizon=2, seed=1),
+        dataset.split("train").sampler(8, seed=1),
+    ):
+        with pytest.raises(SchemaError, match="resume with"):
+            other.load_state_dict(state)
+    with pytest.raises(SchemaError, match="resume with"):
+        dataset.sampler(8, seed=1).load_state_dict({**state, "n_drawn": -1})
+
+
+@pytest.mark.parametrize("horizon", [None, 5])
+def test_stacked_indices_give_stacked_fields(dataset: Dataset, horizon: int | None) -> None:
+    samplers = [dataset.sampler(6, horizon=horizon, seed=seed) for seed in range(3)]
+    index = np.stack([sampler.draw() for sampler in samplers])
+    stacked = samplers[0].gather(index)
+    assert stacked.mask.shape == ((3, 6) if horizon is None else (3, 6, horizon))
+    for k in range(3):
+        alone = samplers[0].gather(index[k])
+        one = Batch(**{n: getattr(stacked, n)[k] for n in Batch.__dataclass_fields__})
+        assert_equal_batches(alone, one)
+
+
+def test_batches_are_the_callers_to_keep(dataset: Dataset) -> None:
+    sampler = dataset.sampler(16, horizon=4)
+    index = sampler.draw()
+    first = sampler.gather(index)
+    first.observations[...] = -1
+    assert not (sampler.gather(index).observations == -1).all()
+    kept = index.copy()
+    index[...] = 0
+    again = dataset.sampler(16, horizon=4)
+    assert np.array_equal(again.draw(), kept)
+
+
+def test_iterating_is_draw_then_gather(dataset: Dataset) -> None:
+    first, second = dataset.sampler(5, seed=2), dataset.sampler(5, seed=2)
+    for batch, _ in zip(first, range(3), strict=False):
+        assert_equal_batches(batch, second.gather(second.draw()))
+    assert "n_drawn=3" in repr(second)
+
+
+@pytest.mark.parametrize("index", [[-1], [10**6]])
+@pytest.mark.parametrize("horizon", [None, 3])
+def test_indices_outside_are_refused(
+    dataset: Dataset, index: list[int], horizon: int | None
+) -> None:
+    with pytest.raises(IndexError):
+        dataset.sampler(2, horizon=horizon).gather(np.array(index))
+
+
+def test_impossible_samplers_are_refused(dataset: Dataset) -> None:
+    with pytest.raises(SchemaError, match="no episodes"):
+        dataset.filter(min_return=1e9).sampler()
+    with pytest.raises(SchemaError, match="batch_size=0"):
+        dataset.sampler(0)
+    with pytest.raises(SchemaError, match="horizon=0"):
+        dataset.sampler(horizon=0)
+    with pytest.raises(SchemaError, match="2\\*\\*64"):
+        dataset.sampler(seed=-1)
+
+
+def test_torch_batches_share_memory(dataset: Dataset) -> None:
+    pytest.importorskip("torch")
+    batch = next(dataset.sampler(4))
+    tensors = batch.to_torch()
+    tensors.rewards[0, 0] = 42
+    assert batch.rewards[0, 0] == 42
+
+
+def test_sampler_is_the_documented_type(dataset: Dataset) -> None:
+    assert isinstance(dataset.sampler(), Sampler)

@@ -1,0 +1,147 @@
+"""Workers that die, fail, print and outlive their supervisor."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import BuildError
+from swarmdata.workers import ATTEMPTS, Crew, Job
+
+HANDLER = """
+import os, signal, sys, time
+from pathlib import Path
+from swarmdata.errors import SpecError
+from swarmdata.workers import serve
+
+def handle(payload, report):
+    action, note = payload["action"], Path(payload["note"])
+    print("noise on standard output")
+    report(3)
+    with note.open("a") as file:
+        file.write(f"{os.getpid()} {os.environ['OMP_NUM_THREADS']}\\n")
+    starts = len(note.read_text().splitlines())
+    if action == "die" or (action == "die once" and starts == 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if action == "refuse":
+        raise SpecError("this cannot be done")
+    if action == "crash":
+        raise ZeroDivisionError("a bug")
+    while action == "forever":
+        report(1)
+        time.sleep(0.02)
+    report(4)
+
+def work():
+    serve(handle)
+"""
+
+
+@pytest.fixture
+def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "handler_for_test.py").write_text(HANDLER)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return "handler_for_test:work"
+
+
+def make_job(folder: Path, name: str, action: str = "work") -> Job:
+    return Job(name, {"action": action, "note": str(folder / name)})
+
+
+def starts(folder: Path, name: str) -> list[str]:
+    return (folder / name).read_text().splitlines()
+
+
+def test_all_jobs_are_done_once_and_progress_adds_up(tmp_path: Path, entry: str) -> None:
+    reports: list[int] = []
+    with Crew(entry, 2) as crew:
+        crew.run([make_job(tmp_path, f"job-{k}") for k in range(5)], reports.append)
+        crew.run([make_job(tmp_path, "later")], reports.append)
+
+    assert sum(reports) == 6 * 7
+    lines = [starts(tmp_path, f"job-{k}") for k in range(5)]
+    assert all(len(line) == 1 for line in lines)
+    assert len({line[0].split()[0] for line in lines}) <= 2
+    assert all(line[0].split()[1] == "1" for line in lines), "BLAS must use one thread"
+
+
+def test_killed_job_is_done_again_and_no_other(tmp_path: Path, entry: str) -> None:
+    reports: list[int] = []
+    with Crew(entry, 2) as crew:
+        jobs = [make_job(tmp_path, "good"), make_job(tmp_path, "victim", "die once")]
+        crew.run(jobs, reports.append)
+
+    assert len(starts(tmp_path, "victim")) == 2
+    assert len(starts(tmp_path, "good")) == 1
+    assert sum(reports) == 2 * 7, "what the killed worker had reported is taken back"
+
+
+def test_job_that_always_dies_is_named(tmp_path: Path, entry: str) -> None:
+    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=r"doomed failed.*SIGKILL"):
+        crew.run([make_job(tmp_path, "doomed", "die")])
+
+    assert len(starts(tmp_path, "doomed")) == ATTEMPTS
+
+
+def test_error_of_the_library_is_reported_and_not_tried_again(tmp_path: Path, entry: str) -> None:
+    message = "picky failed: SpecError: this cannot be done"
+    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=message):
+        crew.run([make_job(tmp_path, "picky", "refuse")])
+
+    assert len(starts(tmp_path, "picky")) == 1
+
+
+def test_bug_in_a_worker_is_an_error(tmp_path: Path, entry: str) -> None:
+    with Crew(entry, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
+        crew.run([make_job(tmp_path, "buggy", "crash")])
+
+
+def test_worker_that_cannot_start_is_an_error() -> None:
+    with Crew("no_such_module:work", 1) as crew, pytest.raises(BuildError, match="exit code 1"):
+        crew.run([Job("anything", {})])
+
+
+def test_crew_needs_a_worker() -> None:
+    with pytest.raises(ValueError, match="n_workers is 0"), Crew("a:b", 0):
+        pass
+
+
+def test_workers_end_when_the_supervisor_is_killed(tmp_path: Path, entry: str) -> None:
+    script = textwrap.dedent(f"""
+        import sys; sys.path[:] = {sys.path!r}
+        from swarmdata.workers import Crew, Job
+        with Crew({entry!r}, 1) as crew:
+            crew.run([Job("long", {{"action": "forever", "note": {str(tmp_path / "long")!r}}})])
+    """)
+    supervisor = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
+    wait_for(lambda: (tmp_path / "long").exists() and bool(starts(tmp_path, "long")))
+    worker = int(starts(tmp_path, "long")[0].split()[0])
+    supervisor.send_signal(signal.SIGKILL)
+    supervisor.wait()
+
+    wait_for(lambda: not is_running(worker))
+
+
+def wait_for(condition: object, seconds: float = 30.0) -> None:
+    assert callable(condition)
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def test_is_running_sees_this_process() -> None:
+    assert is_running(os.getpid())
