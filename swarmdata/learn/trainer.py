@@ -87,7 +87,7 @@ class Schedule:
             )
 
 
-def train(  # noqa: PLR0913  (keyword settings with defaults)
+def train(
     algorithm: str,
     dataset: Data,
     folder: Path | str,

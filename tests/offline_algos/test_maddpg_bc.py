@@ -90,7 +90,7 @@ def two_episodes() -> MemoryDataset:
     return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
 
 
-def test_targets_of_two_episodes_are_exact() -> None:
+def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
     algorithm = made(discount=0.5)
 
@@ -98,7 +98,7 @@ def test_targets_of_two_episodes_are_exact() -> None:
         v = 100 * state[..., 0] + 10 * state[..., 1]
         return torch.stack([v, v + 1], 1)  # the smaller twin counts
 
-    algorithm.q = value  # type: ignore[method-assign]
+    monkeypatch.setattr(algorithm, "q", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
     y = algorithm.targets(batch)
     # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
@@ -120,7 +120,9 @@ def test_targets_use_the_smaller_twin_the_reward_scale_and_the_bound() -> None:
     torch.testing.assert_close(free.targets(batch), team + 7.2 * ~batch.terminations)
 
 
-def test_target_actions_are_smoothed_clipped_and_stay_in_range() -> None:
+def test_target_actions_are_smoothed_clipped_and_stay_in_range(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     algorithm = made(noise=1.0, noise_clip=0.1)
     seen: list[Tensor] = []
 
@@ -128,7 +130,7 @@ def test_target_actions_are_smoothed_clipped_and_stay_in_range() -> None:
         seen.append(actions)
         return torch.zeros(1, 2, actions.shape[1])
 
-    algorithm.q = record  # type: ignore[method-assign]
+    monkeypatch.setattr(algorithm, "q", record)
     batch = random_batch()
     algorithm.targets(batch)
     algorithm.targets(batch)
