@@ -18,7 +18,7 @@ A zero may come out of a kernel with either sign; adding +0 makes it +0.
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.types import Double, Float
 
 GRID = 2.0**12  # steps per unit of weights and activations
-MAX_WEIGHT = 8.0
+MAX_WEIGHT = 8.0 - 2.0**-12  # 16 bits
 MAX_ACTIVATION = 64.0
 MAX_WIDTH = 4096
 
@@ -105,7 +105,7 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
         CheckpointError: not such a file, or outside the bounds of exact inference.
     """
     try:
-        tensors = {name: array.astype(np.float64) for name, array in load(data).items()}
+        tensors = {name: _values(array) for name, array in load(data).items()}
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
     n_layers = sum(name.endswith(".weight") for name in tensors)
@@ -199,8 +199,9 @@ def save_actor(
     exact = [(_snap(weight), _snap(bias)) for weight, bias in layers]
     tensors = {"input.mean": _float32(mean), "input.scale": _float32(scale)}
     for i, (weight, bias) in enumerate(exact):
-        tensors[f"layers.{i}.weight"] = _float32(weight)
-        tensors[f"layers.{i}.bias"] = _float32(bias)
+        tensors[f"layers.{i}.weight"] = np.ascontiguousarray(weight * GRID, dtype=np.int16)
+        tensors[f"layers.{i}.bias"] = np.ascontiguousarray(bias * GRID, dtype=np.int16)
+    _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))
     path.write_bytes(data)
@@ -214,5 +215,10 @@ def _snap(values: NDArray[np.floating]) -> Double:
 
 
 def _float32(values: NDArray[np.floating]) -> Float:
-    """Grid values up to 8 need 16 bits, so float32 holds them exactly."""
     return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def _values(array: NDArray[Any]) -> Double:
+    """Weights and biases are stored as grid steps, which fit 16 bits."""
+    steps = np.issubdtype(array.dtype, np.integer)
+    return array.astype(np.float64) * (1 / GRID if steps else 1.0)

@@ -117,7 +117,7 @@ def best_on_line(
         cross = dx * planes[i, 3] - dy * planes[i, 2]
         offset = planes[i, 2] * (py - planes[i, 1]) - planes[i, 3] * (px - planes[i, 0])
         if abs(cross) <= PARALLEL:
-            if offset < 0.0:
+            if offset < -PARALLEL:
                 return False, 0.0, 0.0
             continue
         t = offset / cross
