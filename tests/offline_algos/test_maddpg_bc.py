@@ -154,9 +154,11 @@ def test_twin_critics_differ_and_both_learn() -> None:
 
 @pytest.mark.parametrize("joint_gradient", ["all", "own"])
 def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) -> None:
-    """Against autograd on modules, with lambda a constant; the critic's scale must cancel."""
+    """Against autograd, with lambda a constant; critics whose values are far from 0."""
     alpha = 2.5
     algorithm = made(joint_gradient=joint_gradient, alpha=alpha, max_gradient_norm=None)
+    with torch.no_grad():
+        algorithm.critics.layers[-1].weight.mul_(50.0)
     batch = random_batch()
     pi = algorithm.actor(batch.observations)[0]  # [B, N, A]
     joint = pi if joint_gradient == "all" else None
@@ -171,6 +173,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
         )[0, :, 0]
         for actions in rows
     ])  # fmt: skip
+    assert q.abs().mean() > 2
     weight = alpha / q.abs().mean().item()
     loss = -weight * q.mean() + (pi - batch.actions[0]).square().sum(1).mean()
     algorithm.actor.network.backward(loss)
@@ -183,7 +186,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
 
 def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
     gradients = []
-    for factor in (1.0, 1000.0):
+    for factor in (100.0, 1000.0):
         algorithm = made(max_gradient_norm=None)
         head = algorithm.critics.layers[-1]
         with torch.no_grad():
@@ -195,6 +198,15 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
         gradients.append(algorithm.actor.network.gradient.clone())
     assert gradients[0].abs().sum() > 0
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-6)
+
+
+def test_lambda_does_not_explode_where_values_cross_zero() -> None:
+    algorithm, batch = made(alpha=2.5), random_batch()
+    for row in (0, 1):
+        set_bias(algorithm.critics, row, 1e-3)
+    algorithm.n_updates = 1  # beyond the warm start
+    losses = algorithm._update_actor(batch, batch.states, 1.0)
+    assert losses["lambda"].item() == pytest.approx(2.5)
 
 
 def test_the_actors_step_leaves_the_critics_alone() -> None:
@@ -261,17 +273,17 @@ def progress_of(actions: Float, observations: Float) -> float:
 def test_it_beats_behavior_cloning_on_a_mixture(
     mixture: MemoryDataset, joint_gradient: str
 ) -> None:
-    """The data drive at the goal half of the time and away from it otherwise."""
+    """Half of the data drive at the goal, the other half at random."""
     seeds = range(3)
     config = MADDPGBCConfig(
-        n_updates=3000,
+        n_updates=1500,
         actor_hidden=(32, 32),
-        critic_hidden=(64, 64),
-        warm_start=500,
+        critic_hidden=(32, 32),
+        warm_start=300,
         discount=0.9,
         joint_gradient=joint_gradient,  # type: ignore[arg-type]
     )
-    bc_config = BCConfig(n_updates=1500, hidden=(32, 32))
+    bc_config = BCConfig(n_updates=1000, hidden=(32, 32))
     measured = Statistics.measure(mixture, config.discount)
     samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
 
@@ -290,5 +302,5 @@ def test_it_beats_behavior_cloning_on_a_mixture(
         learned, cloned = (
             progress_of(a.policy(index).actions(observations), observations) for a in (ours, clone)
         )
-        assert learned > cloned + 0.05
-        assert learned > 0.1  # driving straight at the goal gives 0.17
+        assert learned > cloned + 0.03  # 0.11 ("all") or 0.09 ("own") against 0.045
+        assert learned > 0.08  # driving straight at the goal gives 0.16
