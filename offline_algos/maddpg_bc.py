@@ -6,14 +6,19 @@ eq. 6), which sees the state and all actions; in the twin-critic form it is MATD
 
     y      = r + gamma (1 - termination) min_j Q'_j(s', pi'(o') + clip(noise, -c, c))
     L(Q_j) = (Q_j(s, a) - y)^2                                              every update
-    L(pi)  = -lambda Q_1(s, pi(o)) + 1/N sum_i |pi(o_i, i) - a_i|^2         every `policy_delay`-th
-    lambda = alpha / mean |Q_1(s, pi(o))|, detached
+    L(pi)  = -lambda Q_1(s, pi(o)) + sum_i 1/A |pi(o_i, i) - a_i|^2         every `policy_delay`-th
+    lambda = alpha / max(mean |Q_1(s, pi(o))|, 1), detached
 
 Deviations:
 - Actors are one network for all agents, which sees the agent's number.
 - `joint_gradient` "all": Q sees every agent's action from its policy (the centralized gradient of
   FACMAC, Peng et al. 2021, eq. 7). "own" is MADDPG's eq. 6: agent i's action from its policy and
   the others' from the data, which can fail to coordinate (Tilbury et al. 2024, arXiv 2407.01343).
+- mean |Q_1| is taken as at least 1, which is one standard deviation of the returns-to-go: team
+  returns cross 0, where the paper's lambda explodes (measured: 17 instead of 2.5, and policies that
+  push through obstacles).
+- The imitation error is summed over agents and averaged over action components, so that an agent
+  is held to the data as strongly in a team as alone.
 - The critics have LayerNorm. Observations and states are normalized with the dataset's statistics,
   rewards are divided by the standard deviation of the returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset (the
@@ -148,7 +153,7 @@ class MADDPGBC:
             self.actor_optimizer.step(bc_loss, scale)
             return {"bc_loss": bc_loss}
         q = self.policy_values(state, pi, batch.actions)  # [K, rows]
-        lam = self.config.alpha / q.detach().abs().mean(1)  # [K]
+        lam = self.config.alpha / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
         self.actor_optimizer.step(-lam * q.mean(1) + bc_loss, scale)
         return {"bc_loss": bc_loss, "policy_q": q.mean(1), "lambda": lam}
 

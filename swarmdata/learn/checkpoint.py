@@ -22,7 +22,7 @@ from swarmdata.errors import CheckpointError
 FORMAT = "swarmdata-checkpoint-1"
 
 
-def save(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
+def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
     """Writes a checkpoint atomically: after a crash, the old or the new file is there.
 
     Args:
@@ -36,12 +36,13 @@ def save(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any])
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
     digest = _digest(content, text)
-    header = {"format": FORMAT, "metadata": text, "sha256": digest}
+    # one entry: safetensors writes several in random order, and equal runs are to be equal files
+    header = {FORMAT: json.dumps({"metadata": text, "sha256": digest})}
     write_atomically(path, serialize(content, header))
     return digest
 
 
-def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+def load_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Reads a checkpoint: its tensors on the CPU, and its metadata.
 
     Raises:
@@ -54,21 +55,23 @@ def load(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     try:
         tensors: dict[str, Tensor] = parse(data)
         header = _header(data)
-    except (safetensors.SafetensorError, ValueError, KeyError) as error:
+        saved = json.loads(header[FORMAT]) if FORMAT in header else None
+    except (safetensors.SafetensorError, ValueError) as error:
         raise CheckpointError(
             f"{path} is not a readable checkpoint ({error}). Delete it and train again."
         ) from error
-    if header.get("format") != FORMAT:
+    if saved is None:
         raise CheckpointError(
-            f"{path} has format {header.get('format')!r}, expected {FORMAT!r}. "
-            "It was written by another program or another version of swarmdata."
+            f"{path} has metadata {sorted(header)}, expected {FORMAT!r}: it was written by another "
+            "program or another version of swarmdata, or it is damaged."
         )
-    if _digest(tensors, header["metadata"]) != header["sha256"]:
+    text = saved.get("metadata", "")
+    if _digest(tensors, text) != saved.get("sha256"):
         raise CheckpointError(
             f"{path} is damaged: its content does not have the SHA-256 it was saved with. "
             "Copy it again from its source, or delete it and train again."
         )
-    metadata: dict[str, Any] = json.loads(header["metadata"])
+    metadata: dict[str, Any] = json.loads(text)
     return tensors, metadata
 
 

@@ -37,22 +37,25 @@ class TorchPolicy:
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
-        """Returns the actor's actions, float32 [E, N, A].
+        return self.actions(step.observations)
+
+    def actions(self, observations: Float) -> Float:
+        """Returns the actor's actions, float32 [E, N, A], for observations [E, N, O].
 
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        n_copies, n_agents, size = step.observations.shape
+        n_copies, n_agents, size = observations.shape
         expected = len(self.observation_mean)
         if size != expected or size + n_agents != self.layers[0].weight.shape[1]:
             raise SchemaError(
-                f"policy got observations {step.observations.shape}, expected {expected} features "
+                f"policy got observations {observations.shape}, expected {expected} features "
                 f"of {self.layers[0].weight.shape[1] - expected} agents. "
                 "Evaluate it on the task and observation model that it was trained on."
             )
         with torch.no_grad():
-            observations = torch.from_numpy(step.observations.astype(np.float64))
-            inputs = standardize(observations, self.observation_mean, self.observation_std)
+            exact = torch.from_numpy(observations.astype(np.float64))
+            inputs = standardize(exact, self.observation_mean, self.observation_std)
             outputs = mlp(self.layers, with_agent_id(inputs).view(1, n_copies * n_agents, -1))
             actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
         result: Float = actions.view(n_copies, n_agents, -1).numpy().astype(np.float32)

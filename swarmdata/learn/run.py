@@ -108,7 +108,7 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
     run = read_run(Path(folder))
-    tensors, _ = checkpoint.load(Path(folder) / CHECKPOINT)
+    tensors, _ = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
     algorithm = run.build(statistics_of(tensors), device)
     algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
     return [algorithm.policy(index) for index in range(len(run.seeds))]

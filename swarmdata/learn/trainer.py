@@ -76,14 +76,18 @@ class Schedule:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        numbers = (self.log_every, self.checkpoint_every, self.evaluate_every or 1)
+        numbers = (
+            self.log_every,
+            self.checkpoint_every,
+            1 if self.evaluate_every is None else self.evaluate_every,
+        )
         if min(numbers) < 1 or self.checkpoint_every % self.log_every:
             raise SchemaError(
                 f"{self}: expected positive numbers and checkpoint_every a multiple of log_every"
             )
 
 
-def train(  # noqa: PLR0913  (keyword settings with defaults)
+def train(
     algorithm: str,
     dataset: Data,
     folder: Path | str,
@@ -264,11 +268,11 @@ class _Trainer:
             "samplers": [sampler.state_dict() for sampler in self.samplers],
         }
         path = self.folder / CHECKPOINT
-        checkpoint.save(path, {**tensors, **tensors_of(self.statistics)}, metadata)
+        checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
 
     def _restore(self) -> int:
         path = self.folder / CHECKPOINT
-        tensors, metadata = checkpoint.load(path)
+        tensors, metadata = checkpoint.load_checkpoint(path)
         if metadata["run"] != self.run.hash():
             raise CheckpointError(
                 f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "

@@ -10,7 +10,7 @@ N_AGENTS, LENGTH = 2, 12
 
 
 def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
-    """Points with goals: a good policy drives at the goal, a bad one away from it; noise on top.
+    """Points with goals: a good policy drives at its goal, with noise; a bad one at random.
 
     Rewards are each robot's progress. The last step is a truncation if `cut`, else a termination.
     """
@@ -22,7 +22,9 @@ def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
         states.append(np.concatenate([positions, goals], 1).ravel())
         if t == LENGTH:
             break
-        action = (1 if good else -1) * drive(goals - positions) + rng.normal(0, 0.3, (N_AGENTS, 2))
+        action = rng.uniform(-1, 1, (N_AGENTS, 2))
+        if good:
+            action = drive(goals - positions) + rng.normal(0, 0.3, (N_AGENTS, 2))
         action = action.clip(-1, 1)
         before = np.linalg.norm(goals - positions, axis=1)
         positions = (positions + 0.2 * action).clip(-1.5, 1.5)

@@ -1,0 +1,78 @@
+"""Behavior cloning: its loss, its schedule, and that it imitates."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.learn.statistics import Statistics  # noqa: E402
+from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.types import Batch, Float  # noqa: E402
+
+
+def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
+    config = BCConfig(**{"hidden": (32, 32), "n_updates": 400, "batch_size": 64, **changes})
+    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in range(n_seeds)]
+    batches = [
+        samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
+        for _ in range(config.n_updates)
+    ]
+    statistics = Statistics.measure(dataset, config.discount)
+    return BC(Sizes.of(batches[0]), range(n_seeds), config, statistics=statistics), batches
+
+
+def drive(observations: Float) -> Float:
+    offsets = observations[..., 2:4]
+    return offsets / np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 0.2)
+
+
+@pytest.mark.parametrize("output", ["tanh", "clip"])
+def test_the_loss_is_the_mean_squared_error_of_the_policy(
+    good_only: MemoryDataset, output: str
+) -> None:
+    bc, batches = made(good_only, 2, n_updates=1, output=output)
+    batch = batches[0]
+    outputs = bc.policy(1).actions(batch.observations[1].numpy())  # before the update
+    loss = bc.update(batch)["bc_loss"]
+    if output == "tanh":  # clipped outputs differ from those that are trained
+        expected = np.square(outputs - batch.actions[1].numpy()).mean()
+        assert loss[1].item() == pytest.approx(expected, rel=1e-5)
+    assert loss.shape == (2,)
+
+
+def test_it_follows_the_cosine_and_stands_still_at_its_end(good_only: MemoryDataset) -> None:
+    bc, batches = made(good_only, 1, n_updates=10)
+    moved = []
+    for batch in [*batches, batches[0]]:
+        before = bc.actor.network.flat.clone()
+        bc.update(batch)
+        moved.append((bc.actor.network.flat - before).abs().max().item())
+    assert moved[0] == pytest.approx(1e-3, rel=0.01)
+    assert 0 < moved[9] < 0.1 * moved[0]
+    assert moved[10] == 0
+
+
+def test_a_constant_step_size_is_possible(good_only: MemoryDataset) -> None:
+    bc, batches = made(good_only, 1, n_updates=10, final_step_size=1.0)
+    for batch in batches:
+        bc.update(batch)
+    before = bc.actor.network.flat.clone()
+    bc.update(batches[0])
+    assert (bc.actor.network.flat - before).abs().max() > 1e-4
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize("output", ["tanh", "clip"])
+def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
+    """The error against the noise-free behavior policy falls to a fraction of the noise (0.3)."""
+    bc, batches = made(good_only, 3, n_updates=2000, output=output)
+    for batch in batches:
+        bc.update(batch)
+    observations = good_only.transitions["observations"]
+    for index in range(3):
+        error = bc.policy(index).actions(observations) - drive(observations)
+        assert np.sqrt(np.square(error).mean()) < 0.1
