@@ -287,7 +287,9 @@ class MAPPO:
         """Steps the worlds; returns the step reached and the one after resetting ended copies."""
         reached = self.env.step(actions)
         ended = np.flatnonzero(reached.ended)
-        self.present = self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
+        self.present = (
+            self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
+        )
         return reached, self.present
 
     def inputs(self, step: Step) -> tuple[Float, Float]:
@@ -383,7 +385,5 @@ class MAPPO:
         excess = (mean.abs() - 1).clamp(min=0).square().mean()
         kl = (ratio.detach() - 1 - log_ratio.detach()).mean()
         policy_weight = float(self.progress > c.critic_warmup or c.critic_warmup == 0)
-        loss = (
-            policy_weight * (policy_loss + c.mean_penalty * excess) + c.value_weight * value_loss
-        )
+        loss = policy_weight * (policy_loss + c.mean_penalty * excess) + c.value_weight * value_loss
         return loss, {"policy": policy_loss.item(), "value": value_loss.item(), "kl": kl.item()}

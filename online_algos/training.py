@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from tqdm import tqdm
 
@@ -161,7 +162,9 @@ def last_actor(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path,
     path = max((run / "actors").glob("*.safetensors"))
     wanted = json.loads((run / "config.json").read_text())["config"]["n_frames"]
     if int(path.stem) < wanted:
-        raise BuildError(f"{run} has {path.stem} of {wanted} frames; run its command again to go on")
+        raise BuildError(
+            f"{run} has {path.stem} of {wanted} frames; run its command again to go on"
+        )
     figures = measure(_learned(path, spec), spec, n_episodes)
     return path, figures | {"exact_error": exact_error(run, spec)}
 
