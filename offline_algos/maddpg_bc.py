@@ -56,7 +56,7 @@ class MADDPGBCConfig:
 
     n_updates: int = 20_000
     batch_size: int = 256  # joint transitions
-    actor_hidden: tuple[int, ...] = (256, 256)
+    actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)
     step_size: float = 1e-3
     critic_step_size: float = 3e-4  # Fujimoto & Gu 2021, table 3
