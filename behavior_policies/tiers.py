@@ -43,6 +43,8 @@ class Checkpoint(Frozen):
 
     file: str
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    frames: int  # joint steps of training
+    figures: dict[str, float]  # means over the selection episodes
 
 
 class Index(RootModel[dict[str, dict[str, tuple[Checkpoint, ...]]]]):

@@ -29,6 +29,7 @@ from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
+from swarmdata.types import Float, Step
 
 EARLY, EARLY_UPDATES, LATER_UPDATES = 0.2, 10, 50
 """Updates between checkpoints: more in the first part of training, where mediums are found."""
@@ -143,47 +144,88 @@ def find_medium(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path
     """
     low, high = MEDIUM_BAND
     for row in read_curve(run):
-        if low - 0.1 <= row["success"] <= high + 0.1:
+        if low - 0.1 <= row["success"] <= high + 0.1:  # few episodes: a rough sieve
             path = run / "actors" / f"{int(row['frames']):010d}.safetensors"
             figures = measure(_learned(path, spec), spec, n_episodes)
             if low <= figures["success"] <= high:
                 return path, figures
-    raise BuildError(
-        f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; save them more often"
-    )
+    raise BuildError(f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; train it longer")
 
 
-def ship(runs: Sequence[Path], spec: TaskSpec, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Copies each run's medium and last actor to `folder` and lists them in its `index.json`.
+def last_actor(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path, dict[str, float]]:
+    """The actor at the end of a run, its figures, and what exact inference changes in its actions.
+
+    Raises:
+        BuildError: the run is not finished.
+    """
+    path = max((run / "actors").glob("*.safetensors"))
+    wanted = json.loads((run / "config.json").read_text())["config"]["n_frames"]
+    if int(path.stem) < wanted:
+        raise BuildError(f"{run} has {path.stem} of {wanted} frames; run its command again to go on")
+    figures = measure(_learned(path, spec), spec, n_episodes)
+    return path, figures | {"exact_error": exact_error(run, spec)}
+
+
+def exact_error(run: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
+    """Largest difference of an action component between exact inference and the float32 network.
+
+    Both see the observations of the selection episodes, played by the exact policy.
 
     Args:
-        runs: finished run folders.
+        run: a finished run; its last saved state holds the float32 weights.
         spec: the task.
-        folder: the package's `behavior_policies/checkpoints`.
+        n_episodes: how many.
+    """
+    path = max((run / "actors").glob("*.safetensors"))
+    state = load_checkpoint(run / "state.safetensors")[0]
+    policy, env = _learned(path, spec), make_env(spec, n_episodes)
+    step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
+    worst = 0.0
+    while not step.ended.all():
+        actions = policy.act(step)
+        difference = np.abs(_float_actions(state, step) - actions)[~step.ended]
+        worst = max(worst, float(difference.max()))
+        step = env.step(actions)
+    return worst
+
+
+def _float_actions(state: dict[str, Tensor], step: Step) -> Float:
+    """Actions of the float32 network in a saved state, clipped to [-1, 1], [E, N, A]."""
+    e, n = step.rewards.shape
+    x = (torch.from_numpy(step.observations) - state["input.mean"]) * state["input.scale"]
+    x = torch.cat([x, torch.eye(n).expand(e, n, n)], -1)
+    weights = [name for name in state if name.startswith("actor.") and name.endswith(".weight")]
+    for k, name in enumerate(sorted(weights)):
+        x = torch.nn.functional.linear(x, state[name], state[name.replace("weight", "bias")])
+        x = x.relu() if k < len(weights) - 1 else x.clamp(-1, 1)
+    return x.numpy()
+
+
+def ship(
+    mediums: Sequence[Path], experts: Sequence[Path], spec: TaskSpec, folder: Path
+) -> dict[str, list[dict[str, Any]]]:
+    """Copies the medium of some runs and the last actor of others, with their curves.
+
+    Args:
+        mediums: runs from which the first checkpoint in the band is taken.
+        experts: finished runs.
+        spec: the task.
+        folder: the package's `behavior_policies/checkpoints`; its `index.json` is updated.
 
     Returns:
-        The task's entry of the index: per tier the files, their SHA-256 and measured figures.
+        The task's entry of the index.
     """
+    chosen = [("medium", run, *find_medium(run, spec)) for run in mediums]
+    chosen += [("expert", run, *last_actor(run, spec)) for run in experts]
     entry: dict[str, list[dict[str, Any]]] = {"medium": [], "expert": []}
     folder.mkdir(parents=True, exist_ok=True)
-    for k, run in enumerate(runs):
-        last = sorted((run / "actors").glob("*.safetensors"))[-1]
-        medium, medium_figures = find_medium(run, spec)
-        chosen = {
-            "medium": (medium, medium_figures),
-            "expert": (last, measure(_learned(last, spec), spec, 1024)),
-        }
-        for tier, (source, figures) in chosen.items():
-            name = f"{spec.task}-{tier}-{k}.safetensors"
-            shutil.copyfile(source, folder / name)
-            entry[tier].append(
-                {
-                    "file": name,
-                    "sha256": _digest(folder / name),
-                    "frames": int(source.stem),
-                    **figures,
-                }
-            )
+    for tier, run, source, figures in chosen:
+        name = f"{spec.task}-{tier}-{len(entry[tier])}"
+        target = folder / f"{name}.safetensors"
+        shutil.copyfile(source, target)
+        shutil.copyfile(run / "curve.csv", folder / f"{name}.csv")
+        about = {"file": target.name, "sha256": _digest(target), "frames": int(source.stem)}
+        entry[tier].append(about | {"figures": figures})
     index = folder / "index.json"
     table = json.loads(index.read_text()) if index.exists() else {}
     index.write_text(json.dumps(table | {spec.task: entry}, indent=1, sort_keys=True) + "\n")

@@ -157,36 +157,57 @@ def card(
 
 @app.command()
 def train(
-    algorithm: Annotated[str, typer.Argument(help="such as bc or maddpg_bc")],
-    dataset: DatasetId,
+    algorithm: Annotated[str, typer.Argument(help="bc or maddpg_bc offline, mappo online")],
+    data: Annotated[str, typer.Argument(metavar="ID", help="a dataset; a task for mappo")],
     out: Annotated[Path, typer.Option(help="the run's folder")],
-    seeds: Annotated[int, typer.Option(min=1, help="trained at once: 0, 1, ...")] = 3,
-    updates: Annotated[int | None, typer.Option(min=1, help="gradient updates")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 3,
+    updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
     device: Annotated[str, typer.Option(help="of torch")] = "cpu",
 ) -> None:
-    """Train an offline algorithm on the train split; run again to go on."""
+    """Train an algorithm, offline on a train split or online in a task; run again to go on."""
+    from swarmdata.registry import ONLINE_ALGORITHMS
     from swarmdata.targets import require
 
     changes = dict(_setting(text) for text in settings or [])
     if updates is not None:
         changes["n_updates"] = str(updates)
     require("torch", "torch", "training")
-    from swarmdata.training import train_offline
+    from swarmdata.training import train_offline, train_online
 
-    train_offline(
-        algorithm,
-        dataset,
-        out,
-        n_seeds=seeds,
-        changes=changes,
-        curve_every=curve_every,
-        device=device,
-    )
+    if algorithm in ONLINE_ALGORITHMS:
+        train_online(algorithm, data, out, n_seeds=seeds, changes=changes)
+    else:
+        train_offline(
+            algorithm,
+            data,
+            out,
+            n_seeds=seeds,
+            changes=changes,
+            curve_every=curve_every,
+            device=device,
+        )
     typer.echo(out)
+
+
+@app.command()
+def ship(
+    task: Annotated[str, typer.Argument(help="such as coop_nav")],
+    out: Annotated[Path, typer.Option(help="the package's behavior_policies/checkpoints")],
+    medium: Annotated[list[Path], typer.Option(help="online run to take a medium from")],
+    expert: Annotated[list[Path], typer.Option(help="finished online run to take an expert from")],
+) -> None:
+    """Put the mediums and experts of online runs into the package."""
+    from swarmdata.targets import require, task_spec
+
+    require("torch", "torch", "reading online runs")
+    from swarmdata.online_algos.training import ship as ship_runs
+
+    entry = ship_runs(medium, expert, task_spec(task), out)
+    typer.echo(json.dumps(entry, indent=1))
 
 
 def _setting(text: str) -> tuple[str, str]:

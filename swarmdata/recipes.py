@@ -9,7 +9,6 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +96,7 @@ def make_source_policy(source: PolicySource, spec: TaskSpec) -> Policy:
 
 
 def make_part(
-    recipe: Recipe, policy: int, part: int, report: Report = lambda n: None
+    recipe: Recipe, policy: int, part: int, env: VecEnv, report: Report = lambda steps: None
 ) -> list[Episode]:
     """Simulates part number `part` of one policy's stream.
 
@@ -105,29 +104,28 @@ def make_part(
         recipe: the recipe.
         policy: index into `recipe.policies`.
         part: k.
+        env: copies of the recipe's task; any number of them gives the same episodes.
         report: called with the joint steps of each episode.
     """
     seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
     actor = make_source_policy(recipe.policies[policy], recipe.spec)
     episodes = []
-    for episode in rollout(_copies(recipe.spec), actor, seeds, policy_index=policy):
+    for episode in rollout(env, actor, seeds, policy_index=policy):
         episodes.append(episode)
         report(len(episode))
     return episodes
 
 
-@lru_cache(maxsize=1)
-def _copies(spec: TaskSpec) -> VecEnv:
-    """The worker's copies of the task, kept from part to part."""
-    return make_env(spec, N_COPIES)
-
-
 def work() -> None:
     """Makes parts until told to stop; runs in worker processes."""
+    copies: dict[TaskSpec, VecEnv] = {}  # kept from part to part
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         recipe = Recipe.from_text(payload["recipe"])
-        episodes = make_part(recipe, payload["policy"], payload["part"], report)
+        if recipe.spec not in copies:
+            copies[recipe.spec] = make_env(recipe.spec, N_COPIES)
+        env = copies[recipe.spec]
+        episodes = make_part(recipe, payload["policy"], payload["part"], env, report)
         write_part(Path(payload["folder"]), episodes)
 
     serve(handle)

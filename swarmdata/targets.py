@@ -56,9 +56,7 @@ def find_target(name: str, task: str = "coop_nav") -> Target:
     """
     if (Path(name) / RUN_FILE).exists():
         return _run_target(Path(name))
-    if task not in SPECS:
-        raise UnknownNameError("task", task, SPECS)
-    spec = SPECS[task]
+    spec = task_spec(task)
     if name in POLICIES and name != "learned":
         return Target(name, spec, (make_policy(name, spec),), {"policy": name})
     if name in MIXTURES and MIXTURES[name][0] == (name,) and (found := sources(task, name, 0.0)):
@@ -66,6 +64,17 @@ def find_target(name: str, task: str = "coop_nav") -> Target:
         digests = [source.sha256 for source in found]
         return Target(name, spec, policies, {"policy": name, "checkpoints": digests})
     return _dataset_target(name, task)
+
+
+def task_spec(task: str) -> TaskSpec:
+    """The headline spec of a task.
+
+    Raises:
+        UnknownNameError: no such task.
+    """
+    if task not in SPECS:
+        raise UnknownNameError("task", task, SPECS)
+    return SPECS[task]
 
 
 def _dataset_target(name: str, task: str) -> Target:
@@ -126,8 +135,7 @@ def measure_references(
     Raises:
         UnknownNameError: no such task.
     """
-    if task not in SPECS:
-        raise UnknownNameError("task", task, SPECS)
+    task_spec(task)
     there = [name for name in names if name not in MIXTURES or sources(task, name)]
     targets = [find_target(name, task) for name in there]
     return summarize({t.label: evaluate_target(t, n_episodes, progress=progress) for t in targets})

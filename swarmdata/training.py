@@ -1,4 +1,4 @@
-"""Trains an offline algorithm on a dataset of the catalog, as the command line does."""
+"""Trains an algorithm on a dataset of the catalog or in a task, as the command line does."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,8 +10,10 @@ from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Schedule, train
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.online_algos.mappo import Config as OnlineConfig
+from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.spec import TaskSpec
+from swarmdata.targets import task_spec
 
 CURVE_EPISODES = 64
 """Evaluation episodes of each point of a learning curve."""
@@ -62,6 +64,33 @@ def train_offline(
         device=device,
         progress=progress,
     )
+
+
+def train_online(
+    algorithm: str,
+    task: str,
+    out: Path,
+    *,
+    n_seeds: int = 3,
+    changes: Mapping[str, str] | None = None,
+) -> None:
+    """Trains seeds 0, 1, ... one after the other, each in its own folder `out/seed-<k>`.
+
+    Args:
+        algorithm: registered online algorithm.
+        task: whose headline spec to train in.
+        out: folder of the runs.
+        n_seeds: how many.
+        changes: settings of the algorithm as text.
+
+    Raises:
+        UnknownNameError: no such algorithm, task or setting.
+        BuildError: a folder holds another run.
+    """
+    run = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
+    config = override(OnlineConfig(), changes or {})
+    for seed in range(n_seeds):
+        run(task_spec(task), config, seed, out / f"seed-{seed}")
 
 
 def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:

@@ -18,6 +18,7 @@ from swarmdata import recipes
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.recipes import build, build_folder, episode_seeds, make_part
+from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import read_manifest, write_part
@@ -66,7 +67,9 @@ class OneProcessCrew:
     def run(self, jobs: Iterable[Job], progress: Any) -> None:
         for job in jobs:
             recipe = Recipe.from_text(job.payload["recipe"])
-            episodes = make_part(recipe, job.payload["policy"], job.payload["part"], progress)
+            env = make_env(recipe.spec, 16)
+            policy, part = job.payload["policy"], job.payload["part"]
+            episodes = make_part(recipe, policy, part, env, progress)
             write_part(Path(job.payload["folder"]), episodes)
             self.made.append(job.name)
 
@@ -80,8 +83,11 @@ def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
 
 @pytest.fixture(scope="module")
 def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Digest of the tiny recipe, built with one worker."""
-    folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", workers=1, progress=False)
+    """Digest of the tiny recipe, built without workers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OneProcessCrew, "made", [], raising=False)
+        patch.setattr(recipes, "Crew", OneProcessCrew)
+        folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", progress=False)
     return read_manifest(folder).digest
 
 
@@ -92,8 +98,11 @@ def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, start_new_session=True)
 
 
-def test_two_workers_give_the_same_digest(tmp_path: Path, digest: str) -> None:
-    folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_any_number_of_workers_gives_the_same_digest(
+    tmp_path: Path, digest: str, workers: int
+) -> None:
+    folder = build(make_recipe(), tmp_path / "d", workers=workers, progress=False)
 
     assert read_manifest(folder).digest == digest
     assert sorted(path.name for path in tmp_path.iterdir()) == [".d.lock", "d"]
@@ -116,6 +125,7 @@ def test_kills_at_random_moments_change_nothing(tmp_path: Path, digest: str) -> 
     Dataset.open(out, verify="full")
 
 
+@pytest.mark.slow
 def test_processes_that_build_at_once_agree(tmp_path: Path, digest: str) -> None:
     processes = [start_build(tmp_path, tmp_path / "d") for _ in range(3)]
 
@@ -156,10 +166,10 @@ def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
 
 
 def test_little_is_made_in_vain(tmp_path: Path, one_process: type[OneProcessCrew]) -> None:
-    recipe = make_recipe(4000)
+    recipe = make_recipe(3000)
     build(recipe, tmp_path / "d", progress=False)
 
-    needed = 4000 / 40 / recipe.part_episodes
+    needed = 3000 / 40 / recipe.part_episodes
     assert len(one_process.made) == len(set(one_process.made))
     assert needed <= len(one_process.made) <= needed + 2 * len(recipe.policies)
 
@@ -230,10 +240,10 @@ def test_full_disk_is_noticed_before_most_of_the_work(
 
 
 def test_part_is_a_pure_function() -> None:
-    recipe = make_recipe()
-    first, again = make_part(recipe, 1, 2), make_part(recipe, 1, 2)
-    larger_parts = make_recipe(part_episodes=6)
-    same = [*make_part(larger_parts, 1, 1), *make_part(larger_parts, 1, 2)][2:6]
+    recipe, larger = make_recipe(), make_recipe(part_episodes=6)
+    few, many = make_env(recipe.spec, 2), make_env(recipe.spec, 16)
+    first, again = make_part(recipe, 1, 2, many), make_part(recipe, 1, 2, few)
+    same = [*make_part(larger, 1, 1, many), *make_part(larger, 1, 2, many)][2:6]
 
     assert [episode.seed for episode in first] == [episode.seed for episode in same]
     for one, *others in zip(first, again, same, strict=True):
