@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from tqdm import tqdm
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
+from swarmdata.learn.data import Data, Sampler
 from swarmdata.learn.run import (
     CHECKPOINT,
     CONFIG,
@@ -31,35 +32,11 @@ from swarmdata.learn.run import (
     versions,
 )
 from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Episodes, Statistics
+from swarmdata.learn.statistics import Statistics
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Batch, Int
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
-
-
-class Sampler(Protocol):
-    """An endless seeded stream of batches, split into choosing rows and reading them."""
-
-    def draw(self) -> Int: ...  # [B]
-    def gather(self, index: Int) -> Batch: ...  # index [K, B] gives fields [K, B, ...]
-    def state_dict(self) -> dict[str, int]: ...
-    def load_state_dict(self, state: Mapping[str, int]) -> None: ...
-
-
-class Data(Episodes, Protocol):
-    """The part of a dataset, or of a view of one, that training needs."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def digest(self) -> str: ...
-    @property
-    def spec(self) -> TaskSpec: ...
-    def __len__(self) -> int: ...  # episodes
-    def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

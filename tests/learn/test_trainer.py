@@ -141,7 +141,7 @@ def test_a_killed_run_is_resumed_exactly(tmp_path: Path) -> None:
     assert_same_files(whole, broken)
 
 
-LONG = 600
+LONG = 300
 
 
 def long_run(folder: Path) -> None:

@@ -177,9 +177,8 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
     weight = alpha / q.abs().mean().item()
     loss = -weight * q.mean() + (pi - batch.actions[0]).square().sum(1).mean()
     algorithm.actor.network.backward(loss)
-    algorithm.n_updates = 1  # beyond the warm start
     expected = algorithm.actor.network.gradient.clone()
-    losses = algorithm._update_actor(batch, batch.states, 1.0)
+    losses = algorithm._update_actor(batch, batch.states, 2.5, 1.0)
     torch.testing.assert_close(algorithm.actor.network.gradient, expected, rtol=1e-4, atol=1e-6)
     assert losses["lambda"].item() == pytest.approx(weight, rel=1e-5)
 
@@ -193,8 +192,7 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
             head.weight.mul_(factor)
             head.bias.mul_(factor)
         batch = random_batch()
-        algorithm.n_updates = 1  # beyond the warm start
-        algorithm._update_actor(batch, batch.states, 1.0)
+        algorithm._update_actor(batch, batch.states, 2.5, 1.0)
         gradients.append(algorithm.actor.network.gradient.clone())
     assert gradients[0].abs().sum() > 0
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-6)
@@ -204,8 +202,7 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
     algorithm, batch = made(alpha=2.5), random_batch()
     for row in (0, 1):
         set_bias(algorithm.critics, row, 1e-3)
-    algorithm.n_updates = 1  # beyond the warm start
-    losses = algorithm._update_actor(batch, batch.states, 1.0)
+    losses = algorithm._update_actor(batch, batch.states, 2.5, 1.0)
     assert losses["lambda"].item() == pytest.approx(2.5)
 
 
@@ -213,7 +210,7 @@ def test_the_actors_step_leaves_the_critics_alone() -> None:
     algorithm, batch = made(), random_batch()
     algorithm.update(batch)
     parameters, gradient = algorithm.critics.flat.clone(), algorithm.critics.gradient.clone()
-    algorithm._update_actor(batch, batch.states, 1.0)
+    algorithm._update_actor(batch, batch.states, 2.5, 1.0)
     assert torch.equal(algorithm.critics.flat, parameters)
     assert torch.equal(algorithm.critics.gradient, gradient)
 
@@ -231,8 +228,10 @@ def test_the_policy_and_the_targets_move_every_other_update() -> None:
 
 
 def test_the_warm_start_is_behavior_cloning() -> None:
-    algorithm, batch = made(warm_start=2), random_batch()
-    assert ["lambda" in algorithm.update(batch) for _ in range(3)] == [False, False, True]
+    """Every update moves the actor, and only then does `policy_delay` count."""
+    algorithm, batch = made(warm_start=2, policy_delay=2), random_batch()
+    keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
+    assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q", "lambda"}, set()]
 
 
 def test_gradients_of_seeds_are_clipped_apart() -> None:
