@@ -252,7 +252,7 @@ class MAPPO:
         moments: dict[int, dict[str, Tensor]] = {}
         for name, value in part("adam.").items():
             index, field = name.split(".")
-            moments.setdefault(int(index), {})[field] = value
+            moments.setdefault(int(index), {})[field] = value.clone()  # Adam keeps it
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": moments, "param_groups": groups})
         self.input_mean, self.input_scale = (

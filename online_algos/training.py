@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.learned import Learned, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
+from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.metrics import episode_metrics
 from swarmdata.online_algos.mappo import MAPPO, Config
 from swarmdata.online_algos.warm_start import Config as WarmStart
