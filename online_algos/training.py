@@ -116,7 +116,7 @@ def _write_checkpoint(
     curve = out / "curve.csv"
     new = not curve.exists()
     with curve.open("a", newline="") as file:
-        writer = csv.DictWriter(file, list(row))
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
         if new:
             writer.writeheader()
         writer.writerow({name: f"{value:.6g}" for name, value in row.items()})

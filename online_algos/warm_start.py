@@ -95,7 +95,7 @@ def _regress(
     for rows in torch.split(order, config.minibatch):
         loss = (run.actor(data[rows]) - targets[rows]).square().mean()
         optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         optimizer.step()
         total += loss.item() * len(rows)
     return total / len(data)

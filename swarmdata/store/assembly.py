@@ -229,5 +229,5 @@ def _provenance() -> dict[str, str]:
     return {
         **{name: version(name) for name in packages},
         "python": platform.python_version(),
-        "platform": platform.platform(),
+        "platform": f"{platform.system()}-{platform.machine()}",
     }

@@ -57,7 +57,7 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
             "act drew from a global generator; use seeding.derive(step.seeds, step.times)"
         )
         for name, old, new in zip(Step._fields, before, step, strict=True):
-            assert np.array_equal(old, new), f"act wrote to step.{name}"
+            assert np.array_equal(old, np.asarray(new)), f"act wrote to step.{name}"
         assert actions.dtype == np.float32, f"actions are {actions.dtype}, not float32"
         assert actions.shape == expected, f"actions are {actions.shape}, not [E, N, A] {expected}"
         assert np.isfinite(actions).all(), "actions are not finite"

@@ -22,7 +22,10 @@ from swarmdata.spec import Recipe
 def trained(monkeypatch: pytest.MonkeyPatch) -> MappingProxyType[str, Recipe]:
     """The recipes there would be with three medium and two expert checkpoints."""
     table = {
-        tier: tuple(Checkpoint(file=f"{tier}-{k}.safetensors", sha256="a" * 64) for k in range(n))
+        tier: tuple(
+            Checkpoint(file=f"{tier}-{k}.safetensors", sha256="a" * 64, frames=1, figures={})
+            for k in range(n)
+        )
         for tier, n in (("medium", 3), ("expert", 2))
     }
     monkeypatch.setattr(tiers, "checkpoints", lambda task, tier: table[tier])

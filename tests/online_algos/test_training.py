@@ -1,4 +1,4 @@
-"""Online runs: an interrupted run ends as an uninterrupted one, and shipping picks the right actors."""
+"""Online runs: an interrupted run ends as a whole one, and shipping picks the right actors."""
 
 import csv
 from pathlib import Path
@@ -57,7 +57,7 @@ def test_the_medium_is_the_first_checkpoint_in_the_band(
     rows = read_curve(run)
     success = dict(zip([row["frames"] for row in rows], [0.1, 0.45, 0.5], strict=False))
     with (run / "curve.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows({**row, "success": success.get(row["frames"], 0.9)} for row in rows)
     figures = {"success": 0.55}
