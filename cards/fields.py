@@ -46,7 +46,7 @@ _OBSTACLE = {
     "axis_x": ("m", "local x axis times the bounding radius"),
     "axis_y": ("m", "local x axis times the bounding radius"),
     "kind": ("", "shape: 0 circle, 1/3 box, 2/3 corner, 1 pocket"),
-    "mask": ("", "1 if the slot holds an obstacle or wall; nearest first"),
+    "mask": ("", "1 if the slot holds an obstacle; nearest first"),
 }
 
 _TABLES = {"own": _OWN, "neighbor": _NEIGHBOR, "obstacle": _OBSTACLE}

@@ -22,6 +22,7 @@ class Published(Frozen):
     n_steps: Annotated[int, Field(ge=1)]
     n_episodes: Annotated[int, Field(ge=1)]
     n_bytes: Annotated[int, Field(ge=1)]
+    mean_return: float  # of its episodes
     made_with: dict[str, str]  # versions and platform
 
 
@@ -65,13 +66,14 @@ class TaskReferences(Frozen):
         return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
 
 
-def publication(manifest: Manifest) -> Published:
+def publication(manifest: Manifest, mean_return: float) -> Published:
     """Returns what is published of a built dataset."""
     return Published(
         digest=manifest.digest,
         n_steps=manifest.n_steps,
         n_episodes=manifest.n_episodes,
         n_bytes=sum(entry.size for entry in manifest.files.values()),
+        mean_return=mean_return,
         made_with=manifest.provenance,
     )
 

@@ -13,7 +13,8 @@ from platformdirs import user_cache_path
 
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import Published, TaskReferences, published, references_of
-from swarmdata.dataset import Dataset, References
+from swarmdata.dataset import Dataset
+from swarmdata.metrics import Reference
 from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store.reading import Verify
@@ -34,6 +35,7 @@ class DatasetInfo:
     n_steps: int
     n_episodes: int | None
     n_bytes: int | None
+    score: float | None  # of the mean return of its episodes; 0 no skill, 100 expert
     digest: str | None
     is_cached: bool
 
@@ -56,6 +58,7 @@ def list_datasets() -> list[DatasetInfo]:
 
 def _info(recipe: Recipe) -> DatasetInfo:
     entry: Published | None = published().get(recipe.id)
+    anchors = references_of(recipe.spec.hash())
     return DatasetInfo(
         id=recipe.id,
         task=recipe.spec.task,
@@ -64,6 +67,7 @@ def _info(recipe: Recipe) -> DatasetInfo:
         n_steps=entry.n_steps if entry else recipe.n_steps,
         n_episodes=entry.n_episodes if entry else None,
         n_bytes=entry.n_bytes if entry else None,
+        score=anchors.score(entry.mean_return) if entry and anchors else None,
         digest=entry.digest if entry else None,
         is_cached=(dataset_folder(recipe) / "manifest.json").exists(),
     )
@@ -107,12 +111,12 @@ def load(
     return dataset
 
 
-def known_references(spec: TaskSpec) -> References | None:
+def known_references(spec: TaskSpec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found: TaskReferences | None = references_of(spec.hash())
     if found is None or found.no_skill is None or found.expert is None:
         return None
-    return References(no_skill=found.no_skill, expert=found.expert)
+    return Reference(no_skill=found.no_skill, expert=found.expert)
 
 
 def _differs(dataset: Dataset, entry: Published) -> str:

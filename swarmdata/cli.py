@@ -66,12 +66,13 @@ def list_command() -> None:
     """Show every dataset."""
     from swarmdata.catalog import list_datasets
 
-    line = "{:36} {:>7} {:>12} {:>10} {:>8}"
-    typer.echo(line.format("id", "robots", "joint steps", "size", "cached"))
+    line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
+    typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))
     for info in list_datasets():
         size = f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown"
         cached = "yes" if info.is_cached else "no"
-        typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, cached))
+        score = "unknown" if info.score is None else f"{info.score:.1f}"
+        typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, score, cached))
 
 
 @app.command()
@@ -287,10 +288,13 @@ def digests(
 ) -> None:
     """Take the digests of built datasets, for publishing (cards/published.json)."""
     from swarmdata.cards.schema import publication
-    from swarmdata.store import read_manifest
+    from swarmdata.dataset import Dataset
 
-    manifests = [read_manifest(_folder(dataset)) for dataset in datasets]
-    _update(out, {m.id: publication(m).model_dump(mode="json") for m in manifests})
+    opened = [Dataset.open(_folder(dataset)) for dataset in datasets]
+    entries = {
+        d.id: publication(d.stored.manifest, float(d.episodes.team_return.mean())) for d in opened
+    }
+    _update(out, {key: entry.model_dump(mode="json") for key, entry in entries.items()})
 
 
 def _update(path: Path | None, entries: dict[str, Any]) -> None:

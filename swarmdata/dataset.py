@@ -1,6 +1,5 @@
 """Dataset, a lazy view of recorded episodes: open, select, iterate, sample, score."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
+from swarmdata.metrics import Reference, normalized_score
 from swarmdata.registry import make_env
 from swarmdata.sampling import Rows, Sampler, gather_transitions
 from swarmdata.spec import Recipe, TaskSpec
@@ -20,24 +20,6 @@ from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD
 from swarmdata.store.reading import Verify
 from swarmdata.types import Double, Episode, Int
-
-
-@dataclass(frozen=True, slots=True)
-class References:
-    """Mean team returns that anchor the normalized score of a task: 0 and 100.
-
-    Raises:
-        SchemaError: not finite, or the expert is not better.
-    """
-
-    no_skill: float
-    expert: float
-
-    def __post_init__(self) -> None:
-        """Checks that a score can be computed."""
-        finite = math.isfinite(self.no_skill) and math.isfinite(self.expert)
-        if not finite or self.expert <= self.no_skill:
-            raise SchemaError(f"{self}: expected finite returns, expert above no_skill")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +50,7 @@ class Dataset:
 
     stored: StoredDataset
     selection: Int
-    references: References | None = None
+    references: Reference | None = None
     source: str = "folder"
 
     @classmethod
@@ -76,7 +58,7 @@ class Dataset:
         cls,
         path: Path | str,
         verify: Verify = "fast",
-        references: References | None = None,
+        references: Reference | None = None,
         source: str = "folder",
     ) -> "Dataset":
         """Opens the folder of a finished dataset.
@@ -320,12 +302,11 @@ class Dataset:
         (D4RL, Fu et al. 2020, section 4, with another zero).
 
         Raises:
-            SchemaError: the references of this dataset's task are not known.
+            SchemaError: the references of this dataset's task are not known, or not in order.
         """
         if self.references is None:
             raise SchemaError(
                 f"{self.id} was opened without references, so no score can be computed. "
-                "Pass Dataset.open(path, references=References(no_skill=..., expert=...))."
+                "Pass Dataset.open(path, references=Reference(no_skill=..., expert=...))."
             )
-        zero, hundred = self.references.no_skill, self.references.expert
-        return 100.0 * (np.asarray(returns, dtype=np.float64) - zero) / (hundred - zero)
+        return normalized_score(np.asarray(returns, dtype=np.float64), self.references)

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset, References
+from swarmdata.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
+from swarmdata.metrics import Reference
 from swarmdata.store import SPLITS
 from swarmdata.testing import dataset as contract
 from swarmdata.testing.synthetic import N_FEATURES, M, N, S, make_dataset
@@ -24,7 +25,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Episode
 
 @pytest.fixture
 def dataset(stored: tuple[Path, list[Episode]]) -> Dataset:
-    return Dataset.open(stored[0], references=References(no_skill=-2.0, expert=8.0))
+    return Dataset.open(stored[0], references=Reference(no_skill=-2.0, expert=8.0))
 
 
 @pytest.fixture
@@ -156,9 +157,12 @@ def test_normalized_score(dataset: Dataset, stored: tuple[Path, list[Episode]]) 
 
 
 @pytest.mark.parametrize("anchors", [(1.0, 1.0), (2.0, 1.0), (float("nan"), 1.0)])
-def test_useless_references_are_refused(anchors: tuple[float, float]) -> None:
-    with pytest.raises(SchemaError, match="expert above no_skill"):
-        References(*anchors)
+def test_useless_references_are_refused(
+    anchors: tuple[float, float], stored: tuple[Path, list[Episode]]
+) -> None:
+    opened = Dataset.open(stored[0], references=Reference(*anchors))
+    with pytest.raises(SchemaError, match="the expert's must be the larger"):
+        opened.normalized_score([1.0])
 
 
 def test_statistics_use_train_only(dataset: Dataset) -> None:
