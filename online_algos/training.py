@@ -120,8 +120,8 @@ def _write_checkpoint(
         if new:
             writer.writeheader()
         writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
-    run.restart_worlds()
     save_checkpoint(out / "state.safetensors", run.state_dict(), {"frames": run.frames})
+    run.restart_worlds()  # as a run does that continues from this state
 
 
 def _drop_rows_after(curve: Path, frames: int) -> None:

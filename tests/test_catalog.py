@@ -13,7 +13,7 @@ from swarmdata.errors import MissingManifestError, UnknownNameError
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
-    id="coop_nav-random-v0",
+    id="coop_nav-tiny-v0",
     tier="random",
     spec=TaskSpec(horizon=40),
     policies=(PolicySource(label="random", name="random"),),
@@ -45,24 +45,24 @@ def test_unknown_id_names_the_nearest() -> None:
 
 @pytest.mark.usefixtures("tiny")
 def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
-    first = load("coop_nav-random", workers=1, progress=False)
+    first = load("coop_nav-tiny", workers=1, progress=False)
     before = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
-    second = load("coop_nav-random")
+    second = load("coop_nav-tiny")
     after = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
 
     assert (first.source, second.source) == ("rebuilt", "cache")
     assert first.path == cache_folder / "datasets" / TINY.id
     assert first.digest == second.digest
-    assert first.card.count("# coop_nav-random-v0") == 1
+    assert first.card.count("# coop_nav-tiny-v0") == 1
     assert before == after, "a cache that cannot be written to must do"
 
 
 @pytest.mark.usefixtures("tiny")
 def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> None:
-    dataset = load("coop_nav-random", path=tmp_path / "mine", workers=1, progress=False)
+    dataset = load("coop_nav-tiny", path=tmp_path / "mine", workers=1, progress=False)
 
     assert dataset.path == tmp_path / "mine"
-    assert load("coop_nav-random", path=tmp_path / "mine").source == "folder"
+    assert load("coop_nav-tiny", path=tmp_path / "mine").source == "folder"
     assert not list(cache_folder.iterdir())
 
 

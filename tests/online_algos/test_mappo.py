@@ -60,7 +60,6 @@ def test_contact_costs_ramp_up_and_lower_only_touching_robots() -> None:
 def test_a_restored_run_continues_with_the_same_numbers() -> None:
     run = MAPPO(make_env(TaskSpec(), 4), SMALL, 3)
     run.update()
-    run.restart_worlds()
     saved = run.state_dict()
     other = MAPPO(make_env(TaskSpec(), 4), SMALL, 3)
     other.update()
