@@ -48,9 +48,9 @@ $(STAMPS)/lint: $(STAMPS)/test
 
 quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata generate coop_nav-medium-mini
-	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --out quickstart/bc
-	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --out quickstart/maddpg_bc
-	$(BIN)/swarmdata evaluate random coop_nav-medium expert quickstart/bc quickstart/maddpg_bc --episodes 200 --out quickstart/results
+	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --updates 3000 --curve-every 500 --out quickstart/bc
+	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --updates 4000 --curve-every 500 --out quickstart/maddpg_bc
+	$(BIN)/swarmdata evaluate random coop_nav-medium expert quickstart/bc quickstart/maddpg_bc --out quickstart/results
 	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 

@@ -66,6 +66,19 @@ def set_bias(network: StackedMLP, row: int, value: float) -> None:
         bias[row] = value
 
 
+def seen_by(algorithm: MADDPGBC, batch: Batch) -> Tensor:
+    """What the critics see of a batch besides actions."""
+    return algorithm.information(batch.states, batch.observations)
+
+
+def test_critics_see_state_and_every_observation() -> None:
+    algorithm, batch = made(), random_batch()
+    x = seen_by(algorithm, batch)
+    assert x.shape == (1, batch.states.shape[1], 4 + 2 * 3)
+    torch.testing.assert_close(x[..., :4], batch.states)
+    torch.testing.assert_close(x[..., 4:], batch.observations.flatten(2))
+
+
 def two_episodes() -> MemoryDataset:
     """One that terminates, one that is truncated; states tell the episode and the time."""
 
@@ -169,7 +182,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
         rows.append(mixed if joint is None else joint)
     q = torch.stack([
         algorithm.critics(
-            torch.cat([batch.states[0], actions.flatten(1)], 1).expand(2, -1, -1)
+            torch.cat([seen_by(algorithm, batch)[0], actions.flatten(1)], 1).expand(2, -1, -1)
         )[0, :, 0]
         for actions in rows
     ])  # fmt: skip
@@ -178,7 +191,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
     loss = -weight * q.mean() + (pi - batch.actions[0]).square().sum(1).mean()
     algorithm.actor.network.backward(loss)
     expected = algorithm.actor.network.gradient.clone()
-    losses = algorithm._update_actor(batch, batch.states, 2.5, 1.0)
+    losses = algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
     torch.testing.assert_close(algorithm.actor.network.gradient, expected, rtol=1e-4, atol=1e-6)
     assert losses["lambda"].item() == pytest.approx(weight, rel=1e-5)
 
@@ -192,7 +205,7 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
             head.weight.mul_(factor)
             head.bias.mul_(factor)
         batch = random_batch()
-        algorithm._update_actor(batch, batch.states, 2.5, 1.0)
+        algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
         gradients.append(algorithm.actor.network.gradient.clone())
     assert gradients[0].abs().sum() > 0
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-6)
@@ -202,7 +215,7 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
     algorithm, batch = made(alpha=2.5), random_batch()
     for row in (0, 1):
         set_bias(algorithm.critics, row, 1e-3)
-    losses = algorithm._update_actor(batch, batch.states, 2.5, 1.0)
+    losses = algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
     assert losses["lambda"].item() == pytest.approx(2.5)
 
 
@@ -210,7 +223,7 @@ def test_the_actors_step_leaves_the_critics_alone() -> None:
     algorithm, batch = made(), random_batch()
     algorithm.update(batch)
     parameters, gradient = algorithm.critics.flat.clone(), algorithm.critics.gradient.clone()
-    algorithm._update_actor(batch, batch.states, 2.5, 1.0)
+    algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
     assert torch.equal(algorithm.critics.flat, parameters)
     assert torch.equal(algorithm.critics.gradient, gradient)
 
