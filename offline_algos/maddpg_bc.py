@@ -26,6 +26,8 @@ Deviations:
 - Warm start: during the first `warm_start` updates lambda is 0 and actors move in every update, so
   that they clone the data while critics are still noise.
 - Step sizes decay along a cosine, as those of behavior cloning do.
+- alpha is 1, not the paper's 2.5: on `coop_nav-medium` (5 seeds, 8,000 updates, 1,000 episodes) 1
+  scored 51.4 and 2.5 45.8, with more success and more collisions; these two values were tried.
 - The discount is 0.95 per control step, not the paper's 0.99: rewards for progress and contact are
   dense, so that 20 steps (2 s) hold the consequences of an action. Its effect was not isolated.
 """
@@ -53,7 +55,7 @@ from swarmdata.types import Batch
 class MADDPGBCConfig:
     """TD3+BC with a centralized critic; one setting for all datasets."""
 
-    n_updates: int = 20_000
+    n_updates: int = 8_000
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)
@@ -65,7 +67,7 @@ class MADDPGBCConfig:
     policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next three too
     noise: float = 0.2
     noise_clip: float = 0.5
-    alpha: float = 2.5
+    alpha: float = 1.0  # see the deviations above
     joint_gradient: Literal["all", "own"] = "all"
     clip_target: bool = True
     warm_start: int = 4000

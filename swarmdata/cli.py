@@ -251,6 +251,19 @@ def report(
 
 
 @app.command()
+def curves(
+    files: Annotated[list[Path], typer.Argument(metavar="CSV...", help="curves of online runs")],
+    out: Annotated[Path, typer.Option(help="the picture: .png, .svg or .pdf")],
+    metric: Annotated[str, typer.Option(help="column to draw")] = "success",
+) -> None:
+    """Draw training curves of online runs."""
+    from swarmdata.reporting import draw_training
+
+    draw_training(files, metric, out)
+    typer.echo(out)
+
+
+@app.command()
 def render(
     target: Annotated[str, typer.Argument(help="a policy, tier, run folder or dataset id")],
     out: Annotated[Path, typer.Option(help="the .gif file")],

@@ -76,6 +76,25 @@ def _mean_return(group: Sequence[EvalResult]) -> float:
     return sum(float(result.metrics["return"].mean()) for result in group) / len(group)
 
 
+def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
+    """Draws the curves of online runs, one line each, by the stem of their `curve.csv` copies.
+
+    Args:
+        files: CSV files with a `frames` column.
+        metric: column to draw; a share in [0, 1] unless it is `return`.
+        out: the picture.
+    """
+    curves = {file.stem: read_curve([file], metric, progress="frames") for file in files}
+    is_return = metric == "return"
+    plot_curves(
+        curves,
+        out,
+        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
+        xlabel="joint steps of training",
+        factor=1.0 if is_return else 100.0,
+    )
+
+
 def animate_target(name: str, out: Path, index: int, task: str) -> None:
     """Writes an episode as a GIF.
 
