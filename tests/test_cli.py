@@ -147,3 +147,21 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
     assert process.returncode == 130
     assert stderr.endswith("Stopped. Run the same command again to go on from here.\n")
     assert "Traceback" not in stderr
+
+
+def test_curves_of_online_runs_are_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="pictures need the plots extra")
+    file = tmp_path / "run.csv"
+    file.write_text("frames,success,return\n100,0.1,1.0\n200,0.5,2.0\n")
+    for metric in ("success", "return"):
+        run("curves", str(file), "--metric", metric, "--out", str(tmp_path / f"{metric}.png"))
+        assert (tmp_path / f"{metric}.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_an_online_algorithm_trains_in_a_task(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    small = ("n_frames=600", "n_copies=4", "n_steps=8", "hidden=8", "minibatch=64")
+    settings = [word for text in small for word in ("--set", text)]
+    run("train", "mappo", "coop_nav", "--seeds", "1", "--out", str(tmp_path), *settings)
+    assert (tmp_path / "seed-0" / "curve.csv").exists()
