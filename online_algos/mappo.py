@@ -214,7 +214,7 @@ class MAPPO:
         return losses | {"reward": float(rollout.rewards.mean())}
 
     def restart_worlds(self) -> None:
-        """Starts new episodes everywhere; after checkpoints, so that a resumed run equals this one."""
+        """Starts new episodes everywhere: after checkpoints, so that a resumed run is the same."""
         self.present = self.env.reset(self._next_seeds(self.env.n_copies))
 
     def actor_layers(self) -> list[tuple[Float, Float]]:
