@@ -138,6 +138,8 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # a shell starts background jobs with the interrupt ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     while process.poll() is None and not build_folder(out).exists():
         time.sleep(0.02)

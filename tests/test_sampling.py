@@ -204,7 +204,7 @@ def test_impossible_samplers_are_refused(dataset: Dataset) -> None:
 
 
 def test_torch_batches_share_memory(dataset: Dataset) -> None:
-    pytest.importorskip("torch")
+    pytest.importorskip("torch", reason="tensors need the torch extra")
     batch = next(dataset.sampler(4))
     tensors = batch.to_torch()
     tensors.rewards[0, 0] = 42
