@@ -139,7 +139,9 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
         text=True,
         start_new_session=True,
         # a shell starts background jobs with the interrupt ignored, and children inherit that
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=lambda: signal.signal(  # noqa: PLW1509 (this test has no threads)
+            signal.SIGINT, signal.default_int_handler
+        ),
     )
     while process.poll() is None and not build_folder(out).exists():
         time.sleep(0.02)
