@@ -73,8 +73,9 @@ def vmas(n_copies: int) -> Callable[[float], float]:
         "navigation", num_envs=n_copies, device="cpu", continuous_actions=True, n_agents=4,
         collisions=True, lidar_range=0.0, n_lidar_rays=1, seed=0,
     )  # fmt: skip
-    for agent in env.agents:
-        agent.sensors.clear()
+    nothing = torch.zeros(n_copies, 1)
+    for agent in env.agents:  # its lidar costs six times the rest; ours has none here
+        agent.sensors[0].measure = lambda: nothing
     actions = [torch.rand(n_copies, 2) * 2 - 1 for _ in env.agents]
     env.reset()
 

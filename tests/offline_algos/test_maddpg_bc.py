@@ -293,6 +293,7 @@ def test_it_beats_behavior_cloning_on_a_mixture(
         critic_hidden=(32, 32),
         warm_start=300,
         discount=0.9,
+        alpha=2.5,  # the paper's: half of these data are worth leaving
         joint_gradient=joint_gradient,  # type: ignore[arg-type]
     )
     bc_config = BCConfig(n_updates=1000, hidden=(32, 32))
