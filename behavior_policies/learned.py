@@ -12,7 +12,17 @@ from swarmdata.errors import CheckpointError
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Float, Int, Step
 
-__all__ = ["Actor", "Learned", "Saved", "forward", "load_actor", "read_checkpoint", "save_actor"]
+__all__ = [
+    "Actor",
+    "Learned",
+    "Saved",
+    "digest_of",
+    "forward",
+    "load_actor",
+    "own_actor",
+    "read_checkpoint",
+    "save_actor",
+]
 
 
 class Learned:
@@ -43,6 +53,16 @@ class Learned:
     def act(self, step: Step) -> Float:
         actions = forward(self._actor, step.observations)
         return add_noise(actions, step, self._noise).astype(np.float32)
+
+
+def own_actor(path: Path, spec: TaskSpec) -> Learned:
+    """The actor in a file that `save_actor` wrote, whatever its digest."""
+    return Learned(spec, checkpoint=str(path.resolve()), sha256=digest_of(path))
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file, hex."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def read_checkpoint(checkpoint: str, sha256: str) -> bytes:

@@ -5,7 +5,6 @@ every checkpoint, ready for exact inference) and `state.safetensors` (to continu
 """
 
 import csv
-import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.learned import Learned, save_actor
+from swarmdata.behavior_policies.learned import digest_of, own_actor, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
@@ -110,9 +109,13 @@ def _write_checkpoint(
 ) -> None:
     """Saves the actor, its figures, and then the state to continue from."""
     path = out / "actors" / f"{run.frames:010d}.safetensors"
-    saved = save_actor(path, run.actor_layers(), run.input_mean, run.input_scale, spec.n_agents)
-    policy = Learned(spec, checkpoint=str(path.resolve()), sha256=saved.sha256)
-    row = {"frames": run.frames, **measure(policy, spec, n_episodes), **losses, "std": run.std}
+    save_actor(path, run.actor_layers(), run.input_mean, run.input_scale, spec.n_agents)
+    row = {
+        "frames": run.frames,
+        **measure(own_actor(path, spec), spec, n_episodes),
+        **losses,
+        "std": run.std,
+    }
     curve = out / "curve.csv"
     new = not curve.exists()
     with curve.open("a", newline="") as file:
@@ -147,7 +150,7 @@ def find_medium(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path
     for row in read_curve(run):
         if low - 0.1 <= row["success"] <= high + 0.1:  # few episodes: a rough sieve
             path = run / "actors" / f"{int(row['frames']):010d}.safetensors"
-            figures = measure(_learned(path, spec), spec, n_episodes)
+            figures = measure(own_actor(path, spec), spec, n_episodes)
             if low <= figures["success"] <= high:
                 return path, figures
     raise BuildError(f"no checkpoint of {run} has a team success in {MEDIUM_BAND}; train it longer")
@@ -165,7 +168,7 @@ def last_actor(run: Path, spec: TaskSpec, n_episodes: int = 1024) -> tuple[Path,
         raise BuildError(
             f"{run} has {path.stem} of {wanted} frames; run its command again to go on"
         )
-    figures = measure(_learned(path, spec), spec, n_episodes)
+    figures = measure(own_actor(path, spec), spec, n_episodes)
     return path, figures | {"exact_error": exact_error(run, spec)}
 
 
@@ -181,7 +184,7 @@ def exact_error(run: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
     """
     path = max((run / "actors").glob("*.safetensors"))
     state = load_checkpoint(run / "state.safetensors")[0]
-    policy, env = _learned(path, spec), make_env(spec, n_episodes)
+    policy, env = own_actor(path, spec), make_env(spec, n_episodes)
     step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
     worst = 0.0
     while not step.ended.all():
@@ -227,17 +230,9 @@ def ship(
         target = folder / f"{name}.safetensors"
         shutil.copyfile(source, target)
         shutil.copyfile(run / "curve.csv", folder / f"{name}.csv")
-        about = {"file": target.name, "sha256": _digest(target), "frames": int(source.stem)}
+        about = {"file": target.name, "sha256": digest_of(target), "frames": int(source.stem)}
         entry[tier].append(about | {"figures": figures})
     index = folder / "index.json"
     table = json.loads(index.read_text()) if index.exists() else {}
     index.write_text(json.dumps(table | {spec.task: entry}, indent=1, sort_keys=True) + "\n")
     return entry
-
-
-def _learned(path: Path, spec: TaskSpec) -> Learned:
-    return Learned(spec, checkpoint=str(path.resolve()), sha256=_digest(path))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,11 +1,13 @@
 """Names on a command line to the policies they mean, and the evaluation of several of them."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.behavior_policies.tiers import (
     MIXTURES,
     SPECS,
@@ -16,11 +18,11 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
-from swarmdata.errors import MissingExtraError, UnknownNameError
+from swarmdata.errors import CheckpointError, MissingExtraError, UnknownNameError
 from swarmdata.evaluate import evaluate, save
 from swarmdata.interfaces import Policy
 from swarmdata.recipes import make_source_policy
-from swarmdata.registry import POLICIES, make_policy
+from swarmdata.registry import ONLINE_ALGORITHMS, POLICIES, make_policy
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
 
@@ -47,7 +49,8 @@ def find_target(name: str, task: str = "coop_nav") -> Target:
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`, which means
             its checkpoints without noise; a dataset's id, which means its behavior policies as
-            recorded; or a run folder, which means its policies, one per seed.
+            recorded; or a run folder, which means its policies, one per seed (the last actor of an
+            online run).
         task: of a policy or tier.
 
     Raises:
@@ -88,7 +91,20 @@ def _dataset_target(name: str, task: str) -> Target:
     return Target(name, recipe.spec, policies, {"recipe": recipe.hash()})
 
 
+def _online_target(folder: Path, document: dict[str, Any]) -> Target:
+    """The last actor of an online run, so far."""
+    spec = TaskSpec.parse(document["spec"], str(folder / RUN_FILE))
+    actors = sorted((folder / "actors").glob("*.safetensors"))
+    if not actors:
+        raise CheckpointError(f"{folder} has no actors yet; wait for the run's first checkpoint")
+    metadata = {"run": {**document, "frames": int(actors[-1].stem)}}
+    return Target(folder.resolve().name, spec, (own_actor(actors[-1], spec),), metadata)
+
+
 def _run_target(folder: Path) -> Target:
+    document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    if document.get("algorithm") in ONLINE_ALGORITHMS:
+        return _online_target(folder, document)
     require("torch", "torch", f"loading the run {folder}")
     from swarmdata.learn.run import load_run, read_run  # noqa: PLC0415  (torch is an extra)
 

@@ -169,3 +169,4 @@ def test_an_online_algorithm_trains_in_a_task(tmp_path: Path) -> None:
     settings = [word for text in small for word in ("--set", text)]
     run("train", "mappo", "coop_nav", "--seeds", "1", "--out", str(tmp_path), *settings)
     assert (tmp_path / "seed-0" / "curve.csv").exists()
+    assert "seed-0" in run("evaluate", str(tmp_path / "seed-0"), "--episodes", "2")
