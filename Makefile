@@ -21,8 +21,8 @@ STAMPS := $(VENV)/.stamps
 
 # constraints.txt holds the torch that the results were made with, for Python 3.11. On other Pythons
 # the tests that need torch are skipped with a reason.
-TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 comma := ,
+TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
