@@ -12,8 +12,8 @@ Deviations, each measured on `coop_nav` or required by it:
 - every robot is trained on its own reward, mixed with the team mean by `team_share`;
 - an early stop of an epoch loop on a large policy change (`max_kl`), and a small penalty on means
   outside [-1, 1], so that the clipped mean which is deployed is the one that was trained;
-- training may start from a clone of a teacher (`warm_start`), and then lets only the critic learn at
-  first, since the advantages of an untrained critic would undo the clone;
+- training may start from a clone of a teacher (`warm_start`); then only the critic learns at first,
+  since the advantages of an untrained critic would undo the clone;
 - inputs are normalised by the statistics of the first rollout, then frozen, so that the trained
   actor is one fixed piecewise linear function.
 """
