@@ -41,7 +41,7 @@ NAMES = (
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
 
-I64, F64 = ir.IntType(64), ir.DoubleType()
+F64 = ir.DoubleType()
 
 
 def load_addresses() -> Int | None:
@@ -66,49 +66,38 @@ def _call(builder: Any, address: Any, result: Any, arguments: list[Any]) -> Any:
     return builder.call(builder.inttoptr(address, signature.as_pointer()), arguments)
 
 
+def _void_call(*kinds: Any) -> tuple[Any, Any]:
+    """Signature and code of a call, by address, of a `void` function of such arguments."""
+
+    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        _call(builder, args[0], ir.VoidType(), list(args[1:]))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, *kinds), generate
+
+
 @intrinsic
 def call_pd(_context: Any, address: Any, pointer: Any, value: Any) -> Any:
     """Calls a `void f(void *, double)`."""
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        _call(builder, args[0], ir.VoidType(), [args[1], args[2]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.float64), generate
+    return _void_call(types.int64, types.float64)
 
 
 @intrinsic
 def call_pv(_context: Any, address: Any, pointer: Any, x: Any, y: Any) -> Any:
     """Calls a `void f(void *, cpVect)`: the two doubles travel in registers."""
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        _call(builder, args[0], ir.VoidType(), [args[1], args[2], args[3]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.float64, types.float64), generate
+    return _void_call(types.int64, types.float64, types.float64)
 
 
 @intrinsic
 def call_pp(_context: Any, address: Any, pointer: Any, value: Any) -> Any:
     """Calls a `void f(void *, void *)`, or with an integer of that width."""
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        _call(builder, args[0], ir.VoidType(), [args[1], args[2]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64), generate
+    return _void_call(types.int64, types.int64)
 
 
 @intrinsic
 def call_pip(_context: Any, address: Any, pointer: Any, count: Any, data: Any) -> Any:
     """Calls a `void f(void *, int, void *)`."""
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        count = builder.trunc(args[2], ir.IntType(32))
-        _call(builder, args[0], ir.VoidType(), [args[1], count, args[3]])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64, types.int64), generate
+    return _void_call(types.int64, types.int32, types.int64)
 
 
 @intrinsic

