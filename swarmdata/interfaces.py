@@ -1,9 +1,60 @@
 """What a world, a policy and an algorithm must be able to do. Nothing else is assumed of them."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Batch, Double, Float, Int, Seeds, Step
+from swarmdata.features import Feature
+from swarmdata.spec import Payload, TaskSpec
+from swarmdata.types import Batch, Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+
+
+@runtime_checkable
+class Task(Protocol):
+    """One problem with the constants of one spec: pure functions over arrays, and no physics.
+
+    Built as `Task(spec)`. A state row is described in `states`; what follows the robots and the
+    movable bodies, `extras` numbers, is the task's own. An episode's states and layout, its seed
+    and its times determine all that these functions write, so it can be computed again from a
+    dataset.
+    """
+
+    spec: TaskSpec
+    kinds: Int  # [M] shape code of each row of a layout, the same in every episode
+    movables: tuple[Payload, ...]  # bodies that robots can push
+    extras: tuple[str, ...]  # names of the task's own state features, with units in its docstring
+    features: tuple[Feature, ...]  # what the task adds to every robot's observation
+    metrics: Mapping[str, Metric]  # what the task adds to `metrics.EPISODE_METRICS`
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        """Draws the episodes `seeds` into the rows `copies` of layouts [E, M, 8], states [E, S].
+
+        Raises:
+            SpawnError: no layout could be drawn.
+        """
+        ...
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        """Completes the states of the active copies and scores the step.
+
+        Args:
+            before: the step before; only read.
+            now: positions, velocities and headings in `states`, `times`, `events`, `layouts` and
+                `seeds` are those of this step; targets and extras still those of the step before,
+                and to be written.
+            active: copies that took the step, [E].
+            rewards: written, the task's own reward of each robot, without what every task shares
+                (success, contacts, proximity), [E, N].
+            solved: written, whether the task is solved in this step, [E].
+        """
+        ...
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        """Writes `features` of every robot of the active copies in the world's frame, [E, N, F]."""
+        ...
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        """One value per name of `metrics`."""
+        ...
 
 
 @runtime_checkable
@@ -11,7 +62,9 @@ class VecEnv(Protocol):
     """E copies of one task, stepped together; resetting is the caller's visible decision."""
 
     spec: TaskSpec
+    task: Task
     n_copies: int
+    features: tuple[Feature, ...]  # what each number of an observation is, O
     observation_size: int
     action_size: int
     state_size: int

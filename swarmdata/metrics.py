@@ -22,16 +22,6 @@ _STATE_PER_ROBOT = 6  # x, y, vx, vy, goal_x, goal_y
 _CHUNK = 1 << 22  # resampled scores held at once
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """What one per-episode number means."""
-
-    label: str
-    unit: str  # empty for counts, fractions and returns
-    better: Literal["higher", "lower", "neither"]
-    meaning: str
-
-
 EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         "return": Metric("return", "", "higher", "sum over time of the mean reward over robots"),

@@ -7,6 +7,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -76,6 +77,7 @@ class Robot(Frozen):
     max_speed: Positive = 0.6
     max_acceleration: Positive = 1.5
     max_turn_rate: Positive = 3.0  # rad/s, unicycle only
+    sensor_range: Positive | None = None  # m, of this robot's sensors, if less than the model's
 
 
 class Role(Frozen):
@@ -125,20 +127,11 @@ class Spawn(Frozen):
     max_attempts: Annotated[int, Field(ge=1)] = 2000
 
 
-class Termination(Frozen):
-    """When the task ends before the horizon."""
-
-    goal_radius: Positive = 0.15
-    at_goal: Literal["hold"] = "hold"  # robots at their goals stay controllable
-    on_collision: Literal["continue", "fail"] = "continue"
-
-
 class Rewards(Frozen):
-    """Weight of each named reward term; terms a task does not have must stay 0."""
+    """Weights that every task has; each task adds those of its own terms."""
 
-    progress: NonNegative = 2.0  # per metre that a robot comes closer to its goal
-    success: NonNegative = 3.0  # once, to every robot, when all are at their goals
-    time: NonNegative = 0.02  # per step outside the own goal
+    success: NonNegative = 3.0  # once, to every robot, when the task is solved
+    time: NonNegative = 0.02  # per step in which the robot has not done its part
     robot_contact: NonNegative = 0.2  # per step in contact with a robot
     obstacle_contact: NonNegative = 0.2  # per step in contact with an obstacle or wall
     robot_collision: NonNegative = 0.5  # per contact with a robot that begins
@@ -147,33 +140,202 @@ class Rewards(Frozen):
     team_share: Probability = 0.0  # part of each reward that is the mean over the team
 
 
-class ObservationModel(Frozen):
-    """What a robot senses."""
+class NavigationRewards(Rewards):
+    """Weights of `coop_nav`."""
 
-    kind: Literal["state", "lidar", "bearing", "occupancy"] = "state"
-    frame: Literal["world"] = "world"
+    progress: NonNegative = 2.0  # per metre that a robot comes closer to its goal
+
+
+class NavigationRules(Frozen):
+    """`coop_nav`: robots drive to goals."""
+
+    task: Literal["coop_nav"] = "coop_nav"
+    goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
+    arrangement: Literal["random", "swap", "doorway", "corridor"] = "random"
+    goal_radius: Positive = 0.15
+    rewards: NavigationRewards = NavigationRewards()
+
+
+class FormationRewards(Rewards):
+    """Weights of `formation`."""
+
+    deviation: NonNegative = 0.5  # per step and metre of distance to the own slot, up to 1 m
+    velocity: NonNegative = 0.1  # per step and m/s of difference to the reference's velocity
+
+
+class FormationRules(Frozen):
+    """`formation`: robots reach and hold a shape whose reference moves through the arena."""
+
+    task: Literal["formation"] = "formation"
+    shape: Literal["line", "circle", "wedge", "column"] = "wedge"
+    spacing: Positive = 0.5  # m between neighbouring slots
+    slots: Literal["fixed", "assigned"] = "assigned"  # assigned: the best assignment in each step
+    reference_speed: Positive = 0.2  # m/s
+    preview: tuple[Positive, ...] = (1.0, 2.0)  # s ahead at which robots see the reference
+    tolerance: Positive = 0.15  # m, root mean square deviation that counts as in formation
+    hold_fraction: Probability = 0.5  # of the horizon in formation that solves the task
+    rewards: FormationRewards = FormationRewards()
+
+
+class Payload(Frozen):
+    """A rigid body that slides on the floor and turns."""
+
+    shape: Literal["box", "circle"] = "box"
+    half_length: Positive = 0.35  # radius of a circle
+    half_width: Positive = 0.2
+    mass: Positive = 2.0  # kg
+    friction: Positive = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
+
+
+class TransportRewards(Rewards):
+    """Weights of `transport`."""
+
+    progress: NonNegative = 4.0  # per metre that the payload comes closer to its goal
+    turn_progress: NonNegative = 0.5  # per radian that it turns towards its goal's direction
+
+
+class TransportRules(Frozen):
+    """`transport`: robots push a payload that none can move alone to a goal pose."""
+
+    task: Literal["transport"] = "transport"
+    payload: Payload = Payload()
+    goal_radius: Positive = 0.15  # m, of the payload's centre
+    goal_angle: Positive | None = None  # rad; None: any direction of the payload will do
+    rewards: TransportRewards = TransportRewards()
+
+
+class WarehouseRewards(Rewards):
+    """Weights of `warehouse`."""
+
+    progress: NonNegative = 1.0  # per metre that a robot's way to its station gets shorter
+    pickup: NonNegative = 1.0
+    delivery: NonNegative = 2.0
+
+
+class WarehouseRules(Frozen):
+    """`warehouse`: robots fetch goods from shelves and deliver them to stations."""
+
+    task: Literal["warehouse"] = "warehouse"
+    aisles: Annotated[int, Field(ge=1)] = 3
+    aisle_width: Positive = 0.6  # m
+    shelf_width: Positive = 0.3  # m
+    stations: Annotated[int, Field(ge=1)] = 4
+    goal_radius: Positive = 0.15
+    quota: Annotated[int, Field(ge=1)] = 8  # deliveries of the team that solve the task
+    rewards: WarehouseRewards = WarehouseRewards()
+
+
+Rules = Annotated[
+    NavigationRules | FormationRules | TransportRules | WarehouseRules,
+    Field(discriminator="task"),
+]
+
+
+class SensorNoise(Frozen):
+    """Standard deviations of the Gaussian noise on each kind of feature, anew in each step."""
+
+    position: NonNegative = 0.0  # m, of positions and displacements
+    velocity: NonNegative = 0.0  # m/s
+    direction: NonNegative = 0.0  # of the components of unit vectors
+    range: NonNegative = 0.0  # m, of distances
+
+
+class ObservationModel(Frozen):
+    """What every observation model has: how its returns are worsened, in this order.
+
+    Noise is added to what is sensed; each return (a slot, a beam) is lost with probability
+    `dropout`; robots see `delay` steps late; the last `stack` frames are concatenated, newest
+    first. Before the first frame there is nothing but that frame. All of it is a function of the
+    episode's seed and the step.
+    """
+
+    noise: SensorNoise = SensorNoise()
+    dropout: Probability = 0.0
+    delay: Annotated[int, Field(ge=0)] = 0  # control steps
+    stack: Annotated[int, Field(ge=1)] = 1  # frames
+
+
+class StateModel(ObservationModel):
+    """Low-dimensional state in the world's frame: self, nearest robots, nearest obstacles."""
+
+    kind: Literal["state"] = "state"
     n_neighbors: Annotated[int, Field(ge=0)] = 3
     n_obstacles: Annotated[int, Field(ge=0)] = 3
-    range: Positive = 1.0  # distance at which closeness features reach 0
+    range: Positive = 1.0  # m, gap at which closeness features reach 0
+    limit: Positive | None = None  # m, gap beyond which nothing is seen; None: no limit
 
 
-class CommunicationModel(Frozen):
-    """Who hears what, and when."""
+class LidarModel(ObservationModel):
+    """A range scan with hit types in the body's frame, and the target in polar form."""
 
-    kind: Literal["none", "broadcast"] = "none"
-    payload: Literal["pose", "pose_and_goal", "learned"] = "pose"
-    topology: Literal["full", "nearest", "ring", "star", "range"] = "full"
-    range: Positive | None = None
+    kind: Literal["lidar"] = "lidar"
+    n_rays: Annotated[int, Field(ge=1)] = 16
+    range: Positive = 2.0  # m from the robot's centre
+
+
+class BearingModel(ObservationModel):
+    """Bearings and ranges of visible neighbours in the body's frame, occluded ones missing."""
+
+    kind: Literal["bearing"] = "bearing"
+    n_neighbors: Annotated[int, Field(ge=0)] = 3
+    range: Positive = 2.0  # m between centres
+
+
+class OccupancyModel(ObservationModel):
+    """A coarse egocentric grid in the body's frame: which cells hold what."""
+
+    kind: Literal["occupancy"] = "occupancy"
+    cells: Annotated[int, Field(ge=1)] = 9  # in each direction
+    cell_size: Positive = 0.3  # m
+
+
+AnyObservationModel = Annotated[
+    StateModel | LidarModel | BearingModel | OccupancyModel, Field(discriminator="kind")
+]
+
+
+class NoCommunication(Frozen):
+    """Robots do not talk."""
+
+    kind: Literal["none"] = "none"
+
+
+class Bursts(Frozen):
+    """A link's two states after Gilbert (1960) and Elliott (1963): good ones, and bad bursts."""
+
+    enter: Probability = 0.05  # chance per step that a good link turns bad
+    leave: Probability = 0.25  # chance per step that a bad link turns good
+    drop_probability: Probability = 1.0  # while a link is bad
+
+
+class Broadcast(Frozen):
+    """Each robot broadcasts one message in every step; this says who hears it, and when.
+
+    The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,
+    drop, delay.
+    """
+
+    kind: Literal["broadcast"] = "broadcast"
+    payload: Literal["pose", "pose_and_goal", "state", "learned"] = "pose"
+    message_size: Annotated[int, Field(ge=1)] = 4  # values of a learned message
+    topology: Literal["full", "nearest", "ring", "star"] = "full"
+    n_nearest: Annotated[int, Field(ge=1)] = 2  # of topology "nearest"
+    range: Positive | None = None  # m between centres; None: no limit
     drop_probability: Probability = 0.0
+    bursts: Bursts | None = None
     delay: Annotated[int, Field(ge=0)] = 0  # control steps
-    messages_per_step: Annotated[int, Field(ge=1)] | None = None
-    bits: Annotated[int, Field(ge=1)] | None = None  # per message value
+    messages_per_step: Annotated[int, Field(ge=1)] | None = None  # that a robot can receive
+    bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
+    slots_in_step: Annotated[int, Field(ge=1)] | None = None  # of time; see `comms`
+
+
+AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]
 
 
 class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication."""
 
-    task: str = "coop_nav"
+    rules: Rules = NavigationRules()
     version: Annotated[int, Field(ge=0)] = 0
     team: Annotated[tuple[Role, ...], Field(min_length=1)] = (Role(),)
     arena: Arena = Arena()
@@ -182,10 +344,9 @@ class TaskSpec(Frozen):
     horizon: Annotated[int, Field(ge=1)] = 160
     control_dt: Positive = 0.1
     physics_dt: Positive = 0.05
-    rewards: Rewards = Rewards()
-    termination: Termination = Termination()
-    observation: ObservationModel = ObservationModel()
-    communication: CommunicationModel = CommunicationModel()
+    on_collision: Literal["continue", "fail"] = "continue"
+    observation: AnyObservationModel = StateModel()
+    communication: AnyCommunicationModel = NoCommunication()
 
     @model_validator(mode="after")
     def _check_time_steps(self) -> Self:
@@ -196,6 +357,18 @@ class TaskSpec(Frozen):
                 "(a force moves a body only from the next physics step on)"
             )
         return self
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return self.rules.task
+
+    @property
+    def action_size(self) -> int:
+        """Length A of one robot's action: two for driving, then those of a learned message."""
+        channel = self.communication
+        is_learned = isinstance(channel, Broadcast) and channel.payload == "learned"
+        return 2 + (channel.message_size if is_learned else 0)
 
     @property
     def n_agents(self) -> int:
@@ -291,15 +464,24 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
 
 
 def _known_keys(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
-    """Fields of the nested model at `loc`; integers (tuple positions) do not descend."""
+    """Fields of the nested model at `loc`; tuple positions do not descend, tags choose."""
+    options = [model]
     for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            model = _nested_model(model.model_fields[part].annotation) or model
-    return list(model.model_fields)
+        fields = [option.model_fields[part] for option in options if part in option.model_fields]
+        if fields:
+            options = list(_nested_models(fields[0].annotation)) or options
+        else:
+            options = [option for option in options if part in _tags(option)] or options
+    return list(options[0].model_fields)
 
 
-def _nested_model(annotation: Any) -> type[BaseModel] | None:
+def _tags(model: type[BaseModel]) -> set[Any]:
+    """Values of the model's literal fields, one of which tells it from others of its union."""
+    return {field.default for field in model.model_fields.values()}
+
+
+def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    found = (_nested_model(inner) for inner in getattr(annotation, "__args__", ()))
-    return next((model for model in found if model), None)
+        yield annotation
+    for inner in getattr(annotation, "__args__", ()):
+        yield from _nested_models(inner)

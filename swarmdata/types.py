@@ -1,12 +1,13 @@
 """The values that flow from worlds to reports.
 
 Axis letters, always in this order: E copies of a task or B batch, T time, N agents, then features:
-O observation, S state, A action. M obstacles of a layout.
+O observation, S state, A action, P values of a message. M obstacles of a layout. Without a channel P
+is 0, and so is the sender axis of `delivered` and `ages`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,21 @@ Counts = NDArray[np.uint8]
 EVENTS = ("robot_contact", "obstacle_contact", "robot_onsets", "obstacle_onsets")
 """Columns of `events`: was touching during the step (0 or 1), and contacts that began in it."""
 
+NEVER = 255
+"""In `ages`: nothing was ever received. Older messages than 254 steps count as 254."""
+
 END_REASONS = ("success", "failure", "horizon")
 """Why an episode ended, by code: two terminations, then the truncation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """What one per-episode number means."""
+
+    label: str
+    unit: str  # empty for counts, fractions and returns
+    better: Literal["higher", "lower", "neither"]
+    meaning: str
 
 
 class Step(NamedTuple):
@@ -47,11 +61,21 @@ class Step(NamedTuple):
     seeds: Seeds  # [E] the episode that runs in each copy
     times: Int  # [E] control steps taken since that episode's reset
     layouts: Float  # [E, M, 8] obstacles of that episode, columns `geometry.OBSTACLE`
+    sent: Float  # [E, N, P] message that each robot sent in this step
+    delivered: Bool  # [E, N, N] whether a message of sender (last axis) arrived in this step
+    ages: Counts  # [E, N, N] steps since the newest message from a sender was sent, or NEVER
 
     @property
     def ended(self) -> Bool:
         """Which copies need a reset, [E]."""
         return self.terminations | self.truncations
+
+
+STATE_FIELDS = ("observations", "states", "sent", "delivered", "ages")
+"""Fields of an episode with a row for each state, T + 1."""
+
+STEP_FIELDS = ("actions", "rewards", "terminations", "truncations", "events")
+"""Fields of an episode with a row for each joint action, T."""
 
 
 def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
@@ -63,7 +87,7 @@ def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
 class Episode:
     """One finished run of a task, time first.
 
-    `observations` and `states` have one row more than `actions`: the last row is what was reached
+    The fields of `STATE_FIELDS` have one row more than `actions`: the last row is what was reached
     by the last action, so that bootstrapping at a truncation needs no guessing.
     """
 
@@ -74,6 +98,9 @@ class Episode:
     terminations: Bool  # [T]
     truncations: Bool  # [T]
     events: Counts  # [T, N, 4]
+    sent: Float  # [T+1, N, P]
+    delivered: Bool  # [T+1, N, N]
+    ages: Counts  # [T+1, N, N]
     layout: Float  # [M, 8]
     seed: int
     policy: int  # index into the recipe's policies
@@ -82,9 +109,9 @@ class Episode:
     def __post_init__(self) -> None:
         """Checks that all time axes agree."""
         steps = len(self)
-        for name in ("observations", "states", "rewards", "terminations", "truncations", "events"):
+        for name in (*STATE_FIELDS, *STEP_FIELDS):
             rows = len(getattr(self, name))
-            expected = steps + (name in ("observations", "states"))
+            expected = steps + (name in STATE_FIELDS)
             if rows != expected:
                 raise SchemaError(
                     f"episode field {name!r} has {rows} rows, expected {expected} "
@@ -147,7 +174,7 @@ class Batch:
 class EvalResult:
     """Per-episode metrics of one policy; every figure and table derives from it.
 
-    `metrics` maps each name of `metrics.EPISODE_METRICS` to one float64 value per episode; an
+    `metrics` maps each name of the task's metrics to one float64 value per episode; an
     undefined value (the time to goal of a failed episode) is NaN.
     """
 

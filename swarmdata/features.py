@@ -1,0 +1,34 @@
+"""What each number of an observation is: its name, its physical kind, and its axis if a vector's.
+
+The kind decides which noise applies, the axis what a rotation into the body's frame does to it.
+"""
+
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+Kind = Literal["position", "velocity", "direction", "range", "flag"]
+"""m, m/s, component of a vector of at most unit length, normalised distance, 0 or 1 or a code."""
+
+UNITS: dict[Kind, str] = {"position": "m", "velocity": "m/s"}
+"""Of the kinds that have one."""
+
+
+class Feature(NamedTuple):
+    """One number of one robot's observation."""
+
+    name: str
+    kind: Kind
+    axis: Literal["", "x", "y"] = ""  # a y always follows its x
+
+
+def vector(name: str, kind: Kind) -> tuple[Feature, Feature]:
+    """The two components of a planar vector, named `<name>_x` and `<name>_y`."""
+    return Feature(f"{name}_x", kind, "x"), Feature(f"{name}_y", kind, "y")
+
+
+def numbered(prefix: str, n: int, fields: Iterable[Feature]) -> tuple[Feature, ...]:
+    """`n` slots of the same fields, named `<prefix>_<k>.<field>`."""
+    fields = tuple(fields)
+    return tuple(
+        field._replace(name=f"{prefix}_{k}.{field.name}") for k in range(n) for field in fields
+    )
