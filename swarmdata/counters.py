@@ -1,0 +1,36 @@
+"""The random numbers of `seeding`, for compiled code: the same bits, one value at a time."""
+
+import numpy as np
+from numba import njit
+
+from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
+from swarmdata.types import Double
+
+_GOLDEN, _MIX_1, _MIX_2 = np.uint64(GOLDEN), np.uint64(MIX_1), np.uint64(MIX_2)
+_ONE, _SHIFT = np.uint64(1), np.uint64(64 - NORMAL_BITS)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def absorb(value: np.uint64, counter: int) -> np.uint64:
+    """One step of `seeding.derive`: `derive(s, a, b)` is `absorb(absorb(s, a), b)`.
+
+    Args:
+        value: the seed, or what earlier counters gave.
+        counter: not negative.
+    """
+    z = value + (np.uint64(counter) + _ONE) * _GOLDEN
+    z = (z ^ (z >> np.uint64(30))) * _MIX_1
+    z = (z ^ (z >> np.uint64(27))) * _MIX_2
+    return z ^ (z >> np.uint64(31))
+
+
+@njit(nogil=True, cache=True, inline="always")
+def to_uniform(bits: np.uint64) -> float:
+    """A multiple of 2**-53 in [0, 1), as `seeding.uniform`."""
+    return float(bits >> np.uint64(11)) * 2.0**-53
+
+
+@njit(nogil=True, cache=True, inline="always")
+def to_normal(bits: np.uint64, table: Double) -> float:
+    """A draw from the discrete normal, as `seeding.normal`; `table` is `seeding.normal_table()`."""
+    return float(table[np.int64(bits >> _SHIFT)])

@@ -1,0 +1,18 @@
+"""Compiled counters give the bits of `seeding`."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.counters import absorb, to_normal, to_uniform
+from swarmdata.seeding import STREAMS, derive, normal, normal_table, uniform
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**64 - 1), st.sampled_from(sorted(STREAMS)), st.integers(0, 2**40))
+def test_the_same_bits_as_derive(seed: int, stream: str, counter: int) -> None:
+    expected = derive(np.uint64(seed), STREAMS[stream], counter)
+    bits = absorb(absorb(np.uint64(seed), STREAMS[stream]), counter)
+    assert np.uint64(bits) == expected[0]
+    assert to_uniform(np.uint64(bits)) == uniform(expected)[0]
+    assert to_normal(np.uint64(bits), normal_table()) == normal(expected)[0]
