@@ -2,7 +2,16 @@
 
 from typing import NamedTuple, Protocol
 
+from swarmdata.spec import Payload, TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
+
+
+class Plan(NamedTuple):
+    """What a world consists of, the same in every episode."""
+
+    spec: TaskSpec
+    kinds: Int  # [M] shape code of each obstacle, `geometry`
+    movables: tuple[Payload, ...]  # K bodies that robots can push
 
 
 class Contacts(NamedTuple):
@@ -15,21 +24,25 @@ class Contacts(NamedTuple):
 
 
 class Backend(Protocol):
-    """E copies of a physical world of circular robots of mass 1 kg that never rotate."""
+    """E copies of a physical world of circular robots of mass 1 kg.
 
-    positions: Double  # [E, N, 2] m
-    velocities: Double  # [E, N, 2] m/s
+    Robots have a heading that commands change and contacts do not.
+    """
 
-    def reset(self, copies: Int, layouts: Float, starts: Double) -> None:
-        """Puts fresh worlds into `copies`: obstacles `layouts` [E, M, 8], robots at rest [E, N, 2].
+    robots: Double  # [E, N, 6] the columns of `states.ROBOT` up to the heading
+    bodies: Double  # [E, K, 7] columns `states.BODY`
 
-        What follows must not depend, in any bit, on what these copies did before.
+    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+        """Puts fresh worlds into `copies`: obstacles [E, M, 8], robots [E, N, 6], bodies [E, K, 7].
+
+        All are at rest. What follows must not depend, in any bit, on what these copies did before.
         """
         ...
 
-    def step(self, active: Bool, accelerations: Double, contacts: Contacts) -> None:
-        """Advances the active copies by one control step under constant accelerations [E, N, 2].
+    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
+        """Advances the active copies by one control step under commands in [-1, 1], [E, N, 2].
 
-        Events of the active copies are cleared first, then counted after every physics step.
+        Robots are driven by `dynamics.drive`. Events of the active copies are cleared first, then
+        counted after every physics step.
         """
         ...

@@ -84,7 +84,7 @@ def update_contacts(
     """Updates the contacts of one copy and adds to its events.
 
     Args:
-        positions: [N, 2] m.
+        positions: the first two columns, m, [N, any].
         radii: [N] m.
         layout: obstacles, [M, 8].
         half: half width and half height of the arena, m, [2].

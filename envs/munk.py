@@ -17,12 +17,12 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from swarmdata.envs.backend import Contacts
+from swarmdata.envs.backend import Contacts, Plan
 from swarmdata.envs.contacts import update_contacts
+from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.envs.pymunk_space import bars, build_space, n_static_shapes
 from swarmdata.geometry import CIRCLE
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Double, Float, Int
+from swarmdata.types import Bool, Counts, Double, Float, Int
 
 NAMES = (
     "cpSpaceStep",
@@ -37,9 +37,12 @@ NAMES = (
     "cpCircleShapeSetRadius",
     "cpCircleShapeSetOffset",
     "cpPolyShapeSetVertsRaw",
+    "cpBodyGetRotation",
+    "cpBodyGetAngularVelocity",
 )
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
+GET_ROTATION, GET_TURN_RATE = range(12, 14)
 
 F64 = ir.DoubleType()
 
@@ -115,40 +118,60 @@ def call_p_v(_context: Any, address: Any, pointer: Any) -> Any:
     return result(types.int64, types.int64), generate
 
 
+@intrinsic
+def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
+    """Calls a `double f(void *)`."""
+
+    def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        return _call(builder, args[0], F64, [args[1]])
+
+    return types.float64(types.int64, types.int64), generate
+
+
+@njit(nogil=True, cache=True)
+def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
+    """Reads the movable bodies of one copy, columns `states.BODY`."""
+    first = addresses.shape[0] - movables.shape[0]
+    for k in range(movables.shape[0]):
+        body = addresses[first + k]
+        movables[k, 0], movables[k, 1] = call_p_v(calls[GET_POSITION], body)
+        movables[k, 2], movables[k, 3] = call_p_v(calls[GET_VELOCITY], body)
+        movables[k, 4], movables[k, 5] = call_p_v(calls[GET_ROTATION], body)
+        movables[k, 6] = call_p_d(calls[GET_TURN_RATE], body)
+
+
 @njit(nogil=True, cache=True)
 def _advance(
     calls: Int,
     spaces: Int,
     bodies: Int,
     active: Bool,
-    accelerations: Double,
+    commands: Double,
     timing: tuple[int, float],
-    world: tuple[Double, Double, Float],
-    moving: tuple[Double, Double],
-    contacts: Contacts,
+    world: tuple[Double, Double, Double, Float],
+    moving: tuple[Double, Double, Double],
+    contacts: tuple[Bool, Bool, Double, Counts],
 ) -> None:
-    n_substeps, dt = timing
-    radii, half, layouts = world
-    positions, velocities = moving
+    limits, radii, half, layouts = world
+    robots, movables, forces = moving
+    touching, static, slack, events = contacts
     n = radii.shape[0]
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
-        contacts.events[b] = 0
-        for _ in range(n_substeps):
+        events[b] = 0
+        for k in range(timing[0]):
+            drive(robots[b], commands[b], limits, timing, k, forces)
             for i in range(n):  # Munk2D clears forces in every step
-                call_pv(
-                    calls[SET_FORCE], bodies[b, i], accelerations[b, i, 0], accelerations[b, i, 1]
-                )
-            call_pd(calls[STEP], spaces[b], dt)
+                call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
+            call_pd(calls[STEP], spaces[b], timing[1])
             for i in range(n):
-                positions[b, i, 0], positions[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
+                robots[b, i, 0], robots[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
+                robots[b, i, 2], robots[b, i, 3] = call_p_v(calls[GET_VELOCITY], bodies[b, i])
             update_contacts(
-                positions[b], radii, layouts[b], half,
-                contacts.robots[b], contacts.obstacles[b], contacts.slack[b], contacts.events[b],
-            )  # fmt: skip
-        for i in range(n):
-            velocities[b, i, 0], velocities[b, i, 1] = call_p_v(calls[GET_VELOCITY], bodies[b, i])
+                robots[b], radii, layouts[b], half, touching[b], static[b], slack[b], events[b]
+            )
+        _read_bodies(calls, bodies[b], movables[b])
 
 
 @njit(nogil=True, cache=True)
@@ -165,7 +188,7 @@ def _reset_one(
     for shape in shapes:
         call_pp(calls[REMOVE], space, shape)
     call_pd(calls[STEP], space, dt)
-    for i in range(bodies.shape[0]):
+    for i in range(starts.shape[0]):
         call_pv(calls[SET_POSITION], bodies[i], starts[i, 0], starts[i, 1])
         call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
     s = 4  # after the walls
@@ -186,50 +209,53 @@ def _reset_one(
 class MunkBackend:
     """The backend interface over Munk2D's own functions."""
 
-    def __init__(self, spec: TaskSpec, n_copies: int, calls: Int) -> None:
-        self._spec, self._calls = spec, calls
+    def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
+        self._plan, self._calls, spec = plan, calls, plan.spec
+        self._timing = spec.n_substeps, spec.physics_dt
+        self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
         self._keep: list[Any] = [None] * n_copies  # owns what the addresses point to
         self._spaces = np.zeros(n_copies, dtype=np.int64)
-        self._bodies = np.zeros((n_copies, spec.n_agents), dtype=np.int64)
-        n_shapes = 4 + n_static_shapes(spec) + spec.n_agents
+        n, k = spec.n_agents, len(plan.movables)
+        self._bodies = np.zeros((n_copies, n + k), dtype=np.int64)
+        n_shapes = 4 + n_static_shapes(plan.kinds) + n + k
         self._shapes = np.zeros((n_copies, n_shapes), dtype=np.int64)
         self._corners: Double = np.empty((3, 4, 2))
+        self._forces: Double = np.zeros((n, 2))
         self._layouts: Float | None = None
-        self.positions: Double = np.zeros((n_copies, spec.n_agents, 2))
-        self.velocities: Double = np.zeros((n_copies, spec.n_agents, 2))
+        self.robots: Double = np.zeros((n_copies, n, 6))
+        self.bodies: Double = np.zeros((n_copies, k, 7))
 
-    def reset(self, copies: Int, layouts: Float, starts: Double) -> None:
+    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
         for b in copies.tolist():
-            if self._keep[b] is None:
-                self._build(b, layouts[b], starts[b])
+            if self._keep[b] is None or self._plan.movables:  # joints keep hidden impulses
+                self._build(b, layouts[b], robots[b], bodies[b])
             else:
                 _reset_one(
                     self._calls, self._spaces[b], self._shapes[b], self._bodies[b],
-                    layouts[b], self._corners, starts[b], self._spec.physics_dt,
+                    layouts[b], self._corners, robots[b], self._timing[1],
                 )  # fmt: skip
-        self.positions[copies] = starts[copies]
-        self.velocities[copies] = 0.0
+        self.robots[copies], self.bodies[copies] = robots[copies], bodies[copies]
 
-    def _build(self, b: int, layout: Float, starts: Double) -> None:
+    def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)
 
         def address(pointer: Any) -> int:
             return int(ffi.cast("uintptr_t", pointer))
 
-        space, bodies = build_space(self._spec, layout, starts)
+        space, bodies = build_space(self._plan, layout, robots, movables)
         self._keep[b] = space, bodies
         self._spaces[b] = address(space._space)
         self._bodies[b] = [address(body._body) for body in bodies]
         self._shapes[b] = [address(shape._shape) for shape in space.shapes]
 
-    def step(self, active: Bool, accelerations: Double, contacts: Contacts) -> None:
+    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
         if self._layouts is None:
             raise RuntimeError("the world was stepped before its first reset")
         _advance(
-            self._calls, self._spaces, self._bodies, active, accelerations,
-            (self._spec.n_substeps, self._spec.physics_dt),
-            (self._radii, self._half, self._layouts), (self.positions, self.velocities), contacts,
+            self._calls, self._spaces, self._bodies, active, commands, self._timing,
+            (self._limits, self._radii, self._half, self._layouts),
+            (self.robots, self.bodies, self._forces), tuple(contacts),
         )  # fmt: skip

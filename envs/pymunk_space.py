@@ -5,14 +5,17 @@ faster through Munk2D's own functions, and must give the same bits; this one tak
 private names are missing.
 """
 
+import math
+
 import numpy as np
 import pymunk
 from numba import njit
 
-from swarmdata.envs.backend import Contacts
+from swarmdata.envs.backend import Contacts, Plan
 from swarmdata.envs.contacts import update_contacts
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
-from swarmdata.spec import TaskSpec
+from swarmdata.envs.dynamics import drive, limits_of
+from swarmdata.geometry import CIRCLE
+from swarmdata.spec import Payload, TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
 SLOP = 0.002
@@ -57,10 +60,9 @@ def bars(row: Float, out: Double) -> int:
     return n_bars
 
 
-def n_static_shapes(spec: TaskSpec) -> int:
-    """Number of shapes of all obstacles, without the walls."""
-    o = spec.obstacles
-    return o.circles + int(o.boxes * BOX + o.corners * CORNER + o.pockets * POCKET)
+def n_static_shapes(kinds: Int) -> int:
+    """Number of shapes of all obstacles, without the walls; every obstacle has at least one."""
+    return int(np.maximum(kinds, 1).sum())
 
 
 def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
@@ -70,16 +72,46 @@ def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
     return [pymunk.Segment(body, corners[i], corners[(i + 1) % 4], t) for i in range(4)]
 
 
+def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk.Shape:
+    """Adds a body that slides on the floor; returns its shape, which is not in the space yet.
+
+    Dry friction with the floor is two joints without a spring and with little strength, which the
+    solver weighs against the contacts: a push below the friction moves nothing.
+    """
+    half = payload.half_length, payload.half_width
+    if payload.shape == "circle":
+        moment, area = pymunk.moment_for_circle(payload.mass, 0, half[0]), math.pi * half[0] ** 2
+    else:
+        size = 2 * half[0], 2 * half[1]
+        moment, area = pymunk.moment_for_box(payload.mass, size), size[0] * size[1]
+    body = pymunk.Body(payload.mass, moment)
+    body.position, body.angle = (pose[0], pose[1]), math.atan2(pose[5], pose[4])
+    slide = pymunk.PivotJoint(space.static_body, body, (0, 0), (0, 0))
+    turn = pymunk.GearJoint(space.static_body, body, 0.0, 1.0)
+    slide.max_bias = turn.max_bias = 0.0
+    slide.max_force = payload.friction
+    turn.max_force = payload.friction * 2 / 3 * math.sqrt(area / math.pi)  # that of such a disc
+    space.add(body, slide, turn)
+    if payload.shape == "circle":
+        return pymunk.Circle(body, half[0])
+    return pymunk.Poly.create_box(body, (2 * half[0], 2 * half[1]))
+
+
 def build_space(
-    spec: TaskSpec, layout: Float, starts: Double
+    plan: Plan, layout: Float, robots: Double, movables: Double
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Builds one world: walls, obstacles in layout order, then robots at rest.
+    """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 
     Args:
-        spec: the task.
+        plan: what it consists of.
         layout: obstacles, [M, 8].
-        starts: robot positions, m, [N, 2].
+        robots: [N, 6].
+        movables: [K, 7].
+
+    Returns:
+        The space, and the bodies of robots and movables.
     """
+    spec = plan.spec
     space = pymunk.Space()
     space.collision_slop = SLOP
     space.iterations = ITERATIONS
@@ -96,14 +128,17 @@ def build_space(
                 pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
             ]
     bodies = []
-    for robot, (x, y) in zip(spec.robots, starts.tolist(), strict=True):
+    for robot, (x, y) in zip(spec.robots, robots[:, :2].tolist(), strict=True):
         body = pymunk.Body(1.0, float("inf"))
         body.position = x, y
         shapes.append(pymunk.Circle(body, robot.radius))
         bodies.append(body)
+    space.add(*bodies)
+    for payload, pose in zip(plan.movables, movables.tolist(), strict=True):
+        shapes.append(_movable(space, payload, pose))
+        bodies.append(shapes[-1].body)
     for shape in shapes:
         shape.friction, shape.elasticity = FRICTION, 0.0
-    space.add(*bodies)
     space.add(*shapes)
     return space, bodies
 
@@ -111,36 +146,47 @@ def build_space(
 class PublicBackend:
     """The backend interface over attribute access; slow, and the reference for the fast one."""
 
-    def __init__(self, spec: TaskSpec, n_copies: int) -> None:
-        self._spec = spec
+    def __init__(self, plan: Plan, n_copies: int) -> None:
+        self._plan, spec = plan, plan.spec
+        self._limits, self._timing = limits_of(spec), (spec.n_substeps, spec.physics_dt)
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
         self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
         self._layouts: dict[int, Float] = {}
-        self.positions: Double = np.zeros((n_copies, spec.n_agents, 2))
-        self.velocities: Double = np.zeros((n_copies, spec.n_agents, 2))
+        self._forces: Double = np.zeros((spec.n_agents, 2))
+        self.robots: Double = np.zeros((n_copies, spec.n_agents, 6))
+        self.bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
-    def reset(self, copies: Int, layouts: Float, starts: Double) -> None:
+    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
-            self._worlds[b] = build_space(self._spec, layouts[b], starts[b])
-            self.positions[b] = starts[b]
-            self.velocities[b] = 0.0
+            self._worlds[b] = build_space(self._plan, layouts[b], robots[b], bodies[b])
+        self.robots[copies], self.bodies[copies] = robots[copies], bodies[copies]
 
-    def step(self, active: Bool, accelerations: Double, contacts: Contacts) -> None:
+    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
         for b in np.flatnonzero(active).tolist():
             world = self._worlds[b]
             if world is None:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            space, bodies = world
             contacts.events[b] = 0
-            for _ in range(self._spec.n_substeps):
-                for body, force in zip(bodies, accelerations[b].tolist(), strict=True):
-                    body.force = tuple(force)
-                space.step(self._spec.physics_dt)
-                self.positions[b] = [body.position for body in bodies]
+            for k in range(self._timing[0]):
+                self._substep(b, k, commands, *world)
                 update_contacts(
-                    self.positions[b], self._radii, self._layouts[b], self._half,
+                    self.robots[b], self._radii, self._layouts[b], self._half,
                     *(array[b] for array in contacts),
                 )  # fmt: skip
-            self.velocities[b] = [body.velocity for body in bodies]
+
+    def _substep(
+        self, b: int, k: int, commands: Double, space: pymunk.Space, bodies: list[pymunk.Body]
+    ) -> None:
+        n = len(self._radii)
+        drive(self.robots[b], commands[b], self._limits, self._timing, k, self._forces)
+        for body, force in zip(bodies[:n], self._forces.tolist(), strict=True):
+            body.force = tuple(force)
+        space.step(self._timing[1])
+        for i, body in enumerate(bodies[:n]):
+            self.robots[b, i, :4] = *body.position, *body.velocity
+        for i, body in enumerate(bodies[n:]):
+            self.bodies[b, i] = (
+                *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
+            )  # fmt: skip

@@ -6,14 +6,17 @@ goal. The random numbers are SplitMix64's, as in `seeding`.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
+from swarmdata.errors import SpawnError
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Seeds
+from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 TRIES = 64
 """Draws of one place before the whole layout is drawn anew."""
@@ -62,7 +65,7 @@ def _shape(state: Seeds, size: Double, row: Float) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _place_obstacles(
+def place_obstacles(
     state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float
 ) -> bool:
     """Draws all obstacles; False if one of them found no place."""
@@ -94,7 +97,7 @@ def _is_free(row: Float, r: float, layout: Float, m: int, gap: float) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def _place_points(
+def place_points(
     state: Seeds,
     layout: Float,
     half: Double,
@@ -104,7 +107,21 @@ def _place_points(
     far: Float,
     min_distance: float,
 ) -> bool:
-    """Draws one point per robot, clear of obstacles and each other and away from `far`."""
+    """Draws one point per robot, clear of obstacles and each other and away from `far`.
+
+    Args:
+        state: of the generator, [1].
+        layout: [M, 8].
+        half: half width and half height of the arena, m, [2].
+        radii: m, [N].
+        margins: clearance and separation between surfaces, m, [2].
+        points: written, [N, 2].
+        far: points to stay away from, [N, 2].
+        min_distance: m.
+
+    Returns:
+        False if a robot found no place.
+    """
     for i in range(radii.shape[0]):
         for attempt in range(TRIES + 1):
             if attempt == TRIES:
@@ -124,17 +141,25 @@ def _place_points(
 
 
 @njit(nogil=True, cache=True)
-def spawn(
+def _heading(state: Seeds, robot: Float) -> None:
+    """Draws a heading, a rational point of the unit circle as in `_shape`."""
+    t = 2.0 * _next(state) - 1.0
+    sign = 1.0 if _next(state) < 0.5 else -1.0
+    robot[UX] = sign * (1.0 - t * t) / (1.0 + t * t)
+    robot[UY] = sign * 2.0 * t / (1.0 + t * t)
+
+
+@njit(nogil=True, cache=True)
+def _spawn(
     seeds: Seeds,
     copies: Int,
     sizes: SizeTable,
     half: Double,
-    radii: Double,
+    team: tuple[Double, Bool],
     margins: Double,
     max_attempts: int,
     layouts: Float,
-    starts: Float,
-    goals: Float,
+    robots: Float,
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
 
@@ -143,47 +168,104 @@ def spawn(
         copies: rows to write.
         sizes: obstacles to draw, from `size_table`, [M, 4].
         half: half width and half height of the arena, m, [2].
-        radii: robot radii, m, [N].
+        team: radii, m, and whether a heading is drawn, each [N].
         margins: gap between obstacles; clearance and separation of starts; clearance and separation
             of goals; smallest distance from start to goal; all m, [6].
         max_attempts: whole layouts to try before giving up.
         layouts: written, [E, M, 8].
-        starts: written, [E, N, 2].
-        goals: written, [E, N, 2].
+        robots: written, columns `states.ROBOT`, [E, N, 8].
     """
+    radii, turns = team
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         b = copies[k]
+        starts, goals = robots[b, :, X : Y + 1], robots[b, :, TX : TY + 1]
         state[0] = seeds[k] + np.uint64(_STREAM)
         for attempt in range(max_attempts + 1):
             if attempt == max_attempts:
                 return k
-            if not _place_obstacles(state, sizes, half, margins[0], layouts[b]):
+            if not place_obstacles(state, sizes, half, margins[0], layouts[b]):
                 continue
-            if not _place_points(
-                state, layouts[b], half, radii, margins[1:3], starts[b], starts[b], 0.0
+            if not place_points(
+                state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0
             ):
                 continue
-            if _place_points(
-                state, layouts[b], half, radii, margins[3:5], goals[b], starts[b], margins[5]
+            if place_points(
+                state, layouts[b], half, radii, margins[3:5], goals, starts, margins[5]
             ):
                 break
+        for i in range(radii.shape[0]):
+            robots[b, i, VX] = robots[b, i, VY] = robots[b, i, UY] = 0.0
+            robots[b, i, UX] = 1.0
+            if turns[i]:
+                _heading(state, robots[b, i])
     return copies.shape[0]
 
 
-def spawn_margins(spec: TaskSpec) -> Double:
-    """The distances that `spawn` needs, from the spec, [6]."""
-    s = spec.spawn
-    return np.array(
-        [
+@dataclass(frozen=True, eq=False)
+class SpawnPlan:
+    """What random layouts need to know of a spec."""
+
+    spec: TaskSpec
+    sizes: SizeTable  # [M, 4]
+    half: Double  # half width and half height of the arena, m, [2]
+    team: tuple[Double, Bool]  # radii, m, and whether a heading is drawn, each [N]
+    margins: Double  # [6]
+
+    @classmethod
+    def of(cls, spec: TaskSpec) -> "SpawnPlan":
+        """Collects it."""
+        s, robots = spec.spawn, spec.robots
+        margins = (
             spec.obstacles.gap,
             s.start_clearance,
             s.start_separation,
             s.goal_clearance,
             s.goal_separation,
             s.min_goal_distance,
-        ]
+        )
+        return cls(
+            spec=spec,
+            sizes=size_table(spec),
+            half=np.array([spec.arena.width / 2, spec.arena.height / 2]),
+            team=(
+                np.array([robot.radius for robot in robots]),
+                np.array([robot.dynamics == "unicycle" for robot in robots]),
+            ),
+            margins=np.array(margins),
+        )
+
+    @property
+    def kinds(self) -> Int:
+        """Shape code of each obstacle, [M]."""
+        return self.sizes[:, 0].astype(np.int64)
+
+
+def spawn_random(
+    plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
+) -> None:
+    """Draws obstacles, starts, headings and targets of the episodes `seeds`.
+
+    Args:
+        plan: from the spec.
+        seeds: one for each copy to write.
+        copies: rows to write.
+        layouts: written, [E, M, 8].
+        robots: written, columns `states.ROBOT`, [E, N, 8].
+
+    Raises:
+        SpawnError: no layout was found; nothing says that there is none.
+    """
+    attempts = plan.spec.spawn.max_attempts
+    drawn = _spawn(
+        seeds, copies, plan.sizes, plan.half, plan.team, plan.margins, attempts, layouts, robots
     )
+    if drawn < len(copies):
+        raise SpawnError(
+            f"no layout found for seed {seeds[drawn]} in {attempts} attempts: robots and "
+            f"obstacles with their gaps cover {density(plan.spec):.0%} of the arena (about 50% is "
+            "the limit). Use fewer or smaller obstacles."
+        )
 
 
 def density(spec: TaskSpec) -> float:

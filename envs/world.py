@@ -1,91 +1,139 @@
-"""The world that tasks run in: robots under commands, and their contacts."""
+"""The world that tasks run in: robots under commands, what they push, and their contacts."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.backend import Backend, Contacts
+from swarmdata.envs.backend import Backend, Contacts, Plan
+from swarmdata.envs.dynamics import clip_commands, limits_of
 from swarmdata.envs.munk import MunkBackend, load_addresses
 from swarmdata.envs.pymunk_space import PublicBackend
-from swarmdata.errors import SpecError
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Double, Float, Int
+from swarmdata.geometry import bounding_radius, nearest, wall_gap
+from swarmdata.states import N_COLUMNS
+from swarmdata.types import Bool, Counts, Double, Float, Int
+
+PROXIMITY = 0.1
+"""Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
+
+MakeBackend = Callable[[Plan, int], Backend]
 
 
-def check_available(spec: TaskSpec) -> None:
-    """Refuses what the worlds of this version cannot run; nothing in a spec is ever ignored.
-
-    Raises:
-        SpecError: naming the field and what it may be.
-    """
-    asked = [
-        (f"team.{i}.robot.dynamics", str(role.robot.dynamics), "holonomic")
-        for i, role in enumerate(spec.team)
-    ]
-    asked.append(("observation.kind", spec.observation.kind, "state"))
-    asked.append(("communication.kind", spec.communication.kind, "none"))
-    for path, value, available in asked:
-        if value != available:
-            raise SpecError(
-                f"{path}: {value!r} cannot be run by task {spec.task!r} version {spec.version}, "
-                f"only {available!r}"
-            )
-
-
-def make_backend(spec: TaskSpec, n_copies: int) -> Backend:
+def make_backend(plan: Plan, n_copies: int) -> Backend:
     """Returns the fast backend, or the public one where Pymunk's private names are missing."""
     calls = load_addresses()
-    return PublicBackend(spec, n_copies) if calls is None else MunkBackend(spec, n_copies, calls)
+    return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
 
 
 @njit(nogil=True, cache=True)
-def command_accelerations(
-    actions: Double, velocities: Double, limits: Double, dt: float, active: Bool, out: Double
-) -> bool:
-    """Turns commands into accelerations that are held for one control step.
-
-    The norm of a command is clipped to 1. A velocity command is tracked as well as the acceleration
-    limit allows within the step.
-
-    Args:
-        actions: commands, [E, N, 2].
-        velocities: m/s, [E, N, 2].
-        limits: per robot: maximum speed, maximum acceleration, 1 for velocity commands, [N, 3].
-        dt: control step, s.
-        active: copies to compute, [E].
-        out: written, m/s^2, [E, N, 2].
-
-    Returns:
-        False if a command of an active copy is not finite.
-    """
-    for b in range(actions.shape[0]):
+def _write_states(robots: Double, bodies: Double, active: Bool, states: Float) -> None:
+    """Rounds the active copies' robots (but their targets) and bodies to float32 states."""
+    first = N_COLUMNS * robots.shape[1]
+    for b in range(states.shape[0]):
         if not active[b]:
             continue
-        for i in range(actions.shape[1]):
-            ax, ay = float(actions[b, i, 0]), float(actions[b, i, 1])
-            if not (math.isfinite(ax) and math.isfinite(ay)):
-                return False
-            norm = math.sqrt(ax * ax + ay * ay)
-            if norm > 1.0:
-                ax, ay = ax / norm, ay / norm
-            top, most = limits[i, 0], limits[i, 1]
-            if limits[i, 2] == 1.0:
-                ax = (top * ax - velocities[b, i, 0]) / dt
-                ay = (top * ay - velocities[b, i, 1]) / dt
-                norm = math.sqrt(ax * ax + ay * ay)
-                if norm > most:
-                    ax, ay = ax * most / norm, ay * most / norm
-            else:
-                ax, ay = most * ax, most * ay
-                vx, vy = velocities[b, i, 0] + ax * dt, velocities[b, i, 1] + ay * dt
-                speed = math.sqrt(vx * vx + vy * vy)
-                if speed > top:  # the speed limit holds for acceleration commands too
-                    ax = (vx * top / speed - velocities[b, i, 0]) / dt
-                    ay = (vy * top / speed - velocities[b, i, 1]) / dt
-            out[b, i, 0] = ax
-            out[b, i, 1] = ay
-    return True
+        for i in range(robots.shape[1]):
+            for c in range(6):
+                states[b, N_COLUMNS * i + c] = robots[b, i, c]
+        for k in range(bodies.shape[1]):
+            for c in range(7):
+                states[b, first + 7 * k + c] = bodies[b, k, c]
+
+
+@njit(nogil=True, cache=True)
+def _static_gap(px: float, py: float, radius: float, layout: Float, half: Double) -> float:
+    """Gap of a robot to the nearest obstacle or wall, exact below `PROXIMITY`, else larger."""
+    gap = math.inf
+    for wall in range(4):
+        gap = min(gap, wall_gap(px, py, half, wall) - radius)
+    for m in range(layout.shape[0]):
+        dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
+        reach = bounding_radius(layout[m]) + radius + PROXIMITY
+        if dx * dx + dy * dy < reach * reach:
+            gap = min(gap, nearest(px, py, layout[m])[0] - radius)
+    return gap
+
+
+@njit(nogil=True, cache=True)
+def proximities(state: Float, layout: Float, radii: Double, half: Double, out: Double) -> None:
+    """Writes how near each robot of one copy is to touching something: 0 far, 1 at contact.
+
+    clip(1 - gap / PROXIMITY, 0, 1), where the gap is the smallest to a robot, obstacle or wall.
+
+    Args:
+        state: [S].
+        layout: [M, 8].
+        radii: m, [N].
+        half: half width and half height of the arena, m, [2].
+        out: written, [N].
+    """
+    n = radii.shape[0]
+    for i in range(n):
+        px, py = float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
+        out[i] = _static_gap(px, py, radii[i], layout, half)
+    for i in range(n):
+        for j in range(i + 1, n):
+            dx = float(state[N_COLUMNS * j]) - float(state[N_COLUMNS * i])
+            dy = float(state[N_COLUMNS * j + 1]) - float(state[N_COLUMNS * i + 1])
+            reach = radii[i] + radii[j] + PROXIMITY
+            square = dx * dx + dy * dy
+            if square < reach * reach:
+                gap = math.sqrt(square) - radii[i] - radii[j]
+                out[i], out[j] = min(out[i], gap), min(out[j], gap)
+    for i in range(n):
+        out[i] = min(max(1.0 - out[i] / PROXIMITY, 0.0), 1.0)
+
+
+@njit(nogil=True, cache=True)
+def score_steps(
+    states: Float,
+    layouts: Float,
+    body: tuple[Double, Double],
+    events: Counts,
+    active: Bool,
+    task: tuple[Double, Bool],
+    rules: tuple[bool, int],
+    weights: Double,
+    times: Int,
+    out: tuple[Float, Bool, Bool, Bool],
+) -> None:
+    """Adds what every task shares to the rewards of the active copies, and decides their ends.
+
+    Args:
+        states: after the step, [E, S].
+        layouts: [E, M, 8].
+        body: radii, m, [N]; half width and half height of the arena, m, [2].
+        events: of the step, [E, N, 4].
+        active: [E].
+        task: the task's own rewards [E, N], and whether it is solved [E].
+        rules: whether a collision fails the task; horizon.
+        weights: of the contact terms in the order of `events`, of proximity, of success, and the
+            team's share, [7].
+        times: control steps taken, this one included, [E].
+        out: written: rewards [E, N], terminations, truncations and successes, each [E].
+    """
+    rewards, terminations, truncations, successes = out
+    n = body[0].shape[0]
+    near = np.empty(n)
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        proximities(states[b], layouts[b], body[0], body[1], near)
+        solved, touched, mean = task[1][b], False, 0.0
+        for i in range(n):
+            reward = task[0][b, i] - weights[4] * near[i] + (weights[5] if solved else 0.0)
+            for c in range(4):
+                reward -= weights[c] * float(events[b, i, c])
+            touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
+            near[i] = reward
+            mean += reward / n
+        for i in range(n):
+            rewards[b, i] = (1.0 - weights[6]) * near[i] + weights[6] * mean
+        failure = rules[0] and touched
+        successes[b] = solved and not failure
+        terminations[b] = solved or failure
+        truncations[b] = times[b] >= rules[1] and not terminations[b]
 
 
 class World:
@@ -94,47 +142,40 @@ class World:
     `contacts.events` holds the events of the last step of each copy.
     """
 
-    def __init__(self, spec: TaskSpec, n_copies: int) -> None:
-        check_available(spec)
-        n, m = spec.n_agents, _n_obstacles(spec)
-        self.radii: Double = np.array([robot.radius for robot in spec.robots])
-        self.half: Double = np.array([spec.arena.width / 2, spec.arena.height / 2])
-        self.layouts: Float = np.zeros((n_copies, m, 8), dtype=np.float32)
+    def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
+        spec, n, m = plan.spec, plan.spec.n_agents, len(plan.kinds)
+        self.body = (
+            np.array([robot.radius for robot in spec.robots]),
+            np.array([spec.arena.width / 2, spec.arena.height / 2]),
+        )
         self.contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
             obstacles=np.zeros((n_copies, n, m + 4), dtype=np.bool_),
             slack=np.zeros((n_copies, n, 3)),
             events=np.zeros((n_copies, n, 4), dtype=np.uint8),
         )
-        self.backend = make_backend(spec, n_copies)
-        self._control_dt = spec.control_dt
-        self._limits = np.array(
-            [(r.max_speed, r.max_acceleration, r.command == "velocity") for r in spec.robots],
-            dtype=np.float64,
-        )
-        self._accelerations: Double = np.zeros((n_copies, n, 2))
+        self.backend = backend(plan, n_copies)
+        self._limits = limits_of(spec)
+        self._commands: Double = np.zeros((n_copies, n, 2))
 
-    def reset(self, copies: Int, starts: Double) -> None:
-        """Starts worlds in `copies` from `self.layouts`; robots rest at `starts` [E, N, 2]."""
+    def reset(self, copies: Int, layouts: Float, states: Float) -> None:
+        """Starts worlds in `copies` from layouts [E, M, 8] and states [E, S]; all are at rest."""
+        e, n, _ = self.backend.robots.shape
         for array in self.contacts:
             array[copies] = 0
-        self.backend.reset(copies, self.layouts, starts)
+        robots = states[:, : N_COLUMNS * n].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
+        k = self.backend.bodies.shape[1]
+        bodies = states[:, N_COLUMNS * n : N_COLUMNS * n + 7 * k].reshape(e, k, 7)
+        self.backend.reset(copies, layouts, robots, bodies.astype(np.float64))
 
-    def step(self, actions: Float | Double, active: Bool) -> bool:
-        """Advances the active copies by one control step; False if an action is not finite."""
-        finite: bool = command_accelerations(
-            actions,
-            self.backend.velocities,
-            self._limits,
-            self._control_dt,
-            active,
-            self._accelerations,
-        )
-        if finite:
-            self.backend.step(active, self._accelerations, self.contacts)
-        return finite
+    def step(self, actions: Float | Double, active: Bool, states: Float) -> bool:
+        """Advances the active copies by one control step and writes their states.
 
-
-def _n_obstacles(spec: TaskSpec) -> int:
-    o = spec.obstacles
-    return o.circles + o.boxes + o.corners + o.pockets
+        Returns:
+            False, and nothing has happened, if an action is not finite.
+        """
+        if not clip_commands(actions, self._limits, active, self._commands):
+            return False
+        self.backend.step(active, self._commands, self.contacts)
+        _write_states(self.backend.robots, self.backend.bodies, active, states)
+        return True

@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Any
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.spec import TaskSpec
 
 TASKS = {"coop_nav": "swarmdata.envs.coop_nav:CoopNav"}
@@ -38,10 +38,16 @@ def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:
     return getattr(import_module(module), attribute)
 
 
+def make_task(spec: TaskSpec) -> Task:
+    """Builds the task that `spec` describes."""
+    build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
+    return build(spec)
+
+
 def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
     """Builds `n_copies` copies of the task that `spec` describes."""
-    build: Callable[[TaskSpec, int], VecEnv] = resolve("task", TASKS, spec.task)
-    return build(spec, n_copies)
+    build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.engine").TaskEnv
+    return build(make_task(spec), n_copies)
 
 
 def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:

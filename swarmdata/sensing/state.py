@@ -63,11 +63,11 @@ def _closeness(gap: float, reach: float) -> float:
 @njit(nogil=True, cache=True)
 def _own(out: Float, state: Float, i: int) -> None:
     """Own position, velocity, goal displacement and goal direction of robot i."""
-    gx = float(state[6 * i + 4]) - float(state[6 * i])
-    gy = float(state[6 * i + 5]) - float(state[6 * i + 1])
+    gx = float(state[8 * i + 6]) - float(state[8 * i])
+    gy = float(state[8 * i + 7]) - float(state[8 * i + 1])
     scale = 1.0 / max(math.sqrt(gx * gx + gy * gy), GOAL_NEAR)
     for c in range(4):
-        out[c] = state[6 * i + c]
+        out[c] = state[8 * i + c]
     out[4] = gx
     out[5] = gy
     out[6] = gx * scale
@@ -83,8 +83,8 @@ def _neighbors(
     smallest = np.inf
     for j in range(radii.shape[0]):
         if j != i:
-            dx = float(state[6 * j]) - float(state[6 * i])
-            dy = float(state[6 * j + 1]) - float(state[6 * i + 1])
+            dx = float(state[8 * j]) - float(state[8 * i])
+            dy = float(state[8 * j + 1]) - float(state[8 * i + 1])
             gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
             smallest = min(smallest, gap)
             _insert(found, k, gap, j, dx, dy)
@@ -98,8 +98,8 @@ def _neighbors(
         close = _closeness(gap, reach) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
         o[0] = dx
         o[1] = dy
-        o[2] = float(state[6 * j + 2]) - float(state[6 * i + 2])
-        o[3] = float(state[6 * j + 3]) - float(state[6 * i + 3])
+        o[2] = float(state[8 * j + 2]) - float(state[8 * i + 2])
+        o[3] = float(state[8 * j + 3]) - float(state[8 * i + 3])
         o[4] = dx * close
         o[5] = dy * close
         o[6] = 1.0
@@ -183,7 +183,7 @@ def observe_states(
             sizes[m] = bounding_radius(layout[m])
         for i in range(radii.shape[0]):
             out = observations[b, i]
-            px, py = float(states[b, 6 * i]), float(states[b, 6 * i + 1])
+            px, py = float(states[b, 8 * i]), float(states[b, 8 * i + 1])
             _own(out, states[b], i)
             gap = _neighbors(out[8:first], states[b], i, radii, slots[0], reach, found)
             around = _obstacles(

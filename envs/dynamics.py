@@ -1,0 +1,140 @@
+"""How commands move robots: holonomic or unicycle, by velocity or by acceleration.
+
+A holonomic robot accelerates in any direction; the acceleration that a command asks for is held for
+the control step. A unicycle drives along its heading and turns; its wheels have grip, so what it
+moves sideways is taken away in every physics step, as far as the grip goes. That makes the
+constraint hold between control steps too, where a push or a turn would break it.
+
+Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
+its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Bool, Double, Float
+
+SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
+"""Columns of the limits."""
+
+GRIP = 10.0
+"""Sideways acceleration (m/s^2) that a unicycle's wheels can hold, about that of rubber."""
+
+
+def limits_of(spec: TaskSpec) -> Double:
+    """The robots' limits, SI units and flags, [N, 5]."""
+    return np.array(
+        [
+            (
+                robot.max_speed,
+                robot.max_acceleration,
+                robot.command == "velocity",
+                robot.max_turn_rate,
+                robot.dynamics == "unicycle",
+            )
+            for robot in spec.robots
+        ],
+        dtype=np.float64,
+    )
+
+
+@njit(nogil=True, cache=True)
+def clip_commands(actions: Float | Double, limits: Double, active: Bool, out: Double) -> bool:
+    """Writes the commands of the active copies, clipped; False if one of them is not finite.
+
+    Args:
+        actions: the first two columns are the commands, [E, N, A].
+        limits: [N, 5].
+        active: [E].
+        out: written, [E, N, 2].
+    """
+    for b in range(actions.shape[0]):
+        if not active[b]:
+            continue
+        for i in range(actions.shape[1]):
+            for c in range(actions.shape[2]):
+                if not math.isfinite(actions[b, i, c]):
+                    return False
+            x, y = float(actions[b, i, 0]), float(actions[b, i, 1])
+            if limits[i, UNICYCLE] == 1.0:
+                out[b, i, 0] = min(max(x, -1.0), 1.0)
+                out[b, i, 1] = min(max(y, -1.0), 1.0)
+                continue
+            norm = math.sqrt(x * x + y * y)
+            scale = norm if norm > 1.0 else 1.0
+            out[b, i, 0] = x / scale
+            out[b, i, 1] = y / scale
+    return True
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tuple[float, float]:
+    """Acceleration that is held for a control step of `dt` seconds."""
+    top, most = limit[SPEED], limit[ACCELERATION]
+    if limit[BY_VELOCITY] == 1.0:
+        ax, ay = (top * command[0] - robot[2]) / dt, (top * command[1] - robot[3]) / dt
+        norm = math.sqrt(ax * ax + ay * ay)
+        if norm > most:
+            return ax * most / norm, ay * most / norm
+        return ax, ay
+    ax, ay = most * command[0], most * command[1]
+    vx, vy = robot[2] + ax * dt, robot[3] + ay * dt
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed > top:  # the speed limit holds for acceleration commands too
+        return (vx * top / speed - robot[2]) / dt, (vy * top / speed - robot[3]) / dt
+    return ax, ay
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _turn(robot: Double, angle: float) -> None:
+    """Turns the heading by 2 atan(angle / 2), which is `angle` up to its cube over 12.
+
+    The Cayley transform needs no sine, so the bits are the same on every platform.
+    """
+    t = 0.5 * angle
+    scale = 1.0 / (1.0 + t * t)
+    cos, sin = (1.0 - t * t) * scale, 2.0 * t * scale
+    ux, uy = robot[4] * cos - robot[5] * sin, robot[4] * sin + robot[5] * cos
+    norm = math.sqrt(ux * ux + uy * uy)
+    robot[4], robot[5] = ux / norm, uy / norm
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple[float, float]:
+    """Turns the robot, and returns its acceleration for one physics step of `dt` seconds."""
+    _turn(robot, limit[TURN_RATE] * command[1] * dt)
+    ux, uy = robot[4], robot[5]
+    ahead, aside = robot[2] * ux + robot[3] * uy, robot[3] * ux - robot[2] * uy
+    top, most = limit[SPEED], limit[ACCELERATION]
+    if limit[BY_VELOCITY] == 1.0:
+        wanted = top * command[0]
+    else:
+        wanted = min(max(ahead + most * command[0] * dt, -top), top)
+    push = min(max((wanted - ahead) / dt, -most), most)
+    hold = min(max(-aside / dt, -GRIP), GRIP)
+    return push * ux - hold * uy, push * uy + hold * ux
+
+
+@njit(nogil=True, cache=True, inline="always")
+def drive(
+    robots: Double, commands: Double, limits: Double, timing: tuple[int, float], k: int, out: Double
+) -> None:
+    """Writes the accelerations of one copy's robots in physics step `k` of a control step.
+
+    Args:
+        robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
+        commands: clipped, [N, 2].
+        limits: [N, 5].
+        timing: physics steps of a control step, and their length, s.
+        k: from 0.
+        out: m/s^2; read too, since holonomic robots hold theirs, [N, 2].
+    """
+    for i in range(robots.shape[0]):
+        if limits[i, UNICYCLE] == 1.0:
+            out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], timing[1])
+        elif k == 0:
+            control_dt = timing[0] * timing[1]
+            out[i, 0], out[i, 1] = _holonomic(robots[i], commands[i], limits[i], control_dt)
