@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from swarmdata.behavior_policies.simple import ACTION_SIZE
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.types import Double, Float
 
@@ -147,10 +146,10 @@ def _check_shapes(
             f"{source}: the first layer takes {inputs[0]} values, expected O = {len(mean)}, or "
             f"O + N = {len(mean) + n_agents} with a one-hot robot index."
         )
-    chained = outputs == [*inputs[1:], ACTION_SIZE]
+    chained = outputs[:-1] == inputs[1:] and outputs[-1] >= 2  # a command, then a message
     if not chained or any(bias.shape != (n,) for (_, bias), n in zip(layers, outputs, strict=True)):
         raise CheckpointError(
-            f"{source}: layers do not fit together, or do not end in {ACTION_SIZE}: {shapes}."
+            f"{source}: layers do not fit together, or do not end in 2 or more: {shapes}."
         )
 
 

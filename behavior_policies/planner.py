@@ -14,8 +14,7 @@ from swarmdata.behavior_policies.distance_field import (
     weights_of,
 )
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
 
 LOOKAHEAD = 40
 """Nodes of the way that are searched for a visible one: 2 to 2.8 m."""
@@ -143,8 +142,6 @@ def _bar(row: Float, k: int) -> Float:
     return np.array([BOX, *centre, ux, uy, hx, hy, 0.0], dtype=np.float32)
 
 
-def n_primitives(spec: TaskSpec) -> int:
-    """Number of convex shapes in a layout of this spec, P."""
-    o = spec.obstacles
-    counts = ((o.circles, CIRCLE), (o.boxes, BOX), (o.corners, CORNER), (o.pockets, POCKET))
-    return sum(count * N_PRIMITIVES[kind] for count, kind in counts)
+def n_primitives(kinds: Int) -> int:
+    """Number of convex shapes in a layout of obstacles of these shape codes, [M], P."""
+    return sum(N_PRIMITIVES[float(kind)] for kind in kinds)

@@ -29,9 +29,11 @@ from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, g
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
-from swarmdata.behavior_policies.simple import APPROACH_RATE, STATE_COLUMNS
+from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.registry import make_task
 from swarmdata.spec import TaskSpec
+from swarmdata.states import TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 
 CLOSE = 1.0
@@ -148,7 +150,9 @@ class Scripted:
                     "scripted policy drives holonomic robots by velocity commands."
                 )
         self._noise = check_noise(noise)
-        self._shape, self._n_primitives = grid_shape(spec), n_primitives(spec)
+        self._shape = grid_shape(spec)
+        self._n_primitives = n_primitives(make_task(spec).kinds)
+        self._action_size = spec.action_size
         self._half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
         self._limits = np.array([[robot.radius, robot.max_speed] for robot in spec.robots])
         self._cap = float(self._limits[:, 0].max()) + 0.15
@@ -182,8 +186,11 @@ class Scripted:
                 "the scripted policy has no map of some episodes of this step. Call "
                 "policy.reset(step, copies) whenever the environment resets copies."
             )
-        robots = step.states.astype(np.float64).reshape(n_copies, -1, STATE_COLUMNS)
+        robots = robots_of(step.states, len(self._limits)).astype(np.float64)
+        robots = np.ascontiguousarray(robots[..., [X, Y, VX, VY, TX, TY]])
         maps = (self._primitives, self._grids, self._costs, self._ways)
-        actions = np.empty((n_copies, len(self._limits), 2))
-        act_copies(robots, self._limits, self._half, maps, actions)
-        return add_noise(actions, step, self._noise).astype(np.float32)
+        commands = np.empty((n_copies, len(self._limits), 2))
+        act_copies(robots, self._limits, self._half, maps, commands)
+        actions = np.zeros((n_copies, len(self._limits), self._action_size), dtype=np.float32)
+        actions[..., :2] = add_noise(commands, step, self._noise)
+        return actions

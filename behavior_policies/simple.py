@@ -5,10 +5,8 @@ import numpy as np
 from swarmdata.behavior_policies.noise import counters
 from swarmdata.seeding import uniform
 from swarmdata.spec import TaskSpec
+from swarmdata.states import TX, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
-
-ACTION_SIZE = 2
-STATE_COLUMNS = 6  # per robot: x, y, vx, vy, goal x, goal y
 
 APPROACH_RATE = 2.0
 """Commanded speed per metre of distance to the goal, 1/s: robots brake over the last 0.3 m."""
@@ -20,13 +18,13 @@ class Idle:
     uses_state = False
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._n_agents = spec.n_agents
+        self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy remembers nothing."""
 
     def act(self, step: Step) -> Float:
-        return np.zeros((len(step.seeds), self._n_agents, ACTION_SIZE), dtype=np.float32)
+        return np.zeros((len(step.seeds), *self._shape), dtype=np.float32)
 
 
 class Random:
@@ -35,13 +33,13 @@ class Random:
     uses_state = False
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._n_agents = spec.n_agents
+        self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy remembers nothing."""
 
     def act(self, step: Step) -> Float:
-        draws = uniform(counters(step, "policy", self._n_agents, ACTION_SIZE))
+        draws = uniform(counters(step, "policy", *self._shape))
         return (2.0 * draws - 1.0).astype(np.float32)
 
 
@@ -56,14 +54,17 @@ class Straight:
 
     def __init__(self, spec: TaskSpec) -> None:
         self._max_speeds = np.array([[robot.max_speed] for robot in spec.robots])  # [N, 1]
+        self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy remembers nothing."""
 
     def act(self, step: Step) -> Float:
-        robots = step.states.astype(np.float64).reshape(len(step.seeds), -1, STATE_COLUMNS)
-        command = APPROACH_RATE * (robots[..., 4:6] - robots[..., 0:2]) / self._max_speeds
-        return clip_norm(command).astype(np.float32)
+        robots = robots_of(step.states, self._shape[0]).astype(np.float64)
+        command = APPROACH_RATE * (robots[..., TX:] - robots[..., : Y + 1]) / self._max_speeds
+        actions = np.zeros((len(robots), *self._shape), dtype=np.float32)
+        actions[..., :2] = clip_norm(command)
+        return actions
 
 
 def clip_norm(vectors: Double) -> Double:

@@ -15,7 +15,8 @@ from typing import Annotated
 from pydantic import Field, RootModel
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.spec import Frozen, PolicySource, Recipe, TaskSpec
+from swarmdata.presets import preset
+from swarmdata.spec import Frozen, PolicySource, Recipe
 
 VERSION = 0
 """Version of the ids without one: the newest."""
@@ -23,8 +24,8 @@ VERSION = 0
 N_STEPS, MINI_STEPS = 1_000_000, 50_000
 NOISE = 0.1  # of learned policies, as standard deviation of each action in [-1, 1]
 
-SPECS = MappingProxyType({"coop_nav": TaskSpec()})
-"""The headline spec of each task."""
+SPECS = MappingProxyType({"coop_nav": preset("coop_nav")})
+"""The specs that datasets are made of, by the name of their preset."""
 
 MIXTURES = MappingProxyType(
     {

@@ -16,6 +16,7 @@ at the same time.
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
@@ -87,6 +88,8 @@ class CoopNav:
         SpecError: the spec is another task's.
     """
 
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
     def __init__(self, spec: TaskSpec) -> None:
         if not isinstance(spec.rules, NavigationRules):
             raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
@@ -96,7 +99,6 @@ class CoopNav:
         self.movables: tuple[Payload, ...] = ()
         self.extras: tuple[str, ...] = ()
         self.features: tuple[Feature, ...] = ()
-        self.metrics: Mapping[str, Metric] = METRICS
         self._radius = spec.rules.goal_radius
         self._weights = (spec.rules.rewards.progress, spec.rules.rewards.time)
 

@@ -29,6 +29,7 @@ from torch import Tensor, nn
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.states import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Step, copy_step
 
 
@@ -155,11 +156,12 @@ def mlp(sizes: tuple[int, ...], last_gain: float) -> nn.Sequential:
 
 
 def own_first_states(step: Step) -> Float:
-    """Each robot's view of all robots' states, its own first, then in cyclic order, [E, N, S]."""
+    """Each robot's view of the state: itself, the others in cyclic order, the rest, [E, N, S]."""
     n = step.rewards.shape[1]
     order = (np.arange(n)[:, None] + np.arange(n)) % n
-    rows = step.states.reshape(len(step.states), n, -1)
-    return rows[:, order].reshape(len(rows), n, -1)
+    rows = robots_of(step.states, n)[:, order].reshape(len(step.states), n, -1)
+    own = step.states[:, N_COLUMNS * n :]
+    return np.concatenate([rows, np.repeat(own[:, None], n, axis=1)], axis=-1)
 
 
 class MAPPO:
@@ -310,7 +312,7 @@ class MAPPO:
 
     def _train_rewards(self, step: Step) -> Float:
         """Rewards with the team share and the present extra cost of contacts, [E, N]."""
-        c, w = self.config, self.env.spec.rewards
+        c, w = self.config, self.env.spec.rules.rewards
         begin, end = c.contact_ramp
         extra = c.contact_cost * min(1.0, max(0.0, (self.progress - begin) / (end - begin)))
         costs = np.array(

@@ -47,7 +47,7 @@ def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]
     """Mean metrics of a policy on the selection seeds."""
     seeds = evaluation_seeds(n_episodes) + SELECTION_OFFSET
     env = make_env(spec, min(64, n_episodes))
-    rows = [episode_metrics(episode, spec) for episode in rollout(env, policy, seeds)]
+    rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
     return {name: float(np.mean([row[name] for row in rows])) for name in CURVE}
 
 

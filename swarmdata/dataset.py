@@ -19,7 +19,7 @@ from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD
 from swarmdata.store.reading import Verify
-from swarmdata.types import Double, Episode, Int
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Double, Episode, Int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,13 +169,8 @@ class Dataset:
         last = first + int(table.lengths[stored])
         steps, states = slice(first, last), slice(first + stored, last + stored + 1)
         return Episode(
-            observations=arrays["observations"][states],
-            states=arrays["states"][states],
-            actions=arrays["actions"][steps],
-            rewards=arrays["rewards"][steps],
-            terminations=arrays["terminations"][steps],
-            truncations=arrays["truncations"][steps],
-            events=arrays["events"][steps],
+            **{name: arrays[name][states] for name in STATE_FIELDS},
+            **{name: arrays[name][steps] for name in STEP_FIELDS},
             layout=arrays["episodes/layouts"][stored],
             seed=int(table.seeds[stored]),
             policy=int(table.policy[stored]),

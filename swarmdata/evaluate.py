@@ -17,7 +17,7 @@ from tqdm import tqdm
 from swarmdata import __version__
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.interfaces import Policy
-from swarmdata.metrics import EPISODE_METRICS, episode_metrics
+from swarmdata.metrics import episode_metrics, metrics_of
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
@@ -55,12 +55,12 @@ def evaluate(
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
     seeds = evaluation_seeds(n_episodes)
-    metrics = {metric: np.empty(n_episodes) for metric in EPISODE_METRICS}
+    metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes))
     hidden = None if progress else True  # None: hidden where there is no terminal
     with tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden) as bar:
         for row, episode in enumerate(rollout(env, policy, seeds, progress=bar.update)):
-            for metric, value in episode_metrics(episode, spec).items():
+            for metric, value in episode_metrics(episode, env.task).items():
                 metrics[metric][row] = value
     return EvalResult(name, spec.task, spec.hash(), seeds, metrics)
 
@@ -185,9 +185,10 @@ def _read(path: Path) -> _Document:
 
 def _check_metrics(result: EvalResult, where: str) -> None:
     """Raises unless there is one value per metric of this version and seed."""
-    if set(result.metrics) != set(EPISODE_METRICS):
-        missing = sorted(set(EPISODE_METRICS) - set(result.metrics))
-        unknown = sorted(set(result.metrics) - set(EPISODE_METRICS))
+    expected = set(metrics_of(result.task))
+    if set(result.metrics) != expected:
+        missing = sorted(expected - set(result.metrics))
+        unknown = sorted(set(result.metrics) - expected)
         raise SchemaError(
             f"{where} has other metrics than this version: missing {missing}, unknown {unknown}. "
             "Evaluate again."

@@ -14,11 +14,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Task
+from swarmdata.registry import TASKS, resolve
 from swarmdata.spec import TaskSpec
-from swarmdata.types import EVENTS, Double, Episode, Float
+from swarmdata.states import Y, robots_of
+from swarmdata.types import EVENTS, Double, Episode, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
-_STATE_PER_ROBOT = 6  # x, y, vx, vy, goal_x, goal_y
 _CHUNK = 1 << 22  # resampled scores held at once
 
 
@@ -28,9 +30,6 @@ EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
         "success": Metric("success", "", "higher", "1 if the task was solved, else 0"),
         "clean_success": Metric(
             "clean success", "", "higher", "1 if the task was solved and nothing was ever touched"
-        ),
-        "reached_fraction": Metric(
-            "robots at goal", "", "higher", "share of robots within the goal radius at the end"
         ),
         "time_to_goal": Metric("time to goal", "s", "lower", "duration; NaN unless solved"),
         "length": Metric("length", "steps", "neither", "joint steps"),
@@ -53,26 +52,34 @@ EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
         "path_length": Metric("path length", "m", "lower", "way travelled, mean over robots"),
     }
 )
-"""Every per-episode metric by name, in the order of `episode_metrics`."""
+"""Every per-episode metric that all tasks have, by name, in the order of `episode_metrics`."""
 
 
-def episode_metrics(episode: Episode, spec: TaskSpec) -> dict[str, float]:
-    """Returns one value per name of `EPISODE_METRICS`.
+def metrics_of(task: str) -> Mapping[str, Metric]:
+    """Every per-episode metric of a task: those of all tasks, then its own.
 
     Raises:
-        SchemaError: the episode's states are not those of this spec's team.
+        UnknownNameError: no such task.
     """
-    positions, goals = _positions_and_goals(episode.states, spec)
+    return {**EPISODE_METRICS, **resolve("task", TASKS, task).metrics}
+
+
+def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
+    """Returns one value per name of `metrics_of` the task.
+
+    Raises:
+        SchemaError: the episode's states are not those of this task's team.
+    """
+    spec = task.spec
+    positions = robots_of(episode.states, spec.n_agents)[..., : Y + 1].astype(np.float64)
     events = episode.events.astype(np.int64)  # uint8 sums would wrap
     touched = events[..., _ROBOT_CONTACT] | events[..., _OBSTACLE_CONTACT]  # [T, N]
     onsets = events[..., _ROBOT_ONSETS].sum(), events[..., _OBSTACLE_ONSETS].sum()
     untouched = not (events > 0).any()
-    at_goal = _norm(goals[-1] - positions[-1]) <= spec.termination.goal_radius
     return {
         "return": episode.team_return,
         "success": float(episode.success),
         "clean_success": float(episode.success and untouched),
-        "reached_fraction": float(at_goal.mean()),
         "time_to_goal": len(episode) * spec.control_dt if episode.success else float("nan"),
         "length": float(len(episode)),
         "robot_collisions": float(onsets[0]) / 2,  # each robot of a pair counts the onset
@@ -80,19 +87,8 @@ def episode_metrics(episode: Episode, spec: TaskSpec) -> dict[str, float]:
         "contact_steps": float((touched > 0).sum()),
         "min_separation": _min_separation(positions, spec),
         "path_length": float(_norm(np.diff(positions, axis=0)).sum(axis=0).mean()),
+        **task.episode_metrics(episode),
     }
-
-
-def _positions_and_goals(states: Float, spec: TaskSpec) -> tuple[Double, Double]:
-    """Splits navigation states into positions and goals, m, both [T+1, N, 2]."""
-    expected = spec.n_agents * _STATE_PER_ROBOT
-    if states.ndim != 2 or states.shape[1] != expected:
-        raise SchemaError(
-            f"states are {list(states.shape)}, expected [T+1, {expected}] for the "
-            f"{spec.n_agents} robots of task {spec.task!r}. Pass the spec that made the episode."
-        )
-    rows = states.astype(np.float64).reshape(len(states), spec.n_agents, _STATE_PER_ROBOT)
-    return rows[..., :2], rows[..., 4:]
 
 
 def _norm(vectors: Double) -> Double:

@@ -18,6 +18,10 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
+SCRIPTED: dict[str, str] = {}
+"""Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
+in the others."""
+
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
@@ -52,5 +56,6 @@ def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
 
 def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
     """Builds the named policy for the task that `spec` describes."""
-    build: Callable[..., Policy] = resolve("policy", POLICIES, name)
+    table = {**POLICIES, "scripted": SCRIPTED.get(spec.task, POLICIES["scripted"])}
+    build: Callable[..., Policy] = resolve("policy", table, name)
     return build(spec, **options)

@@ -6,7 +6,16 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.types import END_REASONS, EVENTS, Bool, Episode, Float, Int, Seeds, Step
+from swarmdata.types import (
+    END_REASONS,
+    STATE_FIELDS,
+    STEP_FIELDS,
+    Bool,
+    Episode,
+    Int,
+    Seeds,
+    Step,
+)
 
 _SUCCESS, _FAILURE, _HORIZON = (END_REASONS.index(r) for r in ("success", "failure", "horizon"))
 _IDLE = -1  # position of a copy that runs no wanted episode
@@ -99,44 +108,41 @@ class _Tape:
     """
 
     def __init__(self, env: VecEnv, step: Step) -> None:
-        E, N, _ = step.observations.shape
         self.n_rows = R = env.spec.horizon + 1
         self.row = 0
+        E = env.n_copies
         self.starts: Int = np.zeros(E, np.int64)  # row of each copy's first observation
         self.lengths: Int = np.zeros(E, np.int64)  # steps recorded since then
-        self.observations: Float = np.empty((R, *step.observations.shape), np.float32)
-        self.states: Float = np.empty((R, *step.states.shape), np.float32)
-        self.actions: Float = np.empty((R, E, N, env.action_size), np.float32)
-        self.rewards: Float = np.empty((R, E, N), np.float32)
-        self.terminations: Bool = np.empty((R, E), np.bool_)
-        self.truncations: Bool = np.empty((R, E), np.bool_)
-        self.events = np.empty((R, E, N, len(EVENTS)), np.uint8)
+        actions = np.empty((*step.rewards.shape, env.action_size), np.float32)
+        like = {**step._asdict(), "actions": actions}
+        self.tapes = {
+            name: np.empty((R, *like[name].shape), like[name].dtype)
+            for name in (*STATE_FIELDS, *STEP_FIELDS)
+        }
 
     def write_start(self, step: Step, copies: Int | slice = slice(None)) -> None:
         """Begins an episode in `copies` at the current row; their older rows are given up."""
-        self.observations[self.row, copies] = step.observations[copies]
-        self.states[self.row, copies] = step.states[copies]
+        for name in STATE_FIELDS:
+            self.tapes[name][self.row, copies] = getattr(step, name)[copies]
         self.starts[copies] = self.row
         self.lengths[copies] = 0
 
     def advance(self, env: VecEnv, policy: Policy, step: Step, wanted: Bool) -> Step:
         """Lets the policy act once in all copies; the rows of copies not `wanted` [E] are noise."""
         actions = policy.act(step)
-        expected = self.actions.shape[1:]
+        expected = self.tapes["actions"].shape[1:]
         if actions.dtype != np.float32 or actions.shape != expected:
             raise SchemaError(
                 f"{type(policy).__name__}.act returned {actions.dtype} {list(actions.shape)}, "
                 f"expected float32 {list(expected)} (copies, agents, action size)."
             )
-        self.actions[self.row] = actions
+        self.tapes["actions"][self.row] = actions
         step = env.step(actions)
-        self.rewards[self.row] = step.rewards
-        self.terminations[self.row] = step.terminations
-        self.truncations[self.row] = step.truncations
-        self.events[self.row] = step.events
+        for name in STEP_FIELDS[1:]:
+            self.tapes[name][self.row] = getattr(step, name)
         self.row = (self.row + 1) % self.n_rows
-        self.observations[self.row] = step.observations
-        self.states[self.row] = step.states
+        for name in STATE_FIELDS:
+            self.tapes[name][self.row] = getattr(step, name)
         self.lengths += 1
         self._check_horizon(step, wanted)
         return step
@@ -154,16 +160,10 @@ class _Tape:
         """Copies out the episode that `step` has ended in one copy."""
         length = int(self.lengths[copy])
         rows = (self.starts[copy] + np.arange(length + 1)) % self.n_rows
-        before = rows[:-1]
         failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
         return Episode(
-            observations=self.observations[rows, copy],
-            states=self.states[rows, copy],
-            actions=self.actions[before, copy],
-            rewards=self.rewards[before, copy],
-            terminations=self.terminations[before, copy],
-            truncations=self.truncations[before, copy],
-            events=self.events[before, copy],
+            **{name: self.tapes[name][rows, copy] for name in STATE_FIELDS},
+            **{name: self.tapes[name][rows[:-1], copy] for name in STEP_FIELDS},
             layout=step.layouts[copy].copy(),
             seed=int(step.seeds[copy]),
             policy=policy_index,

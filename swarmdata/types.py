@@ -83,6 +83,19 @@ def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
     return Step._make(np.array(array[copies]) for array in step)
 
 
+def no_messages(*shape: int) -> dict[str, Any]:
+    """The fields `sent`, `delivered` and `ages` of robots that do not talk.
+
+    Args:
+        shape: leading axes, robots included: (E, N) of a step, (T + 1, N) of an episode.
+    """
+    return {
+        "sent": np.zeros((*shape, 0), dtype=np.float32),
+        "delivered": np.zeros((*shape, 0), dtype=np.bool_),
+        "ages": np.zeros((*shape, 0), dtype=np.uint8),
+    }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
     """One finished run of a task, time first.

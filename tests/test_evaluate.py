@@ -12,10 +12,12 @@ import pytest
 from swarmdata import __version__
 from swarmdata.errors import FormatVersionError, SchemaError
 from swarmdata.evaluate import check_comparable, evaluate, load, load_metadata, save
-from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.metrics import metrics_of
 from swarmdata.seeding import EVALUATION_BASE, evaluation_seeds
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult, Float, Int, Step
+
+METRICS = metrics_of("coop_nav")
 
 SPEC = TaskSpec(horizon=30)
 
@@ -34,7 +36,7 @@ class Seek:
 
 def result(policy: str = "seek", n: int = 5, **changes: Any) -> EvalResult:
     rng = np.random.default_rng(len(policy))
-    metrics = {name: rng.normal(size=n) for name in EPISODE_METRICS}
+    metrics = {name: rng.normal(size=n) for name in METRICS}
     metrics["time_to_goal"][::2] = np.nan
     made = EvalResult(policy, "coop_nav", "f" * 64, evaluation_seeds(n), metrics)
     return replace(made, **changes)
@@ -46,8 +48,8 @@ def test_evaluation_does_not_depend_on_the_number_of_copies() -> None:
     assert few.policy == "seek"
     assert (few.task, few.spec_hash) == ("coop_nav", SPEC.hash())
     assert few.seeds.tolist() == [EVALUATION_BASE + k for k in range(9)]
-    assert list(few.metrics) == list(EPISODE_METRICS)
-    for name in EPISODE_METRICS:
+    assert list(few.metrics) == list(METRICS)
+    for name in METRICS:
         np.testing.assert_array_equal(few.metrics[name], many.metrics[name])
     assert (few.metrics["path_length"] > 0.3).all()
     assert (few.metrics["length"] == 30).any()
@@ -68,7 +70,7 @@ def test_saved_and_loaded_bits_are_equal(tmp_path: Path) -> None:
     assert loaded.spec_hash == original.spec_hash
     assert loaded.seeds.dtype == np.uint64
     np.testing.assert_array_equal(loaded.seeds, original.seeds)
-    for name in EPISODE_METRICS:
+    for name in METRICS:
         same = original.metrics[name].view(np.uint64)
         np.testing.assert_array_equal(
             np.isnan(loaded.metrics[name]), np.isnan(original.metrics[name])

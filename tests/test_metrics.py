@@ -13,29 +13,33 @@ from hypothesis.extra.numpy import arrays
 
 from swarmdata import metrics
 from swarmdata.errors import SchemaError
-from swarmdata.metrics import EPISODE_METRICS, Reference, bootstrap, episode_metrics
+from swarmdata.metrics import Reference, bootstrap, episode_metrics, metrics_of
+from swarmdata.registry import make_task
 from swarmdata.spec import Role, TaskSpec
-from swarmdata.types import END_REASONS, Double, Episode
+from swarmdata.states import N_COLUMNS, TX
+from swarmdata.types import END_REASONS, Double, Episode, no_messages
 
 SPEC = TaskSpec(team=(Role(count=2),))  # radius 0.12 m, goal radius 0.15 m, dt 0.1 s
+TASK = make_task(SPEC)
 
 
 def episode(**changes: Any) -> Episode:
     """Two robots, three steps: the first drives 0.5 m and 0.5 m and stops, the second waits."""
-    states = np.zeros((4, 2, 6), np.float32)
+    states = np.zeros((4, 2, N_COLUMNS), np.float32)
     states[:, 0, :2] = np.array([[0, 0], [0.3, 0.4], [0.6, 0.8], [0.6, 0.8]])
     states[:, 1, :2] = [0.6, 1.3]
-    states[:, 0, 4:] = [0.6, 0.9]
-    states[:, 1, 4:] = [0.6, 1.46]
+    states[:, 0, TX:] = [0.6, 0.9]
+    states[:, 1, TX:] = [0.6, 1.46]
     events = np.zeros((3, 2, 4), np.uint8)
     fields: dict[str, Any] = {
         "observations": np.zeros((4, 2, 1), np.float32),
-        "states": states.reshape(4, 12),
+        "states": states.reshape(4, -1),
         "actions": np.zeros((3, 2, 2), np.float32),
         "rewards": np.array([[1, 2], [3, 4], [5, 7]], np.float32),
         "terminations": np.array([False, False, True]),
         "truncations": np.zeros(3, np.bool_),
         "events": events,
+        **no_messages(4, 2),
         "layout": np.zeros((0, 8), np.float32),
         "seed": 1,
         "policy": 0,
@@ -52,8 +56,8 @@ def events(*entries: tuple[int, int, int, int]) -> Any:
 
 
 def test_metrics_of_a_clean_success() -> None:
-    values = episode_metrics(episode(), SPEC)
-    assert list(values) == list(EPISODE_METRICS)
+    values = episode_metrics(episode(), TASK)
+    assert list(values) == list(metrics_of("coop_nav"))
     assert values["return"] == 1.5 + 3.5 + 6.0
     assert values["success"] == values["clean_success"] == 1.0
     assert values["reached_fraction"] == 0.5  # 0.10 m is within 0.15 m, 0.16 m is not
@@ -67,7 +71,7 @@ def test_metrics_of_a_clean_success() -> None:
 
 def test_a_pair_counts_once_and_a_robot_step_in_two_contacts_once() -> None:
     touching = events((1, 0, 0, 1), (1, 1, 0, 1), (1, 0, 2, 1), (1, 1, 2, 1), (1, 0, 1, 1))
-    values = episode_metrics(episode(events=touching), SPEC)
+    values = episode_metrics(episode(events=touching), TASK)
     assert values["robot_collisions"] == 1
     assert values["contact_steps"] == 2
     assert (values["success"], values["clean_success"]) == (1, 0)
@@ -75,7 +79,7 @@ def test_a_pair_counts_once_and_a_robot_step_in_two_contacts_once() -> None:
 
 def test_obstacle_onsets_are_summed_without_wrapping() -> None:
     touching = np.full((3, 2, 4), 200, np.uint8)
-    values = episode_metrics(episode(events=touching), SPEC)
+    values = episode_metrics(episode(events=touching), TASK)
     assert values["obstacle_collisions"] == 1200
     assert values["robot_collisions"] == 600
     assert values["contact_steps"] == 6
@@ -83,7 +87,7 @@ def test_obstacle_onsets_are_summed_without_wrapping() -> None:
 
 @pytest.mark.parametrize("reason", ["failure", "horizon"])
 def test_an_unsolved_episode_has_no_time_to_goal(reason: str) -> None:
-    values = episode_metrics(episode(end_reason=END_REASONS.index(reason)), SPEC)
+    values = episode_metrics(episode(end_reason=END_REASONS.index(reason)), TASK)
     assert math.isnan(values["time_to_goal"])
     assert values["success"] == values["clean_success"] == 0
 
@@ -105,12 +109,12 @@ def test_one_robot_has_no_separation() -> None:
         events=alone.events[:, :1],
         rewards=alone.rewards[:, :1],
     )
-    assert math.isnan(episode_metrics(alone, TaskSpec(team=(Role(count=1),)))["min_separation"])
+    assert math.isnan(episode_metrics(alone, make_task(TaskSpec(team=(Role(count=1),))))["min_separation"])
 
 
 def test_states_of_another_team_are_refused() -> None:
     with pytest.raises(SchemaError, match=r"states are \[4, 12\], expected \[T\+1, 24\]"):
-        episode_metrics(episode(), TaskSpec())
+        episode_metrics(episode(), make_task(TaskSpec()))
 
 
 def test_score_is_0_without_skill_and_100_for_the_expert() -> None:

@@ -11,11 +11,13 @@ import pytest
 
 from swarmdata import metrics
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.metrics import EPISODE_METRICS, Estimate, Reference
+from swarmdata.metrics import metrics_of, Estimate, Reference
 from swarmdata.report import Column, Row, Table, format_estimate, format_number, results_table
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
+
+METRICS = metrics_of("coop_nav")
 
 SPEC = TaskSpec()  # 160 steps of 0.1 s
 N_EPISODES = 40
@@ -23,7 +25,7 @@ N_EPISODES = 40
 
 def result(policy: str = "bc", *, shift: float = 0.0, **changes: Any) -> EvalResult:
     rng = np.random.default_rng(7)
-    values = {name: rng.random(N_EPISODES) for name in EPISODE_METRICS}
+    values = {name: rng.random(N_EPISODES) for name in METRICS}
     values["return"] += shift
     values["success"] = (np.arange(N_EPISODES) < 30).astype(float)
     values["clean_success"] = (np.arange(N_EPISODES) < 10).astype(float)

@@ -10,7 +10,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step
+from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, no_messages
 
 HORIZON = 7
 N, A = 3, 2
@@ -77,6 +77,7 @@ class Counting:
             events=events,
             seeds=self.seeds.copy(),
             times=self.times.copy(),
+            **no_messages(self.n_copies, N),
             layouts=np.repeat(self.seeds.astype(np.float32), 8).reshape(self.n_copies, 1, 8),
         )
 

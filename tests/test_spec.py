@@ -26,8 +26,17 @@ def specs(draw: st.DrawFn) -> TaskSpec:
                 for k in range(draw(st.integers(1, 3)))
             ],
             "horizon": draw(st.integers(1, 1000)),
-            "rewards": {"progress": draw(st.floats(0, 1e6)), "team_share": draw(st.floats(0, 1))},
-            "communication": {"range": draw(st.none() | st.floats(0.1, 10))},
+            "rules": {
+                "task": "coop_nav",
+                "rewards": {
+                    "progress": draw(st.floats(0, 1e6)),
+                    "team_share": draw(st.floats(0, 1)),
+                },
+            },
+            "communication": {
+                "kind": "broadcast",
+                "range": draw(st.none() | st.floats(0.1, 10)),
+            },
         }
     )
 
@@ -52,7 +61,10 @@ def test_the_hash_of_the_default_is_stable() -> None:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"rewards": {"progres": 1}}, r"rewards.progres: unknown key. Did you mean 'progress'\?"),
+        (
+            {"rules": {"task": "coop_nav", "rewards": {"progres": 1}}},
+            r"rewards.progres: unknown key. Did you mean 'progress'\?",
+        ),
         ({"horizn": 1}, r"horizn: unknown key. Did you mean 'horizon'\?"),
         (
             {"team": [{"robot": {"radiuss": 1}}]},
@@ -60,8 +72,11 @@ def test_the_hash_of_the_default_is_stable() -> None:
         ),
         ({"team": [{"count": 0}]}, r"team.0.count: .*greater than or equal to 1 \(got 0\)"),
         ({"control_dt": 0.05}, "at least 2 whole multiples of physics_dt, got 1"),
-        ({"termination": {"goal_radius": float("nan")}}, "goal_radius"),
-        ({"horizon": 0, "rewards": {"time": -1}}, "horizon: .*; rewards.time: "),
+        ({"rules": {"task": "coop_nav", "goal_radius": float("nan")}}, "goal_radius"),
+        (
+            {"horizon": 0, "rules": {"task": "coop_nav", "rewards": {"time": -1}}},
+            "rules.coop_nav.rewards.time: .*; horizon: ",
+        ),
     ],
 )
 def test_errors_name_the_path(data: dict[str, object], message: str) -> None:

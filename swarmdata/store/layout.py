@@ -47,6 +47,9 @@ def _column(dtype: DType, *dimensions: str) -> Field:
 FIELDS = {
     "observations": Field("float32", "states", ("state", "agent", "observation")),
     "states": Field("float32", "states", ("state", "feature")),
+    "sent": Field("float32", "states", ("state", "agent", "value")),
+    "delivered": Field("bool", "states", ("state", "agent", "sender")),
+    "ages": Field("uint8", "states", ("state", "agent", "sender")),
     "actions": Field("float32", "steps", ("step", "agent", "action")),
     "rewards": Field("float32", "steps", ("step", "agent")),
     "terminations": Field("bool", "steps", ("step",)),

@@ -22,8 +22,12 @@ def make_episode(
     n_agents: int = N,
     n_features: int = N_FEATURES,
     n_states: int = S,
+    n_values: int = 3,
 ) -> Episode:
-    """Feature 0 is the seed, feature 1 the time, feature 2 the agent; the rest is noise."""
+    """Feature 0 is the seed, feature 1 the time, feature 2 the agent; the rest is noise.
+
+    Robots send messages of `n_values` values; with 0 there is no channel.
+    """
     rng = np.random.default_rng([seed, policy])
     observations = rng.standard_normal((length + 1, n_agents, n_features), dtype=np.float32)
     observations[..., 0] = seed
@@ -43,6 +47,11 @@ def make_episode(
         terminations=ends & (not horizon),
         truncations=ends & horizon,
         events=_make_events(rng, length, n_agents),
+        sent=rng.standard_normal((length + 1, n_agents, n_values), dtype=np.float32),
+        delivered=rng.random((length + 1, n_agents, n_agents if n_values else 0)) < 0.5,
+        ages=rng.integers(
+            0, 256, (length + 1, n_agents, n_agents if n_values else 0), dtype=np.uint8
+        ),
         layout=rng.standard_normal((n_obstacles, 8), dtype=np.float32),
         seed=seed,
         policy=policy,
@@ -119,7 +128,7 @@ def make_large_dataset(
     parts = [out.parent / f"{out.name}.parts" / f"part-{k:04d}" for k in range(n_parts)]
     for k, part in enumerate(parts):
         seeds = range(k * per_part, (k + 1) * per_part)
-        sizes = {"n_agents": n_agents, "n_features": n_features, "n_states": 6 * n_agents}
+        sizes = {"n_agents": n_agents, "n_features": n_features, "n_states": 8 * n_agents, "n_values": 0}
         write_part(part, [make_episode(length, seed, **sizes) for seed in seeds])
     recipe = make_recipe(n_steps)
     order = merge_order(recipe, [[length] * (n_parts * per_part)]).order

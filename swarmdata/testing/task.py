@@ -82,6 +82,9 @@ def _check_arrays(step: Step, env: VecEnv, e: int) -> None:
         "seeds": ((e,), np.uint64),
         "times": ((e,), np.int64),
         "layouts": ((e, m, 8), np.float32),
+        "sent": ((e, n, step.sent.shape[2]), np.float32),
+        "delivered": ((e, n, n if step.sent.shape[2] else 0), np.bool_),
+        "ages": ((e, n, n if step.sent.shape[2] else 0), np.uint8),
     }
     for name, (shape, dtype) in expected.items():
         array = getattr(step, name)

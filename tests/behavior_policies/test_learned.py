@@ -16,7 +16,7 @@ from safetensors.numpy import save_file
 from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
 from swarmdata.errors import CheckpointError, SchemaError, SpecError
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Step
+from swarmdata.types import Step, no_messages
 
 SPEC = TaskSpec()
 SIZE = 53
@@ -58,6 +58,7 @@ def step_of(n_copies: int, seed: int = 1) -> Step:
         seeds=np.arange(n_copies, dtype=np.uint64),
         times=np.zeros(n_copies, dtype=np.int64),
         layouts=np.zeros((n_copies, 0, 8), dtype=np.float32),
+        **no_messages(n_copies, 4),
     )
 
 

@@ -7,14 +7,16 @@ from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
 from swarmdata.cards.references import interval, summarize
 from swarmdata.cards.schema import Interval, TaskReferences, published, references, references_of
 from swarmdata.errors import SchemaError
-from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.metrics import metrics_of
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.types import EvalResult
+
+METRICS = metrics_of("coop_nav")
 
 
 def make_result(policy: str, value: float, n_episodes: int = 50) -> EvalResult:
     spread = np.linspace(-1.0, 1.0, n_episodes)
-    metrics = dict.fromkeys(EPISODE_METRICS, value + spread)
+    metrics = dict.fromkeys(METRICS, value + spread)
     metrics["time_to_goal"] = np.full(n_episodes, np.nan)
     seeds = evaluation_seeds(n_episodes)
     return EvalResult(policy, "coop_nav", "a" * 64, seeds, metrics)

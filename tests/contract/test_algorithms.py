@@ -12,7 +12,7 @@ from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.algorithm import check_algorithm  # noqa: E402
-from swarmdata.types import Batch, Step  # noqa: E402
+from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
 BATCH = 16
@@ -74,6 +74,7 @@ def step() -> Step:
         seeds=np.arange(copies, dtype=np.uint64),
         times=np.zeros(copies, dtype=np.int64),
         layouts=np.zeros((copies, 0, 8), dtype=np.float32),
+        **no_messages(copies, SIZES.n_agents),
     )
 
 

@@ -12,4 +12,4 @@ from swarmdata.testing.task import check_task
     "change", [{}, {"horizon": 20}, {"team": [{"count": 1}]}, {"team": [{"count": 6}]}]
 )
 def test_task_keeps_the_contract(task: str, change: dict[str, object]) -> None:
-    check_task(make_env, TaskSpec.parse({"task": task, **change}))
+    check_task(make_env, TaskSpec.parse({"rules": {"task": task}, **change}))

@@ -126,7 +126,7 @@ def test_success_needs_all_robots_at_their_goals_at_once(open_spec: TaskSpec) ->
     assert step.terminations[0]
     assert step.successes[0]
     assert not step.truncations[0]
-    weights = open_spec.rewards
+    weights = open_spec.rules.rewards
     np.testing.assert_allclose(step.rewards[0], weights.success, atol=1e-5)
 
 
@@ -153,7 +153,7 @@ def test_a_wall_is_an_obstacle_and_holds(open_spec: TaskSpec) -> None:
 
 
 def test_on_collision_fail_terminates_without_success(open_spec: TaskSpec) -> None:
-    spec = open_spec.with_updates(termination={"on_collision": "fail"})
+    spec = open_spec.with_updates(on_collision="fail")
     env = CoopNav(spec, 1)
     env.reset(seeds(3))
     put(env, [(-0.13, 0.0), (0.13, 0.0)])
@@ -165,12 +165,12 @@ def test_on_collision_fail_terminates_without_success(open_spec: TaskSpec) -> No
 
 def reference_rewards(spec: TaskSpec, before: Float, after: Step, gaps: Double) -> Double:
     """The docstring's formula, in NumPy."""
-    w, n = spec.rewards, spec.n_agents
+    w, n = spec.rules.rewards, spec.n_agents
     old = before.reshape(-1, n, 6).astype(np.float64)
     new = after.states.reshape(-1, n, 6).astype(np.float64)
     old_d = np.linalg.norm(old[..., 4:] - old[..., :2], axis=-1)
     new_d = np.linalg.norm(new[..., 4:] - new[..., :2], axis=-1)
-    outside = new_d > spec.termination.goal_radius
+    outside = new_d > spec.rules.goal_radius
     own = (
         w.progress * (old_d - new_d)
         - w.time * outside
@@ -186,7 +186,7 @@ def reference_rewards(spec: TaskSpec, before: Float, after: Step, gaps: Double) 
 
 @given(share=st.sampled_from([0.0, 0.3, 1.0]), seed=st.integers(0, 2**32))
 def test_rewards_follow_the_documented_formula(share: float, seed: int) -> None:
-    env = CoopNav(TaskSpec.parse({"rewards": {"team_share": share}}), 4)
+    env = CoopNav(TaskSpec.parse({"rules": {"task": "coop_nav", "rewards": {"team_share": share}}), 4)
     step = env.reset(np.arange(seed, seed + 4, dtype=np.uint64))
     for _ in range(40):
         before, step = step, env.step(toward_goals(step))

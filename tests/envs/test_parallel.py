@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from swarmdata.envs.coop_nav import CoopNav
+from swarmdata.registry import make_env
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.spec import TaskSpec
@@ -25,7 +25,7 @@ def test_passes_pettingzoo_seed_test() -> None:
 
 
 def test_an_episode_equals_the_vectorised_one() -> None:
-    view, env = ParallelWorld(TaskSpec(horizon=40)), CoopNav(TaskSpec(horizon=40), 1)
+    view, env = ParallelWorld(TaskSpec(horizon=40)), make_env(TaskSpec(horizon=40), 1)
     observations, _ = view.reset(seed=5)
     step = env.reset(np.array([5], dtype=np.uint64))
     rng = np.random.default_rng(0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.envs.coop_nav import CoopNav
+from swarmdata.registry import make_env
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
@@ -33,7 +33,7 @@ def reachable(free: Bool, start: tuple[int, int]) -> Bool:
 @pytest.mark.parametrize("first_seed", [0, 1000, 2**62])
 def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
     spec = TaskSpec()
-    step = CoopNav(spec, 8).reset(np.arange(first_seed, first_seed + 8, dtype=np.uint64))
+    step = make_env(spec, 8).reset(np.arange(first_seed, first_seed + 8, dtype=np.uint64))
     for layout, state in zip(step.layouts, step.states.reshape(8, 4, 6), strict=True):
         free, axis = free_grid(spec, layout, 0.03)
 
@@ -46,7 +46,7 @@ def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
 
 def test_spawned_places_keep_the_distances_of_the_spec() -> None:
     spec = TaskSpec()
-    step = CoopNav(spec, 64).reset(np.arange(64, dtype=np.uint64))
+    step = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64))
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
     radius, tolerance = spec.robots[0].radius, 1e-5
     for layout, state in zip(step.layouts, step.states.reshape(64, 4, 6), strict=True):
@@ -72,5 +72,5 @@ def test_spawned_places_keep_the_distances_of_the_spec() -> None:
 
 
 def test_different_seeds_give_different_layouts() -> None:
-    step = CoopNav(TaskSpec(), 64).reset(np.arange(64, dtype=np.uint64))
+    step = make_env(TaskSpec(), 64).reset(np.arange(64, dtype=np.uint64))
     assert len(np.unique(step.layouts.reshape(64, -1), axis=0)) == 64

@@ -12,7 +12,7 @@ from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.learn.statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.learn.targets import polyak, td_target, team_reward  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Episode  # noqa: E402
+from swarmdata.types import Episode, no_messages  # noqa: E402
 
 
 def episode(rewards: list[float], level: float) -> Episode:
@@ -27,6 +27,7 @@ def episode(rewards: list[float], level: float) -> Episode:
         terminations=last,
         truncations=np.zeros(steps, dtype=np.bool_),
         events=np.zeros((steps, 2, 4), dtype=np.uint8),
+        **no_messages(steps + 1, 2),
         layout=np.zeros((0, 8), dtype=np.float32),
         seed=0,
         policy=0,

@@ -24,7 +24,7 @@ from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # n
 from swarmdata.learn.trainer import Schedule, train  # noqa: E402
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Episode  # noqa: E402
+from swarmdata.types import Episode, no_messages  # noqa: E402
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
@@ -47,6 +47,7 @@ def dataset() -> MemoryDataset:
             terminations=last,
             truncations=np.zeros(steps, dtype=np.bool_),
             events=np.zeros((steps, 2, 4), dtype=np.uint8),
+            **no_messages(steps + 1, 2),
             layout=np.zeros((0, 8), dtype=np.float32),
             seed=i,
             policy=0,

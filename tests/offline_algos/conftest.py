@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmdata.testing.memory import MemoryDataset
-from swarmdata.types import Double, Episode, Float
+from swarmdata.types import Double, Episode, Float, no_messages
 
 N_AGENTS, LENGTH = 2, 12
 
@@ -39,6 +39,7 @@ def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
         terminations=last & (not cut),
         truncations=last & cut,
         events=np.zeros((LENGTH, N_AGENTS, 4), dtype=np.uint8),
+        **no_messages(LENGTH + 1, N_AGENTS),
         layout=np.zeros((0, 8), dtype=np.float32),
         seed=0,
         policy=int(good),

@@ -16,7 +16,7 @@ from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch, Episode, Float  # noqa: E402
+from swarmdata.types import Batch, Episode, Float, no_messages  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 
@@ -94,6 +94,7 @@ def two_episodes() -> MemoryDataset:
             terminations=last & (not cut),
             truncations=last & cut,
             events=np.zeros((steps, 2, 4), dtype=np.uint8),
+            **no_messages(steps + 1, 2),
             layout=np.zeros((0, 8), dtype=np.float32),
             seed=number,
             policy=0,
