@@ -94,10 +94,10 @@ def test_an_unsolved_episode_has_no_time_to_goal(reason: str) -> None:
 
 def test_separation_uses_every_state_and_each_robots_radius() -> None:
     states = episode().states.copy()
-    states[2, 6:8] = [0.6, 1.0]  # 0.2 m apart, in an intermediate state only
+    states[2, N_COLUMNS : N_COLUMNS + 2] = [0.6, 1.0]  # 0.2 m apart, in an intermediate state only
     small = SPEC.team[0].robot.model_copy(update={"radius": 0.05})
     spec = TaskSpec(team=(Role(count=1), Role(name="small", count=1, robot=small)))
-    values = episode_metrics(episode(states=states), spec)
+    values = episode_metrics(episode(states=states), make_task(spec))
     assert values["min_separation"] == pytest.approx(0.2 - 0.17, abs=1e-6)
 
 
@@ -105,15 +105,16 @@ def test_one_robot_has_no_separation() -> None:
     alone = episode()
     alone = replace(
         alone,
-        states=alone.states[:, :6],
+        states=alone.states[:, :N_COLUMNS],
         events=alone.events[:, :1],
         rewards=alone.rewards[:, :1],
     )
-    assert math.isnan(episode_metrics(alone, make_task(TaskSpec(team=(Role(count=1),))))["min_separation"])
+    task = make_task(TaskSpec(team=(Role(count=1),)))
+    assert math.isnan(episode_metrics(alone, task)["min_separation"])
 
 
 def test_states_of_another_team_are_refused() -> None:
-    with pytest.raises(SchemaError, match=r"states are \[4, 12\], expected \[T\+1, 24\]"):
+    with pytest.raises(SchemaError, match=r"states are \[4, 16\], expected at least \[..., 32\]"):
         episode_metrics(episode(), make_task(TaskSpec()))
 
 

@@ -6,6 +6,7 @@ import pytest
 from swarmdata.registry import make_env, make_policy
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
+from swarmdata.states import TX, robots_of
 from swarmdata.types import Step
 
 SPEC = TaskSpec()
@@ -39,10 +40,10 @@ def test_random_is_uniform_and_changes_with_seed_time_robot_and_component() -> N
 
 def test_straight_points_at_the_goal_and_brakes() -> None:
     step = first_step(2)
-    robots = step.states.reshape(2, 4, 6)
-    robots[0, 0] = (0.0, 0.0, 0.0, 0.0, 0.3, 0.4)  # 0.5 m away: full speed
-    robots[0, 1] = (1.0, 1.0, 0.0, 0.0, 1.0, 0.85)  # 0.15 m away: half speed
-    robots[0, 2, 4:] = robots[0, 2, :2]
+    robots = robots_of(step.states, 4)
+    robots[0, 0] = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.3, 0.4)  # 0.5 m away: full speed
+    robots[0, 1] = (1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.85)  # 0.15 m away: half speed
+    robots[0, 2, TX:] = robots[0, 2, :2]
     actions = make_policy("straight", SPEC).act(step)
     np.testing.assert_allclose(actions[0, 0], (0.6, 0.8), atol=1e-6)
     np.testing.assert_allclose(actions[0, 1], (0.0, -0.5), atol=1e-6)

@@ -90,8 +90,8 @@ class Vandal(Good):
 
 class Seer(Good):
     def act(self, step: Step) -> Float:
-        robots = step.states.reshape(len(step.states), -1, 6)
-        goals: Float = np.tanh(np.nan_to_num(robots[..., 4:]))
+        robots = step.states.reshape(len(step.states), -1, 8)
+        goals: Float = np.tanh(np.nan_to_num(robots[..., 6:]))
         return goals
 
 

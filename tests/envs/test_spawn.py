@@ -6,6 +6,7 @@ import pytest
 from swarmdata.registry import make_env
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.spec import TaskSpec
+from swarmdata.states import TX, robots_of
 from swarmdata.types import Bool, Double, Float
 
 
@@ -34,14 +35,14 @@ def reachable(free: Bool, start: tuple[int, int]) -> Bool:
 def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
     spec = TaskSpec()
     step = make_env(spec, 8).reset(np.arange(first_seed, first_seed + 8, dtype=np.uint64))
-    for layout, state in zip(step.layouts, step.states.reshape(8, 4, 6), strict=True):
+    for layout, state in zip(step.layouts, robots_of(step.states, 4), strict=True):
         free, axis = free_grid(spec, layout, 0.03)
 
         def cell(point: Float, axis: Double = axis) -> tuple[int, int]:
             return int(np.abs(axis - point[0]).argmin()), int(np.abs(axis - point[1]).argmin())
 
         seen = reachable(free, cell(state[0, :2]))
-        assert all(seen[cell(row[:2])] and seen[cell(row[4:])] for row in state)
+        assert all(seen[cell(row[:2])] and seen[cell(row[TX:])] for row in state)
 
 
 def test_spawned_places_keep_the_distances_of_the_spec() -> None:
@@ -49,8 +50,8 @@ def test_spawned_places_keep_the_distances_of_the_spec() -> None:
     step = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64))
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
     radius, tolerance = spec.robots[0].radius, 1e-5
-    for layout, state in zip(step.layouts, step.states.reshape(64, 4, 6), strict=True):
-        starts, goals = state[:, :2].astype(float), state[:, 4:].astype(float)
+    for layout, state in zip(step.layouts, robots_of(step.states, 4), strict=True):
+        starts, goals = state[:, :2].astype(float), state[:, TX:].astype(float)
         for points, clear, apart in (
             (starts, spec.spawn.start_clearance, spec.spawn.start_separation),
             (goals, spec.spawn.goal_clearance, spec.spawn.goal_separation),

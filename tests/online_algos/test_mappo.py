@@ -40,8 +40,8 @@ def test_termination_stops_the_bootstrap() -> None:
 
 def test_each_robot_sees_its_own_state_first() -> None:
     step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
-    views = own_first_states(step).reshape(2, 4, 4, 6)
-    rows = step.states.reshape(2, 4, 6)
+    views = own_first_states(step).reshape(2, 4, 4, 8)
+    rows = step.states.reshape(2, 4, 8)
     for robot in range(4):
         np.testing.assert_array_equal(views[:, robot], np.roll(rows, -robot, axis=1))
 
