@@ -2,7 +2,10 @@
 
 from typing import NamedTuple, Protocol
 
+from numba import njit
+
 from swarmdata.spec import Payload, TaskSpec
+from swarmdata.states import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 
@@ -15,22 +18,31 @@ class Plan(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """Who touches whom, and the safety events of the running control step."""
+    """Who touches whom."""
 
     robots: Bool  # [E, N, N] upper triangle: pairs in contact and not yet separated
     obstacles: Bool  # [E, N, M + 4] robots in contact with obstacles, then walls
     slack: Double  # [E, N, 3] where, and how far from everything static, a robot last was
-    events: Counts  # [E, N, 4] columns types.EVENTS
+
+
+@njit(nogil=True, cache=True, inline="always")
+def write_state(robots: Double, bodies: Double, state: Float) -> None:
+    """Rounds one copy's robots [N, 6] and bodies [K, 7] to its state [S]; targets stay."""
+    first = N_COLUMNS * robots.shape[0]
+    for i in range(robots.shape[0]):
+        for c in range(6):
+            state[N_COLUMNS * i + c] = robots[i, c]
+    for k in range(bodies.shape[0]):
+        for c in range(7):
+            state[first + 7 * k + c] = bodies[k, c]
 
 
 class Backend(Protocol):
     """E copies of a physical world of circular robots of mass 1 kg.
 
-    Robots have a heading that commands change and contacts do not.
+    Robots have a heading that commands change and contacts do not. The backend keeps positions and
+    velocities in float64; states hold them rounded.
     """
-
-    robots: Double  # [E, N, 6] the columns of `states.ROBOT` up to the heading
-    bodies: Double  # [E, K, 7] columns `states.BODY`
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         """Puts fresh worlds into `copies`: obstacles [E, M, 8], robots [E, N, 6], bodies [E, K, 7].
@@ -39,10 +51,16 @@ class Backend(Protocol):
         """
         ...
 
-    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
-        """Advances the active copies by one control step under commands in [-1, 1], [E, N, 2].
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
+        """Advances the active copies by one control step.
 
-        Robots are driven by `dynamics.drive`. Events of the active copies are cleared first, then
-        counted after every physics step.
+        Args:
+            active: [E].
+            commands: in [-1, 1], for `dynamics.drive`, [E, N, 2].
+            contacts: brought up to date after every physics step.
+            events: zeros, to which the events of every physics step are added, [E, N, 4].
+            states: written: robots, but their targets, and movable bodies, [E, S].
         """
         ...

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
 """Columns of the limits."""
@@ -42,31 +42,50 @@ def limits_of(spec: TaskSpec) -> Double:
 
 
 @njit(nogil=True, cache=True)
-def clip_commands(actions: Float | Double, limits: Double, active: Bool, out: Double) -> bool:
-    """Writes the commands of the active copies, clipped; False if one of them is not finite.
+def begin_step(
+    limits: Double,
+    active: Bool,
+    commands: Double,
+    actions: Float | Double,
+    terminations: Bool,
+    truncations: Bool,
+    times: Int,
+    events: Counts,
+) -> bool:
+    """Finds the active copies, clips their commands, and starts their step.
 
     Args:
-        actions: the first two columns are the commands, [E, N, A].
         limits: [N, 5].
-        active: [E].
-        out: written, [E, N, 2].
+        active: written: the copies that have not ended, [E].
+        commands: written, [E, N, 2].
+        actions: the first two columns are commands, [E, N, A].
+        terminations: of the step before, [E].
+        truncations: of the step before, [E].
+        times: increased by one in active copies, [E].
+        events: written: zeros, [E, N, 4].
+
+    Returns:
+        False if an action of an active copy is not finite; nothing that matters is written then.
     """
     for b in range(actions.shape[0]):
+        active[b] = not (terminations[b] or truncations[b])
+        events[b] = 0
         if not active[b]:
             continue
+        times[b] += 1
         for i in range(actions.shape[1]):
             for c in range(actions.shape[2]):
                 if not math.isfinite(actions[b, i, c]):
                     return False
             x, y = float(actions[b, i, 0]), float(actions[b, i, 1])
             if limits[i, UNICYCLE] == 1.0:
-                out[b, i, 0] = min(max(x, -1.0), 1.0)
-                out[b, i, 1] = min(max(y, -1.0), 1.0)
+                commands[b, i, 0] = min(max(x, -1.0), 1.0)
+                commands[b, i, 1] = min(max(y, -1.0), 1.0)
                 continue
             norm = math.sqrt(x * x + y * y)
             scale = norm if norm > 1.0 else 1.0
-            out[b, i, 0] = x / scale
-            out[b, i, 1] = y / scale
+            commands[b, i, 0] = x / scale
+            commands[b, i, 1] = y / scale
     return True
 
 

@@ -57,10 +57,14 @@ class TaskEnv:
         self.features = self._observer.features
         self.action_size, self.state_size = spec.action_size, state_size(task)
         self.observation_size = len(self.features)
-        self._weights = np.array([getattr(rewards, name) for name in CONTACT_WEIGHTS])
-        self._rules = (spec.on_collision == "fail", spec.horizon)
         self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))
         self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
+        weights = np.array([getattr(rewards, name) for name in CONTACT_WEIGHTS])
+        self._scoring = (
+            self._world.radii, self._world.half, weights, spec.on_collision == "fail",
+            spec.horizon, self._task_rewards, self._solved,
+        )  # fmt: skip
+        self._has_channel = self._observer.n_senders > 0
         self._shape = (n_copies, spec.n_agents, self.action_size)
         self._now: Step | None = None
 
@@ -93,20 +97,15 @@ class TaskEnv:
                 f"actions are {actions.dtype} {list(actions.shape)}, expected floats "
                 f"{list(self._shape)} [E, N, A]"
             )
-        active = ~(before.terminations | before.truncations)
-        now = _next(before, active)
-        if not self._world.step(actions, active, now.states):
+        now, active = _next(before, self._has_channel), self._world.active
+        if not self._world.step(actions, before, now):
             raise SchemaError(
                 "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
             )
-        np.copyto(now.events, self._world.contacts.events)
-        if not active.all():
-            now.events[~active] = 0
         self.task.update(before, now, active, self._task_rewards, self._solved)
         score_steps(
-            now.states, now.layouts, self._world.body, now.events, active,
-            (self._task_rewards, self._solved), self._rules, self._weights, now.times,
-            (now.rewards, now.terminations, now.truncations, now.successes),
+            *self._scoring, active, now.states, now.layouts, now.events, now.times,
+            now.rewards, now.terminations, now.truncations, now.successes,
         )  # fmt: skip
         self._observer.observe(now, actions, active)
         self._now = now
@@ -143,21 +142,20 @@ class TaskEnv:
         )
 
 
-def _next(before: Step, active: Bool) -> Step:
+def _next(before: Step, has_channel: bool) -> Step:
     """A step that starts as a copy of the last; what only a reset changes is shared."""
-    has_channel = before.sent.size > 0
     return Step(
-        observations=before.observations.copy(),
-        states=before.states.copy(),
-        rewards=np.zeros_like(before.rewards),
-        terminations=before.terminations.copy(),
-        truncations=before.truncations.copy(),
-        successes=before.successes.copy(),
-        events=np.empty_like(before.events),
-        seeds=before.seeds,
-        times=before.times + active,
-        layouts=before.layouts,
-        sent=before.sent.copy() if has_channel else before.sent,
-        delivered=before.delivered.copy() if has_channel else before.delivered,
-        ages=before.ages.copy() if has_channel else before.ages,
+        before.observations.copy(),
+        before.states.copy(),
+        before.rewards.copy(),
+        before.terminations.copy(),
+        before.truncations.copy(),
+        before.successes.copy(),
+        before.events.copy(),
+        before.seeds,
+        before.times.copy(),
+        before.layouts,
+        before.sent.copy() if has_channel else before.sent,
+        before.delivered.copy() if has_channel else before.delivered,
+        before.ages.copy() if has_channel else before.ages,
     )

@@ -7,14 +7,20 @@ Movable bodies stay where they are.
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.backend import Contacts, Plan
+from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.dynamics import drive, limits_of
-from swarmdata.types import Bool, Double, Float, Int
+from swarmdata.types import Bool, Counts, Double, Float, Int
 
 
 @njit(nogil=True, cache=True)
 def _advance(
-    active: Bool, commands: Double, limits: Double, timing: tuple[int, float], robots: Double
+    active: Bool,
+    commands: Double,
+    limits: Double,
+    timing: tuple[int, float],
+    robots: Double,
+    bodies: Double,
+    states: Float,
 ) -> None:
     """Moves the robots of the active copies: first positions, then velocities, as Munk2D does."""
     accelerations = np.empty((robots.shape[1], 2))
@@ -27,6 +33,7 @@ def _advance(
                 for c in range(2):
                     robots[b, i, c] += robots[b, i, 2 + c] * timing[1]
                     robots[b, i, 2 + c] += accelerations[i, c] * timing[1]
+        write_state(robots[b], bodies[b], states[b])
 
 
 class KinematicBackend:
@@ -35,12 +42,15 @@ class KinematicBackend:
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
         self._limits, self._timing = limits_of(spec), (spec.n_substeps, spec.physics_dt)
-        self.robots: Double = np.zeros((n_copies, spec.n_agents, 6))
-        self.bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
+        self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
+        self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        self.robots[copies], self.bodies[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
 
-    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
-        contacts.events[active] = 0
-        _advance(active, commands, self._limits, self._timing, self.robots)
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
+        _advance(
+            active, commands, self._limits, self._timing, self._robots, self._bodies, states
+        )

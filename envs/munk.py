@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from swarmdata.envs.backend import Contacts, Plan
+from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.envs.pymunk_space import bars, build_space, n_static_shapes
@@ -145,26 +145,34 @@ def _advance(
     calls: Int,
     spaces: Int,
     bodies: Int,
+    n_substeps: int,
+    dt: float,
+    limits: Double,
+    radii: Double,
+    half: Double,
+    robots: Double,
+    movables: Double,
+    forces: Double,
+    layouts: Float,
     active: Bool,
     commands: Double,
-    timing: tuple[int, float],
-    world: tuple[Double, Double, Double, Float],
-    moving: tuple[Double, Double, Double],
-    contacts: tuple[Bool, Bool, Double, Counts],
+    touching: Bool,
+    static: Bool,
+    slack: Double,
+    events: Counts,
+    states: Float,
 ) -> None:
-    limits, radii, half, layouts = world
-    robots, movables, forces = moving
-    touching, static, slack, events = contacts
+    """Advances the active copies; plain arguments, because tuples of arrays cost microseconds."""
     n = radii.shape[0]
+    timing = (n_substeps, dt)
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
-        events[b] = 0
-        for k in range(timing[0]):
+        for k in range(n_substeps):
             drive(robots[b], commands[b], limits, timing, k, forces)
             for i in range(n):  # Munk2D clears forces in every step
                 call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
-            call_pd(calls[STEP], spaces[b], timing[1])
+            call_pd(calls[STEP], spaces[b], dt)
             for i in range(n):
                 robots[b, i, 0], robots[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
                 robots[b, i, 2], robots[b, i, 3] = call_p_v(calls[GET_VELOCITY], bodies[b, i])
@@ -172,6 +180,7 @@ def _advance(
                 robots[b], radii, layouts[b], half, touching[b], static[b], slack[b], events[b]
             )
         _read_bodies(calls, bodies[b], movables[b])
+        write_state(robots[b], movables[b], states[b])
 
 
 @njit(nogil=True, cache=True)
@@ -224,8 +233,12 @@ class MunkBackend:
         self._corners: Double = np.empty((3, 4, 2))
         self._forces: Double = np.zeros((n, 2))
         self._layouts: Float | None = None
-        self.robots: Double = np.zeros((n_copies, n, 6))
-        self.bodies: Double = np.zeros((n_copies, k, 7))
+        self._robots: Double = np.zeros((n_copies, n, 6))
+        self._movables: Double = np.zeros((n_copies, k, 7))
+        self._fixed = (
+            calls, self._spaces, self._bodies, *self._timing, self._limits, self._radii,
+            self._half, self._robots, self._movables, self._forces,
+        )  # fmt: skip
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
@@ -237,7 +250,7 @@ class MunkBackend:
                     self._calls, self._spaces[b], self._shapes[b], self._bodies[b],
                     layouts[b], self._corners, robots[b], self._timing[1],
                 )  # fmt: skip
-        self.robots[copies], self.bodies[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._movables[copies] = robots[copies], bodies[copies]
 
     def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)
@@ -251,11 +264,9 @@ class MunkBackend:
         self._bodies[b] = [address(body._body) for body in bodies]
         self._shapes[b] = [address(shape._shape) for shape in space.shapes]
 
-    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
         if self._layouts is None:
             raise RuntimeError("the world was stepped before its first reset")
-        _advance(
-            self._calls, self._spaces, self._bodies, active, commands, self._timing,
-            (self._limits, self._radii, self._half, self._layouts),
-            (self.robots, self.bodies, self._forces), tuple(contacts),
-        )  # fmt: skip
+        _advance(*self._fixed, self._layouts, active, commands, *contacts, events, states)

@@ -11,12 +11,12 @@ import numpy as np
 import pymunk
 from numba import njit
 
-from swarmdata.envs.backend import Contacts, Plan
+from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.geometry import CIRCLE
 from swarmdata.spec import Payload, TaskSpec
-from swarmdata.types import Bool, Double, Float, Int
+from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SLOP = 0.002
 """Overlap (m) that Munk2D leaves at rest; its default of 0.1 is meant for pixels."""
@@ -154,39 +154,41 @@ class PublicBackend:
         self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
         self._layouts: dict[int, Float] = {}
         self._forces: Double = np.zeros((spec.n_agents, 2))
-        self.robots: Double = np.zeros((n_copies, spec.n_agents, 6))
-        self.bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
+        self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
+        self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = build_space(self._plan, layouts[b], robots[b], bodies[b])
-        self.robots[copies], self.bodies[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
 
-    def step(self, active: Bool, commands: Double, contacts: Contacts) -> None:
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
         for b in np.flatnonzero(active).tolist():
             world = self._worlds[b]
             if world is None:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            contacts.events[b] = 0
             for k in range(self._timing[0]):
                 self._substep(b, k, commands, *world)
                 update_contacts(
-                    self.robots[b], self._radii, self._layouts[b], self._half,
-                    *(array[b] for array in contacts),
+                    self._robots[b], self._radii, self._layouts[b], self._half,
+                    *(array[b] for array in contacts), events[b],
                 )  # fmt: skip
+            write_state(self._robots[b], self._bodies[b], states[b])
 
     def _substep(
         self, b: int, k: int, commands: Double, space: pymunk.Space, bodies: list[pymunk.Body]
     ) -> None:
         n = len(self._radii)
-        drive(self.robots[b], commands[b], self._limits, self._timing, k, self._forces)
+        drive(self._robots[b], commands[b], self._limits, self._timing, k, self._forces)
         for body, force in zip(bodies[:n], self._forces.tolist(), strict=True):
             body.force = tuple(force)
         space.step(self._timing[1])
         for i, body in enumerate(bodies[:n]):
-            self.robots[b, i, :4] = *body.position, *body.velocity
+            self._robots[b, i, :4] = *body.position, *body.velocity
         for i, body in enumerate(bodies[n:]):
-            self.bodies[b, i] = (
+            self._bodies[b, i] = (
                 *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
             )  # fmt: skip

@@ -7,12 +7,12 @@ import numpy as np
 from numba import njit
 
 from swarmdata.envs.backend import Backend, Contacts, Plan
-from swarmdata.envs.dynamics import clip_commands, limits_of
+from swarmdata.envs.dynamics import begin_step, limits_of
 from swarmdata.envs.munk import MunkBackend, load_addresses
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.geometry import bounding_radius, nearest, wall_gap
 from swarmdata.states import N_COLUMNS
-from swarmdata.types import Bool, Counts, Double, Float, Int
+from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
 PROXIMITY = 0.1
 """Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
@@ -24,21 +24,6 @@ def make_backend(plan: Plan, n_copies: int) -> Backend:
     """Returns the fast backend, or the public one where Pymunk's private names are missing."""
     calls = load_addresses()
     return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
-
-
-@njit(nogil=True, cache=True)
-def _write_states(robots: Double, bodies: Double, active: Bool, states: Float) -> None:
-    """Rounds the active copies' robots (but their targets) and bodies to float32 states."""
-    first = N_COLUMNS * robots.shape[1]
-    for b in range(states.shape[0]):
-        if not active[b]:
-            continue
-        for i in range(robots.shape[1]):
-            for c in range(6):
-                states[b, N_COLUMNS * i + c] = robots[b, i, c]
-        for k in range(bodies.shape[1]):
-            for c in range(7):
-                states[b, first + 7 * k + c] = bodies[b, k, c]
 
 
 @njit(nogil=True, cache=True)
@@ -87,42 +72,56 @@ def proximities(state: Float, layout: Float, radii: Double, half: Double, out: D
 
 @njit(nogil=True, cache=True)
 def score_steps(
+    radii: Double,
+    half: Double,
+    weights: Double,
+    is_fatal: bool,
+    horizon: int,
+    task_rewards: Double,
+    solved: Bool,
+    active: Bool,
     states: Float,
     layouts: Float,
-    body: tuple[Double, Double],
     events: Counts,
-    active: Bool,
-    task: tuple[Double, Bool],
-    rules: tuple[bool, int],
-    weights: Double,
     times: Int,
-    out: tuple[Float, Bool, Bool, Bool],
+    rewards: Float,
+    terminations: Bool,
+    truncations: Bool,
+    successes: Bool,
 ) -> None:
     """Adds what every task shares to the rewards of the active copies, and decides their ends.
 
+    The rewards of the others are 0; their ends stay.
+
     Args:
-        states: after the step, [E, S].
-        layouts: [E, M, 8].
-        body: radii, m, [N]; half width and half height of the arena, m, [2].
-        events: of the step, [E, N, 4].
-        active: [E].
-        task: the task's own rewards [E, N], and whether it is solved [E].
-        rules: whether a collision fails the task; horizon.
+        radii: m, [N].
+        half: half width and half height of the arena, m, [2].
         weights: of the contact terms in the order of `events`, of proximity, of success, and the
             team's share, [7].
+        is_fatal: whether a collision fails the task.
+        horizon: steps.
+        task_rewards: the task's own rewards, [E, N].
+        solved: whether the task is, [E].
+        active: [E].
+        states: after the step, [E, S].
+        layouts: [E, M, 8].
+        events: of the step, [E, N, 4].
         times: control steps taken, this one included, [E].
-        out: written: rewards [E, N], terminations, truncations and successes, each [E].
+        rewards: written, [E, N].
+        terminations: written, [E].
+        truncations: written, [E].
+        successes: written, [E].
     """
-    rewards, terminations, truncations, successes = out
-    n = body[0].shape[0]
+    n = radii.shape[0]
     near = np.empty(n)
     for b in range(states.shape[0]):
         if not active[b]:
+            rewards[b] = 0.0
             continue
-        proximities(states[b], layouts[b], body[0], body[1], near)
-        solved, touched, mean = task[1][b], False, 0.0
+        proximities(states[b], layouts[b], radii, half, near)
+        is_solved, touched, mean = solved[b], False, 0.0
         for i in range(n):
-            reward = task[0][b, i] - weights[4] * near[i] + (weights[5] if solved else 0.0)
+            reward = task_rewards[b, i] - weights[4] * near[i] + (weights[5] if is_solved else 0.0)
             for c in range(4):
                 reward -= weights[c] * float(events[b, i, c])
             touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
@@ -130,52 +129,57 @@ def score_steps(
             mean += reward / n
         for i in range(n):
             rewards[b, i] = (1.0 - weights[6]) * near[i] + weights[6] * mean
-        failure = rules[0] and touched
-        successes[b] = solved and not failure
-        terminations[b] = solved or failure
-        truncations[b] = times[b] >= rules[1] and not terminations[b]
+        failure = is_fatal and touched
+        successes[b] = is_solved and not failure
+        terminations[b] = is_solved or failure
+        truncations[b] = times[b] >= horizon and not terminations[b]
 
 
 class World:
     """E copies of robots among obstacles; knows no task.
 
-    `contacts.events` holds the events of the last step of each copy.
+    `active` holds the copies that took the last step.
     """
 
     def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
         spec, n, m = plan.spec, plan.spec.n_agents, len(plan.kinds)
-        self.body = (
-            np.array([robot.radius for robot in spec.robots]),
-            np.array([spec.arena.width / 2, spec.arena.height / 2]),
-        )
-        self.contacts = Contacts(
+        self.radii: Double = np.array([robot.radius for robot in spec.robots])
+        self.half: Double = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self.active: Bool = np.zeros(n_copies, dtype=np.bool_)
+        self._contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
             obstacles=np.zeros((n_copies, n, m + 4), dtype=np.bool_),
             slack=np.zeros((n_copies, n, 3)),
-            events=np.zeros((n_copies, n, 4), dtype=np.uint8),
         )
-        self.backend = backend(plan, n_copies)
-        self._limits = limits_of(spec)
+        self._backend = backend(plan, n_copies)
+        self._n_movables = len(plan.movables)
         self._commands: Double = np.zeros((n_copies, n, 2))
+        self._fixed = (limits_of(spec), self.active, self._commands)
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
         """Starts worlds in `copies` from layouts [E, M, 8] and states [E, S]; all are at rest."""
-        e, n, _ = self.backend.robots.shape
-        for array in self.contacts:
+        e, n, k = len(states), len(self.radii), self._n_movables
+        for array in self._contacts:
             array[copies] = 0
-        robots = states[:, : N_COLUMNS * n].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
-        k = self.backend.bodies.shape[1]
-        bodies = states[:, N_COLUMNS * n : N_COLUMNS * n + 7 * k].reshape(e, k, 7)
-        self.backend.reset(copies, layouts, robots, bodies.astype(np.float64))
+        first = N_COLUMNS * n
+        robots = states[:, :first].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
+        bodies = states[:, first : first + 7 * k].reshape(e, k, 7).astype(np.float64)
+        self._backend.reset(copies, layouts, robots, bodies)
 
-    def step(self, actions: Float | Double, active: Bool, states: Float) -> bool:
-        """Advances the active copies by one control step and writes their states.
+    def step(self, actions: Float | Double, before: Step, now: Step) -> bool:
+        """Advances the copies that have not ended by one control step.
+
+        Args:
+            actions: [E, N, A].
+            before: the step before; only read.
+            now: a copy of it, whose times, events and states are written.
 
         Returns:
-            False, and nothing has happened, if an action is not finite.
+            False, and the world stays as it was, if an action is not finite.
         """
-        if not clip_commands(actions, self._limits, active, self._commands):
+        if not begin_step(
+            *self._fixed, actions, before.terminations, before.truncations, now.times, now.events
+        ):
             return False
-        self.backend.step(active, self._commands, self.contacts)
-        _write_states(self.backend.robots, self.backend.bodies, active, states)
+        self._backend.step(self.active, self._commands, self._contacts, now.events, now.states)
         return True
