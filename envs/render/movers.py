@@ -5,6 +5,7 @@ import numpy as np
 from swarmdata.envs.render.canvas import Canvas
 from swarmdata.envs.render.colors import (
     CONTACT,
+    INK,
     PAYLOAD,
     PAYLOAD_EDGE,
     WHITE,
@@ -76,9 +77,9 @@ def draw_robots(canvas: Canvas, scene: Scene) -> None:
 
 
 def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
-    """The role's mark along the heading: wedge, ringed triangle, double chevron, pale-faced wedge.
+    """The mark of a role along the heading: wedge, ringed triangle, double chevron, wedge on dark.
 
-    A holonomic robot at rest has a dot instead, in the same ring or face.
+    A holonomic robot at rest has a dot instead, in the same ring or on the same dark.
     """
     place, radius, heading = scene.robots[i, [X, Y]], float(scene.radii[i]), scene.heading(i)
     x, y = place.tolist()
@@ -86,8 +87,7 @@ def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
     if role == 1:
         canvas.disc(x, y, 0.86 * radius, None, outline=WHITE, width=0.13 * radius)
     elif role == 3:
-        canvas.disc(x, y, 0.76 * radius, tint(robot_color(i), 0.2))
-        color = robot_color(i)
+        canvas.disc(x, y, 0.76 * radius, INK)
     if heading is not None:
         for shape in _MARKS[role]:
             canvas.polygon(_turned(radius * shape, place, heading), color)

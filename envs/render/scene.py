@@ -93,7 +93,7 @@ def build_scene(
         bodies=bodies,
         extras=extras,
         trails=_paths(spec, trails, len(state)),
-        touching=(contacts > 0).any(axis=1),
+        touching=contacts.max(axis=1) > 0,
         scan=scan,
         delivered=delivered,
         dropped=dropped,

@@ -94,13 +94,14 @@ def draw_messages(canvas: Canvas, scene: Scene) -> None:
 
 
 def _link(scene: Scene, sender: int, receiver: int, is_crowded: bool) -> Double:
-    """A curve from rim to rim, or only its end at the receiver, [K, 2]."""
+    """A curve from rim to rim, or in a crowd the end of a straight line at the receiver, [K, 2]."""
     start, end = scene.robots[sender, [X, Y]], scene.robots[receiver, [X, Y]]
     chord = end - start
     length = float(np.hypot(*chord))
     if length == 0.0:
         return np.repeat(start[None], 3, axis=0)
-    control = (start + end) / 2 + 2 * _BEND * np.array([-chord[1], chord[0]])
+    bend = 0.0 if is_crowded else 2 * _BEND
+    control = (start + end) / 2 + bend * np.array([-chord[1], chord[0]])
     first = min(0.45, 1.25 * scene.radii[sender] / length)
     last = max(0.55, 1.0 - 1.3 * scene.radii[receiver] / length)
     if is_crowded:

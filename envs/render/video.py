@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -197,14 +198,13 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{first.width}x{first.height}", "-r", str(rate), "-i", "-", "-an"]
     command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-c:v", "libx264"]
-    command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
-    with tempfile.TemporaryFile() as log:
-        is_written = _feed(command, _raw(first, images, round(_REST / seconds)), log)
-        log.seek(0)
-        message = log.read().decode(errors="replace").strip()
-    if not is_written:
-        path.unlink(missing_ok=True)
-        raise ProgramError(f"ffmpeg could not write {path}: {message or 'it gave no reason'}")
+    command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    part = path.with_name(f"{path.stem}.part{path.suffix}")  # so that a film is whole or absent
+    try:
+        _feed([*command, str(part)], _raw(first, images, round(_REST / seconds)), path)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
@@ -218,14 +218,19 @@ def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
         yield pixels
 
 
-def _feed(command: list[str], chunks: Iterable[bytes], log: Any) -> bool:
-    """Runs a program on the chunks; returns whether it took them all and succeeded."""
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
-        assert process.stdin is not None
-        try:
-            for chunk in chunks:
-                process.stdin.write(chunk)
-            process.stdin.close()
-        except BrokenPipeError:
-            return False  # it has ended early; the log says why
-        return process.wait() == 0
+def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
+    """Runs ffmpeg on the chunks."""
+    with tempfile.TemporaryFile() as log:  # a pipe would fill up and stop both
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):  # it has ended early; its status and log say why
+                for chunk in chunks:
+                    process.stdin.write(chunk)
+                process.stdin.close()
+        if process.returncode != 0:
+            log.seek(0)
+            reason = log.read().decode(errors="replace").strip() or "it gave no reason"
+            raise ProgramError(
+                f"ffmpeg could not write {path}, status {process.returncode}: {reason}. It must "
+                "have the encoder libx264, and the folder must exist."
+            )
