@@ -7,6 +7,7 @@ SwarmdataError
 ├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
 ├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
 ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
+├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
 └── DatasetError (OSError)              a stored dataset cannot be used
@@ -71,6 +72,10 @@ class MissingExtraError(SwarmdataError, ImportError):
             f"{purpose} needs {package!r}, which is not installed. "
             f"Install it with: pip install 'swarmdata[{extra}]'"
         )
+
+
+class ProgramError(SwarmdataError, OSError):
+    """Another program, such as ffmpeg, is needed and absent, or has failed."""
 
 
 class BuildError(SwarmdataError, RuntimeError):

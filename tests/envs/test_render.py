@@ -1,55 +1,72 @@
 """A picture shows every part of a world where it is."""
 
+import itertools
 import sys
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from swarmdata.envs import render
-from swarmdata.envs.render import animate, draw
+from swarmdata.envs.render import ROBOT_COLORS, Image, draw
+from swarmdata.envs.render import colors as ink
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.geometry import BOX, CIRCLE, POCKET
-from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
-from swarmdata.spec import Arena, Role, TaskSpec
-from swarmdata.types import Episode, Float, Int, Step
+from swarmdata.spec import (
+    Arena,
+    FormationRules,
+    LidarModel,
+    NavigationRules,
+    Payload,
+    Robot,
+    Role,
+    TaskSpec,
+    TransportRules,
+    WarehouseRules,
+)
+from swarmdata.types import Float
 
-PIL = pytest.importorskip("PIL.Image")
+pytest.importorskip("PIL.Image")
 
 SPEC = TaskSpec(team=(Role(count=2),), horizon=20)
 EMPTY = np.zeros((0, 8), np.float32)
+LEFT, RIGHT = ROBOT_COLORS[:2]
+
+
+def state_of(*rows: tuple[float, ...], extras: tuple[float, ...] = ()) -> Float:
+    """A state of robots x, y, vx, vy, ux, uy, tx, ty and what follows them."""
+    return np.array([*itertools.chain(*rows), *extras], np.float32)
+
+
 # robot 0 at (-1, 1) drives right to a far goal; robot 1 stands in its goal at (1, 1)
-STATE = np.array([-1, 1, 0.5, 0, -1, -1, 1, 1, 0, 0, 1, 1], np.float32)
+STATE = state_of((-1, 1, 0.5, 0, 1, 0, -1, -1), (1, 1, 0, 0, 1, 0, 1, 1))
 
 
-def pixel(image: render.Image, x: float, y: float) -> tuple[int, ...]:
+def pixel(image: Image, x: float, y: float) -> tuple[int, ...]:
     """Color at a place given in metres, for the default 4 m arena with 0.1 m of wall."""
     scale = image.shape[1] / 4.2
     return tuple(image[int((2.1 - y) * scale), int((x + 2.1) * scale)].tolist())
+
+
+def n_near(image: Image, color: tuple[int, ...], tolerance: int = 12) -> int:
+    """Number of pixels of about that color."""
+    return int((np.abs(image.astype(int) - color).max(axis=-1) <= tolerance).sum())
 
 
 def test_floor_walls_robots_and_goals_are_where_they_are() -> None:
     image = draw(SPEC, EMPTY, STATE)
     assert image.shape == (512, 512, 3)
     assert image.dtype == np.uint8
-    assert pixel(image, 0.3, 0.5) == render._FLOOR
-    assert pixel(image, 2.06, 0) == pixel(image, 0, -2.06) == render._SOLID
-    assert pixel(image, -1, 1.09) == render.ROBOT_COLORS[0]
-    assert pixel(image, 1, 1.09) == render.ROBOT_COLORS[1]
-    assert pixel(image, -0.94, 1) == (255, 255, 255)  # the wedge points along the velocity
-    assert pixel(image, -1.09, 1) == render.ROBOT_COLORS[0]
-    assert pixel(image, -1, -1) == render.ROBOT_COLORS[0]  # the dot in an open goal
-
-
-def test_a_reached_goal_is_filled() -> None:
-    left = STATE.copy()
-    left[6:8] = [1.0, 0.0]
-    reached = STATE.copy()
-    reached[6:8] = [1.0, 0.86]
-    goal = (1.0, 1.1)
-    assert pixel(draw(SPEC, EMPTY, left), *goal) == render._tint(render.ROBOT_COLORS[1], 0.1)
-    assert pixel(draw(SPEC, EMPTY, reached), *goal) == render._tint(render.ROBOT_COLORS[1], 0.5)
+    assert pixel(image, 0.3, 0.5) == ink.FLOOR
+    assert pixel(image, 2.06, 0) == pixel(image, 0, -2.06) == ink.SOLID
+    assert pixel(image, -1, 1.09) == LEFT
+    assert pixel(image, 1, 1.09) == RIGHT
+    assert pixel(image, -0.94, 1) == ink.WHITE  # the wedge points along the velocity
+    assert pixel(image, -1.09, 1) == LEFT
+    assert pixel(image, 1, 1) == ink.WHITE  # a holonomic robot at rest has a dot
+    assert pixel(image, -1, -1) == LEFT  # the dot in an open goal
 
 
 def test_obstacles_are_drawn_from_the_same_bars_as_the_physics() -> None:
@@ -64,15 +81,43 @@ def test_obstacles_are_drawn_from_the_same_bars_as_the_physics() -> None:
     image = draw(SPEC, layout, STATE)
     solid = {(-1.5, 0.15), (0, 0.25), (1.4, -1.25), (1.13, -0.8), (1.67, -0.8)}
     free = {(-1.5, 0.25), (0.15, 0), (1.4, -1.0), (1.4, -0.72)}
-    assert {p for p in solid | free if pixel(image, *p) == render._SOLID} == solid
+    assert {p for p in solid | free if pixel(image, *p) == ink.SOLID} == solid
+
+
+def test_a_unicycle_at_rest_shows_its_heading() -> None:
+    spec = SPEC.with_updates(team=(Role(count=2, robot=Robot(dynamics="unicycle")),))
+    state = STATE.copy()
+    state[12:14] = [0.0, -1.0]  # robot 1 looks down
+    image = draw(spec, EMPTY, state)
+    assert pixel(image, 1, 0.94) == ink.WHITE
+    assert pixel(image, 1, 1.09) == RIGHT
+
+
+def test_roles_differ_in_size_and_mark() -> None:
+    roles = tuple(
+        Role(name=f"role{k}", count=1, robot=Robot(radius=0.2 if k < 4 else 0.1)) for k in range(5)
+    )
+    spec = TaskSpec(team=roles)
+    rows = [(0, 0, 0.5, 0, 1, 0, 1.8, 1.8) for _ in range(5)]
+    alone = []
+    for k in range(5):  # every robot in the same place, the others far away
+        places = [(-1.7 + 0.5 * j, -1.5, *row[2:]) for j, row in enumerate(rows)]
+        places[k] = rows[k]
+        image = draw(spec, EMPTY, state_of(*places))
+        crop = image[216:296, 216:296]
+        alone.append(np.all(crop == ink.robot_color(k), axis=-1))
+    for a, b in itertools.combinations(range(4), 2):
+        assert (alone[a] != alone[b]).sum() > 30, (a, b)
+    assert 3 * alone[4].sum() < alone[0].sum()
 
 
 def test_a_contact_has_a_halo_only_around_those_who_touch() -> None:
     events = np.zeros((2, 4), np.uint8)
     events[1, 1] = 1
     image = draw(SPEC, EMPTY, STATE, events=events)
-    assert pixel(image, 1, 1.155) == render._CONTACT
-    assert pixel(image, -1, 1.155) != render._CONTACT
+    assert pixel(image, 1, 1.155) == ink.CONTACT
+    assert pixel(image, -1, 1.155) != ink.CONTACT
+    assert n_near(draw(SPEC, EMPTY, STATE), ink.CONTACT) == 0
 
 
 def test_trails_fade_into_the_past() -> None:
@@ -80,7 +125,89 @@ def test_trails_fade_into_the_past() -> None:
     trails[:, 0] = np.linspace(-1.9, -1.0, 21)
     image = draw(SPEC, EMPTY, STATE, trails=trails).astype(int)
     old, new = pixel(image, -1.85, 1), pixel(image, -1.2, 1)
-    assert sum(render._FLOOR) > sum(old) > sum(new) > sum(render.ROBOT_COLORS[0])
+    assert sum(ink.FLOOR) > sum(old) > sum(new) > sum(LEFT)
+
+
+@pytest.mark.parametrize(
+    "rules", [NavigationRules(goal_radius=0.3), WarehouseRules(goal_radius=0.3)]
+)
+def test_a_goal_is_filled_within_the_radius_of_its_task(
+    rules: NavigationRules | WarehouseRules,
+) -> None:
+    spec = SPEC.with_updates(rules=rules)
+    state = STATE.copy()
+    state[8:10] = [1.0, 0.72]
+    assert pixel(draw(spec, EMPTY, state), 1, 1.2) == ink.tint(RIGHT, 0.5)
+    state[8:10] = [1.0, 0.68]
+    assert pixel(draw(spec, EMPTY, state), 1, 1.2) == ink.tint(RIGHT, 0.1)
+
+
+def test_unassigned_goals_are_neutral_and_filled_by_any_robot() -> None:
+    spec = SPEC.with_updates(rules=NavigationRules(goals="unassigned"))
+    state = STATE.copy()
+    state[8:10] = [-1.0, -0.88]  # robot 1 on the goal of row 0
+    image = draw(spec, EMPTY, state)
+    assert pixel(image, -1, -1.1) == ink.tint(ink.NEUTRAL, 0.5)
+    assert pixel(image, 1, 1.1) == ink.tint(ink.NEUTRAL, 0.1)
+
+
+def test_rings_of_one_place_nest() -> None:
+    state = STATE.copy()
+    state[14:16] = state[6:8] = [0.0, -1.0]
+    image = draw(SPEC.with_updates(rules=WarehouseRules(goal_radius=0.3)), EMPTY, state)
+    ring = {ink.robot_color(i): n_near(image[350:420, 210:300], ink.robot_color(i)) for i in (0, 1)}
+    assert min(ring.values()) > 50
+
+
+def test_formation_slots_are_crosses_that_light_up_when_held() -> None:
+    spec = SPEC.with_updates(rules=FormationRules(tolerance=0.2))
+    image = draw(spec, EMPTY, STATE)
+    assert pixel(image, -1, -1) == LEFT
+    assert pixel(image, -1.05, -0.95) == LEFT  # diagonal arms, no ring
+    assert pixel(image, -0.9, -1.05) == ink.FLOOR
+    assert pixel(image, 1.0, 1.17) == ink.tint(RIGHT, 0.3)
+    column = [pixel(image, -1, y) for y in np.arange(-0.8, 0.8, 0.01)]
+    assert 0.2 < np.mean([red < 180 for red, _, _ in column]) < 0.8  # a dashed tie to the robot
+
+
+BODY = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+GOAL = (1.0, -1.0)
+
+
+def transport(rules: TransportRules, body: tuple[float, ...], *extras: float) -> Image:
+    spec = SPEC.with_updates(rules=rules)
+    rows = [(-1, 1, 0, 0, 1, 0, *GOAL), (1, 1, 0, 0, 1, 0, *GOAL)]
+    return draw(spec, EMPTY, state_of(*rows, extras=(*body, *extras)))
+
+
+def test_a_payload_is_solid_with_its_shape_and_direction() -> None:
+    image = transport(TransportRules(), BODY)
+    assert pixel(image, -0.28, 0.12) == pixel(image, 0.3, -0.15) == ink.PAYLOAD
+    assert pixel(image, 0.1, 0.25) == pixel(image, 0.42, 0.1) == ink.FLOOR
+    assert pixel(image, 0.1, 0) == ink.PAYLOAD_EDGE  # the arrow
+    assert pixel(image, -0.28, 0) == ink.PAYLOAD
+    turned = transport(TransportRules(), (*BODY[:4], 0.0, 1.0, 0.0))
+    assert pixel(turned, 0, 0.3) == ink.PAYLOAD
+    assert pixel(turned, 0.28, 0.1) == ink.FLOOR
+    disc = transport(TransportRules(payload=Payload(shape="circle")), BODY)
+    assert pixel(disc, 0, 0.3) == ink.PAYLOAD
+    assert pixel(disc, 0.3, 0.3) == ink.FLOOR
+
+
+def test_the_payload_goal_has_the_pose_that_the_task_asks_for() -> None:
+    any_pose = transport(TransportRules(), BODY, 0.0, 1.0)
+    assert pixel(any_pose, 1.28, -1.1) != ink.FLOOR  # as the payload is turned now
+    assert pixel(any_pose, 1.1, -0.72) == ink.FLOOR
+    upright = transport(TransportRules(goal_angle=0.2), BODY, 0.0, 1.0)
+    assert pixel(upright, 1.28, -1.1) == ink.FLOOR
+    assert pixel(upright, 1.1, -0.72) != ink.FLOOR
+
+
+def test_a_delivered_payload_lights_its_goal() -> None:
+    there = transport(TransportRules(payload=Payload(half_length=0.1, half_width=0.1)), BODY)
+    near = (1.0, -1.13, *BODY[2:])
+    here = transport(TransportRules(payload=Payload(half_length=0.1, half_width=0.1)), near)
+    assert sum(pixel(here, 1, -0.87)) < sum(pixel(there, 1, -0.87))
 
 
 def test_the_longer_side_has_the_size_and_a_caption_adds_a_strip() -> None:
@@ -93,65 +220,86 @@ def test_the_longer_side_has_the_size_and_a_caption_adds_a_strip() -> None:
     assert titled[160:].min() < 150  # ink
 
 
+def test_a_long_caption_shrinks_to_fit() -> None:
+    image = draw(SPEC, EMPTY, STATE, size=200, caption="step 1 of 2, " * 6)
+    assert (image[205:, -4:] == 255).all()
+    assert image[205:, :190].min() < 180
+
+
+def test_colors_are_distinct_and_none_is_like_a_contact() -> None:
+    assert len(set(ROBOT_COLORS)) == len(ROBOT_COLORS) == 32
+    shades = np.array([*ROBOT_COLORS, ink.CONTACT, ink.SOLID, ink.FLOOR], float)
+    gaps = np.linalg.norm(shades[:, None] - shades, axis=-1) + 999 * np.eye(len(shades))
+    assert gaps.min() > 35
+    assert gaps[32].min() > 80
+    assert ink.robot_color(33) == ROBOT_COLORS[1]
+
+
+LIDAR = SPEC.with_updates(observation=LidarModel(range=1.0))
+SCAN = np.ones((2, 4), np.float32)
+
+
 @pytest.mark.parametrize(
-    ("layout", "state", "size", "message"),
+    ("change", "message"),
     [
-        (np.zeros((1, 3), np.float32), STATE, 512, r"layout is \[1, 3\], expected \[M, 8\]"),
-        (EMPTY, STATE[:6], 512, r"states are \[6\], expected \[..., 12\]"),
-        (EMPTY, STATE, 8, "size is 8 pixels, expected at least 64"),
+        ({"layout": np.zeros((1, 3), np.float32)}, r"layout is \[1, 3\], expected \[M, 8\]"),
+        ({"state": STATE[:6]}, r"states are \[6\], expected at least \[..., 16\]"),
+        ({"state": STATE[None]}, r"state is \[1, 16\], expected \[S\]"),
+        ({"state": np.full(16, np.nan, np.float32)}, "of finite numbers"),
+        ({"size": 8}, "size is 8 pixels, expected at least 64"),
+        ({"trails": np.zeros((3, 15), np.float32)}, r"trails are \[3, 15\], expected \[K, 16\]"),
+        ({"events": np.zeros((2, 3), np.uint8)}, r"events are \[2, 3\], expected \[2, 4\]"),
+        ({"messages": (np.ones((2, 3), np.bool_), None)}, r"delivered is \[2, 3\]"),
+        ({"messages": (np.ones((2, 2), np.bool_), np.ones(2, np.bool_))}, r"attempted is \[2\]"),
+        ({"scan": SCAN[:1]}, r"scan is \[1, 4\], expected \[2, K\]"),
+        ({"scan": 2 * SCAN}, r"outside \[0, 1\]"),
+        ({"scan": np.nan * SCAN}, r"outside \[0, 1\]"),
+        ({"scan": SCAN, "focus": 2}, "focus is robot 2, expected 0 to 1"),
     ],
 )
-def test_what_does_not_fit_is_refused(layout: Float, state: Float, size: int, message: str) -> None:
+def test_what_does_not_fit_is_refused(change: dict[str, Any], message: str) -> None:
+    arguments: dict[str, Any] = {"layout": EMPTY, "state": STATE, **change}
     with pytest.raises(SchemaError, match=message):
-        draw(SPEC, layout, state, size=size)
+        draw(LIDAR, **arguments)
 
 
-class Straight:
-    uses_state = False
-
-    def reset(self, step: Step, copies: Int) -> None:
-        pass
-
-    def act(self, step: Step) -> Float:
-        return np.clip(step.observations[..., 6:8], -1.0, 1.0)
-
-
-@pytest.fixture(scope="module")
-def episode() -> Episode:
-    return next(rollout(make_env(SPEC), Straight(), np.array([7], np.uint64)))
-
-
-def test_a_gif_plays_in_real_time_and_shows_the_end(tmp_path: Path, episode: Episode) -> None:
-    path = tmp_path / "episode.gif"
-    animate(episode, SPEC, path, size=256, stride=3)
-    with PIL.open(path) as gif:
-        durations = []
-        for frame in range(gif.n_frames):
-            gif.seek(frame)
-            durations.append(gif.info["duration"])
-        last = np.asarray(gif.convert("RGB")).astype(int)
-    n_frames = len({*range(0, len(episode), 3), len(episode)})
-    assert durations == [300] * (n_frames - 1) + [2000]
-    end = draw(
-        SPEC,
-        episode.layout,
-        episode.states[-1],
-        trails=episode.states,
-        events=episode.events[-3:].max(axis=0),
-        size=256,
-    )
-    assert np.abs(last[:256] - end).mean() < 2.0  # the palette's rounding
-    assert path.stat().st_size < 2_000_000 * n_frames / 100
-
-
-def test_only_gifs_and_positive_strides(tmp_path: Path, episode: Episode) -> None:
-    with pytest.raises(SchemaError, match=r"expected a '.gif'"):
-        animate(episode, SPEC, tmp_path / "episode.mp4")
-    with pytest.raises(SchemaError, match="stride 0"):
-        animate(episode, SPEC, tmp_path / "episode.gif", stride=0)
+def test_a_state_without_its_payload_is_refused() -> None:
+    with pytest.raises(SchemaError, match=r"expected at least \[..., 23\] for 2 robots and 1 pay"):
+        draw(SPEC.with_updates(rules=TransportRules()), EMPTY, STATE)
 
 
 def test_without_pillow_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'swarmdata\[plots\]'"):
         draw(SPEC, EMPTY, STATE)
+
+
+RULES: tuple[Callable[[], Any], ...] = (
+    NavigationRules,
+    FormationRules,
+    TransportRules,
+    WarehouseRules,
+)
+
+
+@given(st.data())
+def test_every_task_and_any_state_can_be_drawn(data: st.DataObject) -> None:
+    rules = data.draw(st.sampled_from(RULES))()
+    n = data.draw(st.integers(1, 6))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    spec = TaskSpec(rules=rules, team=(Role(count=n),), observation=LidarModel())
+    state = random.uniform(-3, 3, 8 * n + 7).astype(np.float32)
+    state[8 * np.arange(n)[:, None] + [0, 1]] = random.uniform(-1.5, 1.5, (n, 2))
+    image = draw(
+        spec,
+        EMPTY,
+        state,
+        trails=random.uniform(-3, 3, (4, len(state))).astype(np.float32),
+        events=random.integers(0, 2, (n, 4), np.uint8),
+        scan=random.random((n, 5), np.float32),
+        messages=(random.random((n, n)) < 0.5, random.random((n, n)) < 0.5),
+        size=96,
+    )
+    assert image.shape == (96, 96, 3)
+    last = state[8 * (n - 1) : 8 * n]  # drawn last, so nothing hides it
+    assert n_near(image, ink.robot_color(n - 1), 40) > 3, last

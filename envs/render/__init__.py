@@ -1,0 +1,20 @@
+"""Draws worlds: pictures of a state, animations of an episode, and both in a notebook."""
+
+from swarmdata.envs.render.canvas import Image
+from swarmdata.envs.render.colors import ROBOT_COLORS
+from swarmdata.envs.render.notebook import Picture, play, show
+from swarmdata.envs.render.picture import draw, save_png
+from swarmdata.envs.render.scene import Messages
+from swarmdata.envs.render.video import animate
+
+__all__ = [
+    "ROBOT_COLORS",
+    "Image",
+    "Messages",
+    "Picture",
+    "animate",
+    "draw",
+    "play",
+    "save_png",
+    "show",
+]

@@ -1,0 +1,51 @@
+"""Pictures and animations that a notebook shows by itself."""
+
+import base64
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+from swarmdata.envs.render.picture import draw, save_png
+from swarmdata.envs.render.video import animate
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Episode, Float
+
+
+@dataclass(frozen=True, repr=False)
+class Picture:
+    """An encoded image; the last value of a notebook's cell is shown."""
+
+    data: bytes
+    format: Literal["png", "gif"]
+
+    def __repr__(self) -> str:
+        """Format and size instead of bytes."""
+        return f"Picture({self.format}, {len(self.data)} bytes)"
+
+    def _repr_png_(self) -> bytes | None:
+        return self.data if self.format == "png" else None
+
+    def _repr_html_(self) -> str:
+        text = base64.b64encode(self.data).decode("ascii")
+        return f'<img alt="a world" src="data:image/{self.format};base64,{text}">'
+
+    def save(self, path: Path) -> None:
+        """Writes the image as it is."""
+        Path(path).write_bytes(self.data)
+
+
+def show(spec: TaskSpec, layout: Float, state: Float, **options: Any) -> Picture:
+    """Draws one state for a notebook; arguments and errors are those of `draw`."""
+    buffer = io.BytesIO()
+    save_png(draw(spec, layout, state, **options), buffer)
+    return Picture(buffer.getvalue(), "png")
+
+
+def play(episode: Episode, spec: TaskSpec, **options: Any) -> Picture:
+    """Animates an episode for a notebook; arguments and errors are those of `animate`."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "episode.gif"
+        animate(episode, spec, path, **options)
+        return Picture(path.read_bytes(), "gif")

@@ -1,0 +1,179 @@
+"""What one picture shows: the arrays of a step, checked against the spec and split by meaning."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.geometry import OBSTACLE
+from swarmdata.spec import LidarModel, TaskSpec, TransportRules
+from swarmdata.states import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
+from swarmdata.types import EVENTS, Bool, Counts, Double, Float
+
+Messages = tuple[Bool, Bool | None]
+"""Delivered and attempted (if known) in a step: [N, N], receivers first, then senders."""
+
+_MOVING = 0.02  # m/s; below this the direction of a velocity is noise
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Ranges around each robot, the first ray along its heading, evenly over the circle."""
+
+    distances: Double  # [N, K] m
+    is_hit: Bool  # [N, K]
+    shown: tuple[int, ...]  # the robots whose rays are drawn
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One state of a world and what is known about it, ready to be drawn."""
+
+    spec: TaskSpec
+    layout: Float  # [M, 8] columns `geometry.OBSTACLE`
+    robots: Double  # [N, 8] columns `states.ROBOT`
+    bodies: Double  # [B, 7] columns `states.BODY`
+    extras: Double  # the task's own part of the state
+    trails: Double  # [K, N + B, 2] earlier positions of robots and bodies, oldest first
+    touching: Bool  # [N]
+    scan: Scan | None
+    delivered: Bool  # [N, N] receivers, senders
+    dropped: Bool  # [N, N]
+
+    @cached_property
+    def radii(self) -> Double:
+        """Radius of each robot, m, [N]."""
+        return np.array([robot.radius for robot in self.spec.robots])
+
+    @cached_property
+    def roles(self) -> tuple[int, ...]:
+        """Number of each robot's role, N long."""
+        return tuple(k for k, role in enumerate(self.spec.team) for _ in range(role.count))
+
+    def heading(self, i: int) -> tuple[float, float] | None:
+        """Unit vector that robot `i` points along; None for a holonomic robot at rest."""
+        if self.spec.robots[i].dynamics == "unicycle":
+            x, y = self.robots[i, UX], self.robots[i, UY]
+        else:
+            x, y = self.robots[i, VX], self.robots[i, VY]
+        length = float(np.hypot(x, y))
+        return None if length < _MOVING else (float(x) / length, float(y) / length)
+
+
+def build_scene(
+    spec: TaskSpec,
+    layout: Float,
+    state: Float,
+    *,
+    trails: Float | None = None,
+    events: Counts | None = None,
+    scan: Scan | None = None,
+    messages: Messages | None = None,
+) -> Scene:
+    """Checks the arrays of one step and splits them; the arguments are those of `draw`.
+
+    Raises:
+        SchemaError: an array does not fit the spec.
+    """
+    n = spec.n_agents
+    if layout.ndim != 2 or layout.shape[1] != len(OBSTACLE):
+        raise SchemaError(f"layout is {list(layout.shape)}, expected [M, 8] (geometry.OBSTACLE).")
+    if state.ndim != 1 or not np.isfinite(state).all():
+        raise SchemaError(f"state is {list(state.shape)}, expected [S] of finite numbers.")
+    robots, bodies, extras = _split(spec, state)
+    if events is not None and events.shape != (n, len(EVENTS)):
+        raise SchemaError(f"events are {list(events.shape)}, expected [{n}, {len(EVENTS)}].")
+    delivered, dropped = _links(n, messages)
+    contacts = np.zeros((n, len(EVENTS)), np.uint8) if events is None else events
+    return Scene(
+        spec=spec,
+        layout=layout,
+        robots=robots,
+        bodies=bodies,
+        extras=extras,
+        trails=_paths(spec, trails, len(state)),
+        touching=contacts.max(axis=1) > 0,
+        scan=scan,
+        delivered=delivered,
+        dropped=dropped,
+    )
+
+
+def n_bodies(spec: TaskSpec) -> int:
+    """Number of movable bodies in the task's states."""
+    return int(isinstance(spec.rules, TransportRules))
+
+
+def _split(spec: TaskSpec, states: Float) -> tuple[Double, Double, Double]:
+    """Robots [..., N, 8], bodies [..., B, 7] and the rest of states [..., S], in float64."""
+    robots = robots_of(states, spec.n_agents)
+    first, count = N_COLUMNS * spec.n_agents, n_bodies(spec)
+    last = first + len(BODY) * count
+    if states.shape[-1] < last:
+        raise SchemaError(
+            f"states are {list(states.shape)}, expected at least [..., {last}] for "
+            f"{spec.n_agents} robots and {count} payload. Pass the spec that made them."
+        )
+    bodies = states[..., first:last].reshape(*states.shape[:-1], count, len(BODY))
+    return robots.astype(np.float64), bodies.astype(np.float64), states[..., last:].astype(float)
+
+
+def _paths(spec: TaskSpec, trails: Float | None, size: int) -> Double:
+    if trails is None:
+        return np.empty((0, spec.n_agents + n_bodies(spec), 2))
+    if trails.ndim != 2 or trails.shape[1] != size:
+        raise SchemaError(
+            f"trails are {list(trails.shape)}, expected [K, {size}]: states like the one drawn."
+        )
+    robots, bodies, _ = _split(spec, trails)
+    return np.concatenate([robots[..., :2], bodies[..., :2]], axis=1)
+
+
+def _links(n: int, messages: Messages | None) -> tuple[Bool, Bool]:
+    """Delivered and dropped, [N, N]; nobody sends to itself."""
+    nothing = np.zeros((n, n), np.bool_)
+    if messages is None:
+        return nothing, nothing
+    delivered, attempted = messages
+    for name, array in (("delivered", delivered), ("attempted", attempted)):
+        if array is not None and array.shape != (n, n):
+            raise SchemaError(
+                f"{name} is {list(array.shape)}, expected [{n}, {n}]: receivers, then senders."
+            )
+    others = ~np.eye(n, dtype=np.bool_)
+    dropped = nothing if attempted is None else attempted.astype(bool) & ~delivered.astype(bool)
+    return delivered.astype(bool) & others, dropped & others
+
+
+def build_scan(
+    spec: TaskSpec, distances: Float, reach: float | None = None, focus: int | None = None
+) -> Scan:
+    """Turns normalised distances into a scan.
+
+    Args:
+        spec: the problem; the reach of each robot is the lesser of its model's and its own.
+        distances: of each ray as a share of the reach, 1 = nothing in range, [N, K].
+        reach: m; needed where the spec's observation model is no lidar.
+        focus: the only robot whose rays are drawn; all by default.
+
+    Raises:
+        SchemaError: wrong shape or values, or nothing says how far the rays reach.
+    """
+    n = spec.n_agents
+    if distances.ndim != 2 or len(distances) != n or distances.shape[1] == 0:
+        raise SchemaError(f"scan is {list(distances.shape)}, expected [{n}, K]: robots, rays.")
+    if not ((distances >= 0) & (distances <= 1)).all():
+        raise SchemaError("scan has values outside [0, 1], expected shares of the lidar's range.")
+    if focus is not None and not 0 <= focus < n:
+        raise SchemaError(f"focus is robot {focus}, expected 0 to {n - 1}.")
+    if reach is None:
+        if not isinstance(spec.observation, LidarModel):
+            raise SchemaError(
+                f"the spec observes by {spec.observation.kind!r}, so nothing says how far the rays "
+                "reach. Pass scan_range in metres."
+            )
+        reach = spec.observation.range
+    reaches = np.array([min(reach, robot.sensor_range or reach) for robot in spec.robots])
+    shown = tuple(range(n)) if focus is None else (focus,)
+    return Scan(distances.astype(np.float64) * reaches[:, None], distances < 1, shown)

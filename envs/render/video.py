@@ -1,0 +1,236 @@
+"""Animations of an episode: a GIF through Pillow, or an MP4 through the program ffmpeg."""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata.envs.render.canvas import pillow
+from swarmdata.envs.render.colors import (
+    CONTACT,
+    DROPPED,
+    FLOOR,
+    GRID,
+    INK,
+    NEUTRAL,
+    PAYLOAD,
+    PAYLOAD_EDGE,
+    SOLID,
+    WHITE,
+    robot_color,
+    tint,
+)
+from swarmdata.envs.render.picture import backdrop, paint
+from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
+from swarmdata.errors import ProgramError, SchemaError
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Bool, Episode, Float
+
+SUFFIXES = (".gif", ".mp4")
+
+_REST = 2.0  # s on the last state
+
+
+@dataclass(frozen=True)
+class Clip:
+    """What an animation shows of an episode, and how; the arguments of `animate`."""
+
+    size: int = 384
+    stride: int = 2
+    trail_steps: int = 30
+    scans: Float | None = None
+    scan_range: float | None = None
+    focus: int | None = None
+    attempted: Bool | None = None
+    has_messages: bool = True
+
+
+def animate(
+    episode: Episode,
+    spec: TaskSpec,
+    path: Path,
+    *,
+    size: int = 384,
+    stride: int = 2,
+    trail_steps: int = 30,
+    scans: Float | None = None,
+    scan_range: float | None = None,
+    focus: int | None = None,
+    attempted: Bool | None = None,
+    has_messages: bool = True,
+) -> None:
+    """Writes an episode that plays in real time and rests two seconds on its last state.
+
+    Args:
+        episode: what to show.
+        spec: the spec that made it.
+        path: the `.gif` or `.mp4` file; the latter needs the program ffmpeg.
+        size: pixels of the arena's longer side.
+        stride: control steps between two pictures; contacts between them are shown.
+        trail_steps: length of the trails, in control steps.
+        scans: lidar distances as `draw` takes them, [T+1, N, K].
+        scan_range: of the rays, m; by default that of the spec's lidar.
+        focus: the only robot whose scan is drawn; all by default.
+        attempted: links over which a message was sent, so that losses are shown, [T+1, N, N].
+        has_messages: whether the messages of an episode with a channel are drawn.
+
+    Raises:
+        SchemaError: the episode does not fit the spec, or `path` is neither `.gif` nor `.mp4`.
+        MissingExtraError: Pillow is not installed.
+        ProgramError: ffmpeg is needed and absent, or it failed.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES or stride < 1 or trail_steps < 0:
+        raise SchemaError(
+            f"got path {str(path)!r}, stride {stride}, trail_steps {trail_steps}; "
+            "expected a '.gif' or '.mp4', a stride of at least 1 and trail_steps of at least 0."
+        )
+    clip = Clip(size, stride, trail_steps, scans, scan_range, focus, attempted, has_messages)
+    _check_rows(episode, clip)
+    seconds = spec.control_dt * stride
+    if path.suffix.lower() == ".gif":
+        write_gif(list(frames_of(episode, spec, clip)), path, seconds)
+    else:
+        write_mp4(frames_of(episode, spec, clip), path, seconds)
+
+
+def _check_rows(episode: Episode, clip: Clip) -> None:
+    for name in ("scans", "attempted"):
+        array = getattr(clip, name)
+        if array is not None and len(array) != len(episode) + 1:
+            raise SchemaError(
+                f"{name} has {len(array)} rows, expected {len(episode) + 1}: one for each state."
+            )
+
+
+def frames_of(episode: Episode, spec: TaskSpec, clip: Clip) -> Iterator[Any]:
+    """Pillow images of every `stride`-th state and the last one, all of the same size."""
+    blank = None
+    for t in sorted({*range(0, len(episode), clip.stride), len(episode)}):
+        scene = _scene(episode, spec, clip, t)
+        blank = blank or backdrop(scene, clip.size, has_caption=True)
+        text = f"{t * spec.control_dt:4.1f} s    step {t} of {spec.horizon}"
+        if t == len(episode):
+            text += f"    {_outcome(episode)}"
+        yield paint(blank.copy(), scene, text)
+
+
+def _scene(episode: Episode, spec: TaskSpec, clip: Clip, t: int) -> Scene:
+    scan = None
+    if clip.scans is not None:
+        scan = build_scan(spec, clip.scans[t], clip.scan_range, clip.focus)
+    return build_scene(
+        spec,
+        episode.layout,
+        episode.states[t],
+        trails=episode.states[max(0, t - clip.trail_steps) : t + 1],
+        events=episode.events[max(0, t - clip.stride) : t].max(axis=0, initial=0),
+        scan=scan,
+        messages=_messages(episode, clip, t),
+    )
+
+
+def _messages(episode: Episode, clip: Clip, t: int) -> Messages | None:
+    has_channel = episode.delivered.shape[-1] > 0
+    if not has_channel or not clip.has_messages:
+        return None
+    return episode.delivered[t], None if clip.attempted is None else clip.attempted[t]
+
+
+def _outcome(episode: Episode) -> str:
+    if not episode.success:
+        return "failed" if episode.terminations[-1] else "out of time"
+    return "solved, with contact" if episode.events.any() else "solved, nothing touched"
+
+
+def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
+    """Writes Pillow images, each shown for `seconds`, as a GIF.
+
+    One palette for all frames, without dither: what does not move costs no bytes.
+    """
+    palette = _palette(frames)
+    dither = pillow().Dither.NONE
+    indexed = [frame.quantize(palette=palette, dither=dither) for frame in frames]
+    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST)]
+    indexed[0].save(
+        path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False
+    )
+
+
+def _palette(frames: list[Any]) -> Any:
+    """The pure colors, so that a rare contact stays red, and the commonest of three frames."""
+    pil = pillow()
+    pure = [WHITE, FLOOR, GRID, SOLID, INK, CONTACT, NEUTRAL, DROPPED, PAYLOAD, PAYLOAD_EDGE]
+    pure += [tint(robot_color(i), strength) for i in range(16) for strength in (1.0, 0.5)]
+    shown = (frames[0], frames[len(frames) // 2], frames[-1])
+    sample = pil.new("RGB", (shown[0].width, 3 * shown[0].height))
+    for k, frame in enumerate(shown):
+        sample.paste(frame, (0, k * frame.height))
+    n_rest = 160 - len(pure)
+    common = sample.quantize(colors=n_rest, method=pil.Quantize.MEDIANCUT).getpalette()
+    palette = pil.new("P", (1, 1))
+    palette.putpalette([value for color in pure for value in color] + common[: 3 * n_rest])
+    return palette
+
+
+def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
+    """Writes Pillow images of one size, each shown for `seconds`, as H.264 in an MP4.
+
+    Raises:
+        ProgramError: ffmpeg is not on the PATH, or it failed; no file is left then.
+    """
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise ProgramError(
+            f"writing {path} needs the program ffmpeg, which is not on the PATH. Install it "
+            "(apt install ffmpeg, brew install ffmpeg), or write a '.gif'."
+        )
+    images = iter(frames)
+    first = next(images)
+    rate = Fraction(1 / seconds).limit_denominator(1000)
+    command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{first.width}x{first.height}", "-r", str(rate), "-i", "-", "-an"]
+    command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-c:v", "libx264"]
+    command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    part = path.with_name(f"{path.stem}.part{path.suffix}")  # so that a film is whole or absent
+    try:
+        _feed([*command, str(part)], _raw(first, images, round(_REST / seconds)), path)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
+    """Pixels of every image, and the last one again while the film rests."""
+    pixels = np.asarray(first).tobytes()
+    yield pixels
+    for image in images:
+        pixels = np.asarray(image).tobytes()
+        yield pixels
+    for _ in range(n_rest):
+        yield pixels
+
+
+def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
+    """Runs ffmpeg on the chunks."""
+    with tempfile.TemporaryFile() as log:  # a pipe would fill up and stop both
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):  # it has ended early; its status and log say why
+                for chunk in chunks:
+                    process.stdin.write(chunk)
+                process.stdin.close()
+        if process.returncode != 0:
+            log.seek(0)
+            reason = log.read().decode(errors="replace").strip() or "it gave no reason"
+            raise ProgramError(
+                f"ffmpeg could not write {path}, status {process.returncode}: {reason}. It must "
+                "have the encoder libx264, and the folder must exist."
+            )
