@@ -1,10 +1,13 @@
 """Names, meanings and units of what is stored, for cards."""
 
+import re
 from dataclasses import dataclass
 
 from swarmdata.errors import SpecError
-from swarmdata.sensing import state_observation_fields
-from swarmdata.spec import TaskSpec
+from swarmdata.features import UNITS
+from swarmdata.interfaces import Task
+from swarmdata.observing import Observer
+from swarmdata.states import BODY, N_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -17,72 +20,62 @@ class FieldRow:
     meaning: str
 
 
-_OWN = {
-    "x": ("m", "own position"),
-    "y": ("m", "own position"),
-    "vx": ("m/s", "own velocity"),
-    "vy": ("m/s", "own velocity"),
-    "goal_dx": ("m", "goal minus own position"),
-    "goal_dy": ("m", "goal minus own position"),
-    "goal_ux": ("", "unit vector to the goal, shrinking within 0.3 m of it"),
-    "goal_uy": ("", "unit vector to the goal, shrinking within 0.3 m of it"),
-}
-
-_NEIGHBOR = {
-    "dx": ("m", "position relative to the own"),
-    "dy": ("m", "position relative to the own"),
-    "dvx": ("m/s", "velocity relative to the own"),
-    "dvy": ("m/s", "velocity relative to the own"),
-    "near_x": ("", "direction to it times closeness: 0 at the range, 1 in contact"),
-    "near_y": ("", "direction to it times closeness: 0 at the range, 1 in contact"),
-    "mask": ("", "1 if the slot holds a robot; nearest first"),
-}
-
-_OBSTACLE = {
-    "near_x": ("", "direction to the nearest surface point times closeness"),
-    "near_y": ("", "direction to the nearest surface point times closeness"),
-    "dx": ("m", "center relative to the own position"),
-    "dy": ("m", "center relative to the own position"),
-    "axis_x": ("m", "local x axis times the bounding radius"),
-    "axis_y": ("m", "local x axis times the bounding radius"),
-    "kind": ("", "shape: 0 circle, 1/3 box, 2/3 corner, 1 pocket"),
-    "mask": ("", "1 if the slot holds an obstacle; nearest first"),
-}
-
-_TABLES = {"own": _OWN, "neighbor": _NEIGHBOR, "obstacle": _OBSTACLE}
-
-
-def observation_rows(spec: TaskSpec) -> list[FieldRow]:
-    """The features of one robot's observation; the slots of one kind share their rows.
+def observation_rows(task: Task) -> list[FieldRow]:
+    """The features of one robot's observation; slots of one kind share their rows.
 
     Raises:
-        SpecError: the observation model, or a feature of it, has no description here.
+        SpecError: a feature has no description.
     """
-    model = spec.observation
-    if model.kind != "state":
-        raise SpecError(f"observation model {model.kind!r} has no field descriptions for a card")
-    columns: dict[tuple[str, str], list[int]] = {}
-    names = state_observation_fields(model.n_neighbors, model.n_obstacles)
-    for column, name in enumerate(names):
-        slot, feature = name.split(".")
-        columns.setdefault((slot.split("_")[0], feature), []).append(column)
-    unknown = [f"{kind}.{feature}" for kind, feature in columns if feature not in _TABLES[kind]]
+    features = Observer(task, 1).features
+    columns: dict[str, list[int]] = {}
+    for column, feature in enumerate(features):
+        columns.setdefault(re.sub(r"_\d+(?=\.)", "_*", feature.name), []).append(column)
+    unknown = sorted({feature.name for feature in features if not feature.meaning})
     if unknown:
         raise SpecError(f"observation features {unknown} have no description for a card")
     return [
-        FieldRow(", ".join(map(str, where)), f"{kind}.{feature}", *_TABLES[kind][feature])
-        for (kind, feature), where in columns.items()
+        FieldRow(_ranges(where), name, UNITS.get(features[where[0]].kind, ""), features[where[0]].meaning)
+        for name, where in columns.items()
     ]
 
 
-def state_rows(spec: TaskSpec) -> list[FieldRow]:
+def _ranges(columns: list[int]) -> str:
+    """Column numbers with their step if there are many: `8, 15, 22`, `8, 12, … 68`."""
+    if len(columns) <= 4:
+        return ", ".join(map(str, columns))
+    return f"{columns[0]}, {columns[1]}, … {columns[-1]}"
+
+
+_ROBOT = (
+    ("x, y", "m", "position"),
+    ("vx, vy", "m/s", "velocity"),
+    ("ux, uy", "", "heading, a unit vector; (1, 0) of a holonomic robot"),
+    ("tx, ty", "m", "target: where the robot should be now"),
+)
+
+_BODY = (
+    ("x, y", "m", "position of the payload"),
+    ("vx, vy", "m/s", "velocity of the payload"),
+    ("ux, uy", "", "direction of the payload's local x axis"),
+    ("turn_rate", "rad/s", "turn rate of the payload"),
+)
+
+
+def state_rows(task: Task) -> list[FieldRow]:
     """The features of the state, which is for training and analysis only."""
     rows = []
-    for index, agent in enumerate(spec.agent_names):
-        first = 6 * index
-        rows += [
-            FieldRow(f"{first}–{first + 1}", f"{agent}: x, y", "m", "position"),
-            FieldRow(f"{first + 2}–{first + 3}", f"{agent}: vx, vy", "m/s", "velocity"),
-            FieldRow(f"{first + 4}–{first + 5}", f"{agent}: goal_x, goal_y", "m", "goal"),
-        ]
-    return rows
+    for index, agent in enumerate(task.spec.agent_names):
+        for k, (names, unit, meaning) in enumerate(_ROBOT):
+            first = N_COLUMNS * index + 2 * k
+            rows.append(FieldRow(f"{first}–{first + 1}", f"{agent}: {names}", unit, meaning))
+    start = N_COLUMNS * task.spec.n_agents
+    for body in range(len(task.movables)):
+        for k, (names, unit, meaning) in enumerate(_BODY):
+            first = start + len(BODY) * body + 2 * k
+            last = f"–{first + 1}" if "," in names else ""
+            rows.append(FieldRow(f"{first}{last}", f"payload: {names}", unit, meaning))
+    start += len(BODY) * len(task.movables)
+    return rows + [
+        FieldRow(str(start + k), name, "", "of the task; see its rules")
+        for k, name in enumerate(task.extras)
+    ]

@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
+from swarmdata.cards.markdown import table
+from swarmdata.cards.problem import arrays_section, senses_section, task_section
 from swarmdata.cards.schema import Interval, TaskReferences, references_of
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.spec import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest, open_store, write_file
 from swarmdata.store.layout import CARD
-from swarmdata.types import END_REASONS, EVENTS, Bool, Double
+from swarmdata.types import END_REASONS, Bool, Double
 
 BINS, BAR = 12, 40
 """Rows of the return histogram, and characters of its longest bar."""
@@ -41,7 +43,7 @@ LIMITS = (
     "Simulated: planar, circular robots of equal mass, no wheel slip, no sensor noise unless the "
     "observation model says so.",
     "Every episode ends for the whole team at once; no robot leaves or joins.",
-    "States hold the goals; they are for training and analysis, not for deployed policies.",
+    "States hold the targets; they are for training and analysis, not for deployed policies.",
     "Actions of learned tiers are noisy, and each episode was made by one policy only.",
 )
 
@@ -81,10 +83,12 @@ def render(facts: Facts) -> str:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
+    task = make_task(facts.recipe.spec)
     sections = (
         _identity(facts),
-        _task(facts.recipe.spec),
-        _fields(facts.recipe.spec, facts.manifest),
+        task_section(task),
+        senses_section(facts.recipe.spec),
+        arrays_section(task, facts.manifest),
         _policies(facts),
         _statistics(facts),
         _splits(facts),
@@ -124,72 +128,7 @@ def _identity(facts: Facts) -> str:
         ("format version", str(manifest.format_version)),
     )
     snippet = f'```python\nimport swarmdata\n\ndataset = swarmdata.load("{recipe.id}")\n```\n'
-    return f"\n# {recipe.id}\n\n{snippet}\n" + _table(("", ""), rows)
-
-
-def _task(spec: TaskSpec) -> str:
-    rows = [
-        ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
-        ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
-        ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
-        ("control step", f"{spec.control_dt:g} s, {spec.n_substeps} physics steps"),
-        ("success", f"all robots within {spec.termination.goal_radius:g} m of their goals"),
-        ("on collision", spec.termination.on_collision),
-    ]
-    for role in spec.team:
-        robot = role.robot
-        rows.append(
-            (
-                f"{role.name}",
-                f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
-                f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
-            )
-        )
-    rows += [(f"reward: {name}", f"{value:g}") for name, value in spec.rewards]
-    rows += [(f"obstacles: {name}", _plain(value)) for name, value in spec.obstacles]
-    return "\n## Task\n\n" + _table(("", ""), rows) + _task_notes(spec)
-
-
-def _task_notes(spec: TaskSpec) -> str:
-    channel = spec.communication.kind
-    return (
-        "\nRewards are per robot; the team return of an episode is the sum over time of their mean "
-        "over robots. An episode terminates on success"
-        f"{' or on a collision' if spec.termination.on_collision == 'fail' else ''} and is "
-        f"truncated at the horizon. Communication: {channel}.\n"
-    )
-
-
-def _fields(spec: TaskSpec, manifest: Manifest) -> str:
-    rows = observation_rows(spec)
-    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
-    n_described = sum(len(row.columns.split(",")) for row in rows)
-    _expect("observation features", shapes["observations"][2], n_described)
-    _expect("state features", shapes["states"][1], 6 * spec.n_agents)
-    arrays = [
-        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
-        for name, entry in sorted(manifest.arrays.items())
-    ]
-    return (
-        "\n## Arrays\n\n"
-        + _table(("array", "dtype", "shape"), arrays)
-        + f"\nColumns of `events`: {', '.join(EVENTS)}. Actions are commands in [-1, 1], scaled by "
-        "the robot's limit.\n"
-        + "\n### Observation of one robot, world frame\n\n"
-        + _field_table(rows)
-        + "\n### State\n\n"
-        + _field_table(state_rows(spec))
-    )
-
-
-def _expect(what: str, got: int, expected: int) -> None:
-    if got != expected:
-        raise SchemaError(f"{what}: the arrays have {got}, the description has {expected}")
-
-
-def _field_table(rows: Sequence[FieldRow]) -> str:
-    cells = [(row.columns, f"`{row.name}`", row.unit, row.meaning) for row in rows]
-    return _table(("column", "name", "unit", "meaning"), cells)
+    return f"\n# {recipe.id}\n\n{snippet}\n" + table(("", ""), rows)
 
 
 def _policies(facts: Facts) -> str:
@@ -212,7 +151,7 @@ def _policies(facts: Facts) -> str:
             )
         )
     head = ("label", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success")
-    return "\n## Behavior policies\n\n" + _table(head, rows)
+    return "\n## Behavior policies\n\n" + table(head, rows)
 
 
 def _statistics(facts: Facts) -> str:
@@ -231,7 +170,7 @@ def _statistics(facts: Facts) -> str:
         rows.append((f"ended by {reason}", _percent(table.end_reason == code)))
     return (
         "\n## Statistics\n\n"
-        + _table(("", "per episode"), rows)
+        + table(("", "per episode"), rows)
         + f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
     )
 
@@ -256,7 +195,7 @@ def _splits(facts: Facts) -> str:
         rows.append((name, f"{chosen.sum():,}", f"{table.lengths[chosen].sum():,}", mean))
     return (
         "\n## Splits\n\n"
-        + _table(("split", "episodes", "steps", "mean return"), rows)
+        + table(("split", "episodes", "steps", "mean return"), rows)
         + f"\nBy episode and by policy: of every {rule.block} consecutive episodes of a policy, "
         f"{rule.validation} is for validation and {rule.test} for test. Normalization statistics "
         "come from train only. Evaluation seeds are reserved and never occur in a dataset.\n"
@@ -281,7 +220,7 @@ def _references(facts: Facts) -> str:
     labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
     return (
         "\n## Reference scores\n\n"
-        + _table(("policy", *labels), rows)
+        + table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
         f"intervals, policies without noise. {anchors}"
     )
@@ -327,11 +266,6 @@ def _bullets(title: str, lines: Sequence[str]) -> str:
     return f"\n## {title}\n\n" + "".join(f"- {line}\n" for line in lines)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def _percent(values: Bool) -> str:
     return f"{100 * values.mean():.1f} %"
 
@@ -340,7 +274,3 @@ def _interval(interval: Interval | None) -> str:
     if interval is None:
         return "never"
     return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-
-
-def _plain(value: object) -> str:
-    return " to ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else f"{value:g}"

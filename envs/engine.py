@@ -7,7 +7,7 @@ from swarmdata.envs.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
-from swarmdata.states import BODY, N_COLUMNS
+from swarmdata.states import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 CONTACT_WEIGHTS = (
@@ -20,11 +20,6 @@ CONTACT_WEIGHTS = (
     "team_share",
 )
 """Fields of `spec.Rewards` that `world.score_steps` applies, in its order."""
-
-
-def state_size(task: Task) -> int:
-    """Length S of a task's state."""
-    return N_COLUMNS * task.spec.n_agents + len(BODY) * len(task.movables) + len(task.extras)
 
 
 class TaskEnv:
@@ -55,7 +50,9 @@ class TaskEnv:
         self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
         self._observer = Observer(task, n_copies)
         self.features = self._observer.features
-        self.action_size, self.state_size = spec.action_size, state_size(task)
+        self.action_size, self.state_size = spec.action_size, state_size(
+            spec.n_agents, len(task.movables), len(task.extras)
+        )
         self.observation_size = len(self.features)
         self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))
         self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)

@@ -19,11 +19,12 @@ class Feature(NamedTuple):
     name: str
     kind: Kind
     axis: Literal["", "x", "y"] = ""  # a y always follows its x
+    meaning: str = ""  # for cards
 
 
-def vector(name: str, kind: Kind) -> tuple[Feature, Feature]:
+def vector(name: str, kind: Kind, meaning: str = "") -> tuple[Feature, Feature]:
     """The two components of a planar vector, named `<name>_x` and `<name>_y`."""
-    return Feature(f"{name}_x", kind, "x"), Feature(f"{name}_y", kind, "y")
+    return Feature(f"{name}_x", kind, "x", meaning), Feature(f"{name}_y", kind, "y", meaning)
 
 
 def numbered(prefix: str, n: int, fields: Iterable[Feature]) -> tuple[Feature, ...]:

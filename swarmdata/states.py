@@ -19,6 +19,11 @@ BODY = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
 """Of a movable body: position (m), velocity (m/s), direction of its local x axis, rad/s."""
 
 
+def state_size(n_agents: int, n_movables: int, n_extras: int) -> int:
+    """Length S of a state row."""
+    return N_COLUMNS * n_agents + len(BODY) * n_movables + n_extras
+
+
 def robots_of(states: Float, n_agents: int) -> Float:
     """Views the robots of states [..., S] as [..., N, 8], columns `ROBOT`.
 

@@ -1,0 +1,109 @@
+"""The sections of a card that describe the problem and the arrays."""
+
+import inspect
+import sys
+from collections.abc import Sequence
+
+from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
+from swarmdata.cards.markdown import plain, table
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Task
+from swarmdata.spec import Frozen, TaskSpec
+from swarmdata.states import state_size
+from swarmdata.store import Manifest
+from swarmdata.types import EVENTS
+
+
+def task_section(task: Task) -> str:
+    """The problem: robots, arena, rules."""
+    spec = task.spec
+    rows = [
+        ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
+        ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
+        ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
+        ("control step", f"{spec.control_dt:g} s, {spec.n_substeps} physics steps"),
+        ("on collision", spec.on_collision),
+    ]
+    for role in spec.team:
+        robot = role.robot
+        rows.append(
+            (
+                f"{role.name}",
+                f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
+                f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
+            )
+        )
+    rows += _settings("rules", spec.rules)
+    rows += _settings("obstacles", spec.obstacles)
+    return "\n## Task\n\n" + table(("", ""), rows) + _task_notes(task)
+
+
+def _settings(prefix: str, model: Frozen) -> list[tuple[str, str]]:
+    """One row per value of a part of the spec, nested parts by their path."""
+    rows = []
+    for name, value in model:
+        path = f"{prefix}: {name.replace('_', ' ')}"
+        rows += _settings(path, value) if isinstance(value, Frozen) else [(path, plain(value))]
+    return rows
+
+
+def _task_notes(task: Task) -> str:
+    rules = inspect.getdoc(sys.modules[type(task).__module__]) or ""
+    spec = task.spec
+    return (
+        f"\nThe rules, from the code that runs them:\n\n```text\n{rules}\n```\n"
+        "\nRewards are per robot; the team return of an episode is the sum over time of their mean "
+        "over robots. An episode terminates on success"
+        f"{' or on a collision' if spec.on_collision == 'fail' else ''} and is "
+        "truncated at the horizon.\n"
+    )
+
+
+def senses_section(spec: TaskSpec) -> str:
+    """What was sensed and heard."""
+    rows = [*_settings("observation", spec.observation)]
+    rows += _settings("communication", spec.communication)
+    return (
+        "\n## What the acting policies saw\n\n"
+        "Policies acted on the observations that are stored, made by these models (scripted ones "
+        "on the states). A view of this dataset under other models keeps the actions.\n\n"
+        + table(("", ""), rows)
+    )
+
+
+def arrays_section(task: Task, manifest: Manifest) -> str:
+    """What is stored, column by column.
+
+    Raises:
+        SchemaError: the arrays are not of these widths.
+        SpecError: a feature has no description.
+    """
+    spec, rows = task.spec, observation_rows(task)
+    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
+    n_described = sum(len(row.columns.split(",")) for row in rows)
+    _expect("observation features", shapes["observations"][2], n_described)
+    _expect("state features", shapes["states"][1], state_size(spec.n_agents, len(task.movables), len(task.extras)))
+    arrays = [
+        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
+        for name, entry in sorted(manifest.arrays.items())
+    ]
+    return (
+        "\n## Arrays\n\n"
+        + table(("array", "dtype", "shape"), arrays)
+        + f"\nColumns of `events`: {', '.join(EVENTS)}. Actions are commands in [-1, 1], scaled by "
+        "the robot's limit.\n"
+        + "\n### Observation of one robot\n\n"
+        + _fieldtable(rows)
+        + "\n### State\n\n"
+        + _fieldtable(state_rows(task))
+    )
+
+
+def _expect(what: str, got: int, expected: int) -> None:
+    if got != expected:
+        raise SchemaError(f"{what}: the arrays have {got}, the description has {expected}")
+
+
+def _fieldtable(rows: Sequence[FieldRow]) -> str:
+    cells = [(row.columns, f"`{row.name}`", row.unit, row.meaning) for row in rows]
+    return table(("column", "name", "unit", "meaning"), cells)
