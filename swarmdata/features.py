@@ -22,6 +22,12 @@ class Feature(NamedTuple):
     meaning: str = ""  # for cards
 
 
+    @property
+    def is_mask(self) -> bool:
+        """Whether this says if the rest of its slot holds something."""
+        return self.name.endswith(".mask")
+
+
 def vector(name: str, kind: Kind, meaning: str = "") -> tuple[Feature, Feature]:
     """The two components of a planar vector, named `<name>_x` and `<name>_y`."""
     return Feature(f"{name}_x", kind, "x", meaning), Feature(f"{name}_y", kind, "y", meaning)

@@ -6,12 +6,20 @@ from itertools import pairwise
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.geometry import clearance
 from swarmdata.interfaces import VecEnv
 from swarmdata.seeding import derive, uniform
 from swarmdata.spec import TaskSpec
+from swarmdata.states import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
+
+SPEED_TOLERANCE = 1e-3
+"""m/s: a velocity that a command or a collision may add to the limit."""
+
+PENETRATION = 0.03
+"""m: overlap with walls and obstacles that a push at top speed may reach for one step."""
 
 
 def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
@@ -20,7 +28,8 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     Shapes and dtypes are those of `Step`; values are finite; terminations and truncations exclude
     each other; the horizon truncates; an ended copy stays put; an episode is the same, bit for bit,
     alone, in a batch and after other episodes; earlier steps are never written to again; actions
-    that are not finite are refused.
+    that are not finite are refused; no robot is faster than the fastest may be, outside the arena
+    or inside an obstacle; empty slots of observations are zero.
 
     Args:
         make_env: builds E copies of the task.
@@ -36,6 +45,8 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     for step in steps:
         _check_arrays(step, batch, 4)
     _check_ends(steps, spec)
+    _check_motion(steps, spec)
+    _check_slots(steps, batch)
     used = make_env(spec, 1)
     _play(used, np.array([99], dtype=np.uint64), n_steps // 2)
     alone = _play(used, seeds[2:3], n_steps)
@@ -106,6 +117,36 @@ def _check_ends(steps: list[Step], spec: TaskSpec) -> None:
         assert (step.states[ended] == before.states[ended]).all(), "an ended copy moved"
         assert (ended <= step.ended).all(), "an end was taken back without a reset"
         ended = step.ended
+
+
+def _check_motion(steps: list[Step], spec: TaskSpec) -> None:
+    """Speed limits hold, headings are unit vectors, and nothing was driven through."""
+    radii = np.array([robot.radius for robot in spec.robots])
+    top = max(robot.max_speed for robot in spec.robots)
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    for step in steps:
+        robots = robots_of(step.states, spec.n_agents).astype(np.float64)
+        speeds = np.hypot(robots[..., VX], robots[..., VY])
+        assert speeds.max() <= top + SPEED_TOLERANCE, f"a robot drives {speeds.max():.4f} m/s"
+        headings = np.hypot(robots[..., UX], robots[..., UY])
+        assert np.allclose(headings, 1.0, atol=1e-5), "a heading is no unit vector"
+        for layout, team in zip(step.layouts, robots, strict=True):
+            for radius, robot in zip(radii, team, strict=True):
+                gap = clearance(robot[X], robot[Y], layout, half) - radius
+                assert gap >= -PENETRATION, f"a robot is {-gap:.3f} m deep in something solid"
+
+
+def _check_slots(steps: list[Step], env: VecEnv) -> None:
+    """Where the mask of a slot is 0, so is the rest of the slot."""
+    slots: dict[str, list[int]] = {}
+    for column, feature in enumerate(env.features):
+        slots.setdefault(feature.name.rpartition(".")[0], []).append(column)
+    masks = {f.name.rpartition(".")[0]: c for c, f in enumerate(env.features) if f.is_mask}
+    for step in steps:
+        for slot, mask in masks.items():
+            values = step.observations[..., slots[slot]]
+            assert np.isin(step.observations[..., mask], (0, 1)).all(), f"{slot}: mask is not 0 or 1"
+            assert not values[step.observations[..., mask] == 0].any(), f"{slot} is empty, not zero"
 
 
 def _check_refusals(env: VecEnv) -> None:
