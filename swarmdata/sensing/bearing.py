@@ -42,10 +42,8 @@ class Bearing:
 
     def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s = self._scene
-        observe_bearings(
-            states, layouts, s.radii, self._ranges, s.bodies, self._size, active, out
-        )  # fmt: skip
+        s, size = self._scene, self._size
+        observe_bearings(states, layouts, s.radii, self._ranges, s.bodies, size, active, out)
 
 
 @njit(nogil=True, cache=True)
@@ -85,9 +83,7 @@ def _crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> b
 
 
 @njit(nogil=True, cache=True)
-def _hidden(
-    state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Double
-) -> bool:  # fmt: skip
+def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Double) -> bool:
     """Whether anything stands between robots i and j."""
     px, py = float(state[N_COLUMNS * i + X]), float(state[N_COLUMNS * i + Y])
     dx, dy = float(state[N_COLUMNS * j + X]) - px, float(state[N_COLUMNS * j + Y]) - py

@@ -1,9 +1,9 @@
 """The `lidar` model: a range scan with hit types in the body's frame, and the target in polar form.
 
-Directions of the rays are constants of the body's frame, so every object is brought into that frame
-once, and the innermost loop runs over rays in float32. `+ - * /` and `sqrt` are correctly rounded in
-float32 too, and nothing is contracted or reordered, so the bits do not depend on the platform or on
-how many rays the processor handles at once.
+Directions of the rays are constants of the body's frame, so every object is brought into that
+frame once, and the innermost loop runs over rays in float32. `+ - * /` and `sqrt` are correctly
+rounded in float32 too, and nothing is contracted or reordered, so the bits do not depend on the
+platform or on how many rays the processor handles at once.
 
 A ray block has a constant number of lanes and one scratch array, because only then does the
 compiler prove that its loops may run in vector registers.
@@ -55,10 +55,8 @@ class Lidar:
 
     def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s = self._scene
-        scan(
-            states, layouts, s.radii, s.ranges, s.half, s.bodies, self._rays, self._size, active, out
-        )  # fmt: skip
+        s, rays, size = self._scene, self._rays, self._size
+        scan(states, layouts, s.radii, s.ranges, s.half, s.bodies, rays, size, active, out)
 
 
 def ray_blocks(n_rays: int) -> Float:
@@ -157,7 +155,7 @@ def _bar(
 def _shape(
     lanes: Float, row: Double, dx: float, dy: float, ux: float, uy: float, code: np.float32
 ) -> None:
-    """Meets the bars of one shape whose centre is at (dx, dy) from a robot with heading (ux, uy)."""
+    """Meets the bars of a shape, centred at (dx, dy) from a robot with heading (ux, uy)."""
     ax, ay = row[3], row[4]
     _invert(lanes, np.float32(ux * ax + uy * ay), np.float32(ux * ay - uy * ax))
     lx, ly = dx * ax + dy * ay, dy * ax - dx * ay

@@ -82,9 +82,13 @@ def _from_fields(fields: Mapping[str, Any], where: str) -> AnyObservationModel:
             f"an observation model{f' in {where}' if where else ''} has no kind, got the keys "
             f"{sorted(map(str, fields))}. Add one, such as kind: lidar"
         )
+    return _class_of(str(kind)).parse(dict(fields), where)
+
+
+def _class_of(kind: str) -> type[StateModel | LidarModel | BearingModel | OccupancyModel]:
     if kind not in _KINDS:
-        raise UnknownNameError("observation model", str(kind), _KINDS)
-    return _KINDS[kind].parse(dict(fields), where)
+        raise UnknownNameError("observation model", kind, _KINDS)
+    return _KINDS[kind]
 
 
 def _from_text(text: str, where: str) -> AnyObservationModel:
@@ -97,7 +101,8 @@ def _from_text(text: str, where: str) -> AnyObservationModel:
             f"{where} holds a {type(fields).__name__}, expected the fields of an observation "
             "model, such as kind: lidar"
         )
-    return _from_fields(fields, where)
+    model = type(_from_fields(fields, where))
+    return model.from_text(text, where)  # which refuses a key given twice
 
 
 def _read(path: Path) -> str:
@@ -113,8 +118,7 @@ def _read(path: Path) -> str:
 def _from_name(name: str) -> AnyObservationModel:
     first, *rest = name.split("+")
     kind, has_size, size = first.partition("-")
-    if kind not in _KINDS:
-        raise UnknownNameError("observation model", kind, _KINDS)
+    model = _class_of(kind)
     fields: dict[str, Any] = {"kind": kind}
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
@@ -128,7 +132,7 @@ def _from_name(name: str) -> AnyObservationModel:
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added
-    return _KINDS[kind].parse(fields, repr(name))
+    return model.parse(fields, repr(name))
 
 
 def _number(text: str, part: str, name: str) -> int | float:

@@ -1,4 +1,4 @@
-"""The `occupancy` model: a coarse egocentric grid in the body's frame, and the target in polar form.
+"""The `occupancy` model: a coarse grid in the body's frame, and the target in polar form.
 
 Arithmetic as in `geometry`: float64, and flags are what is stored.
 """
@@ -42,10 +42,8 @@ class Occupancy:
 
     def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s = self._scene
-        observe_grids(
-            states, layouts, s.radii, s.ranges, s.half, s.bodies, self._size, active, out
-        )  # fmt: skip
+        s, size = self._scene, self._size
+        observe_grids(states, layouts, s.radii, s.ranges, s.half, s.bodies, size, active, out)
 
 
 @njit(nogil=True, cache=True)

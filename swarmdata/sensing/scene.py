@@ -23,8 +23,8 @@ POLAR = (
     Feature("target.distance", "range"),
     *vector("target.bearing", "direction"),
 )
-"""What every model in the body's frame starts with: own velocity, and the target's distance (1 = the
-arena's diagonal or more) and bearing (cosine, sine)."""
+"""What every model in the body's frame starts with: own velocity, and the target's distance
+(1 = the arena's diagonal or more) and bearing (cosine, sine)."""
 
 N_POLAR = len(POLAR)
 

@@ -49,8 +49,8 @@ OBSTACLE = (
     Feature("kind", "flag"),
     Feature("mask", "flag"),
 )
-"""Direction to the nearest surface point times closeness; centre relative to the own position; local
-x axis times the bounding radius; shape code / 3."""
+"""Direction to the nearest surface point times closeness; centre relative to the own position;
+local x axis times the bounding radius; shape code / 3."""
 
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
