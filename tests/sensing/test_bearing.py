@@ -48,7 +48,8 @@ def is_hidden(scenes: Any, task: Task, robots: Double, rows: Double, i: int, j: 
 
 def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations, [N, O]."""
-    model, n = task.spec.observation, task.spec.n_agents
+    model: Any = task.spec.observation
+    n = task.spec.n_agents
     robots = robots_of(state, n).astype(np.float64)
     rows, out = scenes.rows(task, state, layout), []
     for i, robot in enumerate(task.spec.robots):

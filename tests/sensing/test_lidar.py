@@ -62,9 +62,10 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
             found.append((circle_hit(at, ray, row[1:3], row[5]), code))
         else:
             found += [(bar_hit(scenes, at, ray, bar), code) for bar in scenes.bars(row)]
-    reach = min(task.spec.observation.range, task.spec.robots[i].sensor_range or np.inf)
+    model: Any = task.spec.observation
+    reach = min(model.range, task.spec.robots[i].sensor_range or np.inf)
     nearest = min(found)
-    return nearest if nearest[0] < reach else (task.spec.observation.range, NOTHING)
+    return nearest if nearest[0] < reach else (model.range, NOTHING)
 
 
 @given(

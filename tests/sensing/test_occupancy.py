@@ -28,7 +28,8 @@ def distance_to(scenes: Any, points: Double, row: Double) -> Double:
 
 def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations, [N, O]."""
-    model, n = task.spec.observation, task.spec.n_agents
+    model: Any = task.spec.observation
+    n = task.spec.n_agents
     robots, half_cell = robots_of(state, n).astype(np.float64), model.cell_size / 2
     rows, out = scenes.rows(task, state, layout), []
     steps = (np.arange(model.cells) - (model.cells - 1) / 2) * model.cell_size

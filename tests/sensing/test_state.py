@@ -1,5 +1,6 @@
 """The state observation against its NumPy twin, and what its fields promise."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from swarmdata.types import Double, Float
 
 def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations in plain NumPy, [N, O]."""
-    model, robots = task.spec.observation, task.spec.robots
+    model: Any = task.spec.observation
+    robots = task.spec.robots
     rows = robots_of(state, len(robots)).astype(np.float64)
     radius = np.array([robot.radius for robot in robots])
     has_headings = any(robot.dynamics == "unicycle" for robot in robots)
@@ -82,9 +84,9 @@ def test_the_kernel_equals_its_numpy_twin(
 def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: Any) -> None:
     task = scenes.task({"kind": "state"}, team=[{"count": 4}])
     names = [feature.name for feature in Sensor(task, 1).features]
-    own = "x y vx vy goal_dx goal_dy goal_ux goal_uy".split()
-    near = "dx dy dvx dvy near_x near_y mask".split()
-    around = "near_x near_y dx dy axis_x axis_y kind mask".split()
+    own = ["x", "y", "vx", "vy", "goal_dx", "goal_dy", "goal_ux", "goal_uy"]
+    near = ["dx", "dy", "dvx", "dvy", "near_x", "near_y", "mask"]
+    around = ["near_x", "near_y", "dx", "dy", "axis_x", "axis_y", "kind", "mask"]
     assert names == [
         *(f"own.{name}" for name in own),
         *(f"neighbor_{k}.{name}" for k in range(3) for name in near),
@@ -94,7 +96,7 @@ def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: An
 
 def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
     features = Sensor(scenes.task({"kind": "state"}), 1).features
-    for one, two in zip(features, features[1:], strict=False):
+    for one, two in itertools.pairwise(features):
         assert (one.axis == "x") == (two.axis == "y")
         if one.axis == "x":
             assert (one.kind, one.name.replace("x", "y")) == (two.kind, two.name.replace("x", "y"))
