@@ -77,13 +77,6 @@ def ray_blocks(n_rays: int) -> Float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _load_rays(lanes: Float, rays: Float) -> None:
-    for k in range(LANES):
-        lanes[_COS + k] = rays[0, k]
-        lanes[_SIN + k] = rays[1, k]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
     """Reciprocals of every ray's components in a frame whose x axis is (ax, ay).
 
@@ -97,13 +90,21 @@ def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _walls(
-    lanes: Float, px: np.float32, py: np.float32, hx: np.float32, hy: np.float32, reach: np.float32
-) -> None:
-    """Starts the scan: the wall that each ray meets, or nothing within `reach`.
+def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.float32) -> None:
+    """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
 
-    Expects the reciprocals of the arena's frame, in which the robot is at (px, py).
+    Args:
+        lanes: scratch, written, [6 * LANES].
+        rays: of the block, [2, LANES].
+        robot: one robot's state, columns `states.ROBOT`.
+        half: half width and half height of the arena, m, [2].
+        reach: m.
     """
+    for k in range(LANES):
+        lanes[_COS + k] = rays[0, k]
+        lanes[_SIN + k] = rays[1, k]
+    _invert(lanes, robot[UX], -robot[UY])
+    px, py, hx, hy = robot[X], robot[Y], np.float32(half[0]), np.float32(half[1])
     for k in range(LANES):
         ix, iy = lanes[_INV_X + k], lanes[_INV_Y + k]
         tx = hx * abs(ix) - px * ix
@@ -252,16 +253,7 @@ def scan(
             at, reach = N_COLUMNS * i, min(span, ranges[i])
             write_polar(out[b, i], state, i, diagonal)
             for block in range(rays.shape[0]):
-                _load_rays(lanes, rays[block])
-                _invert(lanes, state[at + UX], -state[at + UY])
-                _walls(
-                    lanes,
-                    state[at + X],
-                    state[at + Y],
-                    np.float32(half[0]),
-                    np.float32(half[1]),
-                    np.float32(reach),
-                )
+                _start(lanes, rays[block], state[at:], half, np.float32(reach))
                 _objects(lanes, state, i, radii, rows, sizes, n_obstacles, reach)
                 first, done = LANES * block, N_POLAR + (1 + n_channels) * LANES * block
                 count = min(LANES, n_rays - first)

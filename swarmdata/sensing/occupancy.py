@@ -72,6 +72,27 @@ def _mark_disc(
 
 
 @njit(nogil=True, cache=True)
+def _mark_robots(
+    grid: Float,
+    state: Float,
+    i: int,
+    radii: Double,
+    pose: tuple[float, float, float, float],
+    span: float,
+    cells: int,
+    size: float,
+    n_channels: int,
+) -> None:
+    """Flags the cells in the inflated discs of all robots but robot i."""
+    px, py, ux, uy = pose
+    for j in range(radii.shape[0]):
+        dx, dy = float(state[N_COLUMNS * j + X]) - px, float(state[N_COLUMNS * j + Y]) - py
+        x, y, r = ux * dx + uy * dy, ux * dy - uy * dx, radii[j] + size / 2
+        if j != i:
+            _mark_disc(grid, x, y, r, span, cells, size, n_channels)
+
+
+@njit(nogil=True, cache=True)
 def _mark_row(
     grid: Float,
     obstacle: Double,
@@ -160,12 +181,7 @@ def observe_grids(
             write_polar(out[b, i], state, i, diagonal)
             grid = out[b, i, N_POLAR : N_POLAR + cells * cells * n_channels]
             grid[:] = 0.0
-            for j in range(n_agents):
-                dx = float(state[N_COLUMNS * j + X]) - px
-                dy = float(state[N_COLUMNS * j + Y]) - py
-                x, y, r = ux * dx + uy * dy, ux * dy - uy * dx, radii[j] + size / 2
-                if j != i:
-                    _mark_disc(grid, x, y, r, span, cells, size, n_channels)
+            _mark_robots(grid, state, i, radii, pose, span, cells, size, n_channels)
             for m in range(rows.shape[0]):
                 reach, channel = bounding_radius(rows[m]) + size / 2, 1 if m < n_obstacles else 2
                 _mark_row(grid[channel:], rows[m], reach, pose, span, cells, size, n_channels)

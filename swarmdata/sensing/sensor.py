@@ -64,6 +64,7 @@ class Sensor:
             dtype=np.int64,
         )
         self._turns = model.kind != "state" and len(self._pairs) > 0
+        # a task normalises its distances by the arena's diagonal
         metres = np.concatenate([self._sense.metres, np.full(len(extra), scene.diagonal)])
         worsening = Worsening(frame, metres, model)
         self._worsening = worsening if worsening.is_needed else None

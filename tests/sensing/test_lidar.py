@@ -1,5 +1,9 @@
 """The lidar against a NumPy twin that meets edges one by one, and what its beams promise."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -145,3 +149,41 @@ def test_a_robot_without_a_heading_column_of_its_own_scans_the_worlds_axes(scene
     beams = out[0, :, 5:21].reshape(2, 4, 4)
     np.testing.assert_allclose(beams[0, 0], [0.38, 1, 0, 0], atol=1e-6)
     np.testing.assert_array_equal(beams[1, 2], [1, 0, 0, 0])
+
+
+SCRIPT = """
+import hashlib, numpy as np
+from swarmdata.sensing.lidar import ray_blocks, scan
+
+rng = np.random.default_rng(0)
+states = rng.uniform(-1.9, 1.9, (300, 32)).astype(np.float32)
+states.reshape(300, 4, 8)[..., 4:6] = 0.6, 0.8
+layouts = rng.uniform(0.05, 0.4, (300, 6, 8)).astype(np.float32)
+layouts[..., 0], layouts[..., 3:5] = (0, 0, 1, 2, 3, 3), (0.28, 0.96)
+layouts[..., 1:3] = rng.uniform(-1.9, 1.9, (300, 6, 2))
+out = np.zeros((300, 4, 5 + 4 * 33), dtype=np.float32)
+scan(states, layouts, np.full(4, 0.12), np.full(4, np.inf), np.full(2, 2.0), np.zeros((0, 3)),
+     ray_blocks(33), (33, 2.0, 5.5), np.ones(300, dtype=bool), out)
+print(hashlib.sha256(out.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", [{"NUMBA_CPU_NAME": "generic"}, {"NUMBA_OPT": "0"}])
+def test_the_bits_do_not_depend_on_the_processors_registers(
+    target: dict[str, str], tmp_path: Path
+) -> None:
+    """Wide registers, narrow ones, and none: the same scan."""
+    digests = set()
+    for name, changes in (("native", {}), ("other", target)):
+        cache = {"NUMBA_CACHE_DIR": str(tmp_path / name)}
+        command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
+        run = subprocess.run(
+            command,
+            env={**os.environ, **cache, **changes},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        digests.add(run.stdout)
+    assert len(digests) == 1
