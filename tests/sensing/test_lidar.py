@@ -136,7 +136,7 @@ def test_rays_are_unit_vectors_and_spare_lanes_repeat_the_first(n_rays: int) -> 
     assert (y[n_rays:] == 0).all()
 
 
-def test_a_robot_without_a_heading_column_of_its_own_scans_the_worlds_axes(scenes: Any) -> None:
+def test_beams_beyond_a_robots_own_range_read_one(scenes: Any) -> None:
     """Two robots side by side, one blind beyond 0.3 m: only the other sees."""
     far = {"name": "far", "count": 1}
     near = {"name": "near", "count": 1, "robot": {"sensor_range": 0.3}}
