@@ -32,12 +32,9 @@ from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds, Step
 OLDEST = NEVER - 1
 """Ages stop here."""
 
-Inputs = tuple[Float, Seeds, Int, Float, Bool]
-Outputs = tuple[Float, Bool, Counts, Float]
 Memory = tuple[Float, Bool, Float, Counts, Counts]
-Tables = tuple[Int, Bool, Double, Double]
-Limits = tuple[int, int, int, int, int, bool, bool]
-Chances = tuple[float, float, float, float, float, float]
+Constants = tuple[Int, Bool, Double, Double, Int, Double]
+Scratch = tuple[Bool, Double, Int, Int, Int]
 
 
 class Channel:
@@ -77,9 +74,7 @@ class Channel:
         self.message_size = len(message_fields(model))
         self.features = slot_features(model, n)
         self._said = np.zeros((n_copies, n, self.message_size), dtype=np.float32)
-        self._tables = _tables(spec)
-        self._limits = _limits(spec, model)
-        self._chances = _chances(model)
+        self._constants = _constants(spec)
         links = (n_copies, n, n)
         self._memory: Memory = (
             np.zeros((n_copies, model.delay + 1, n, self.message_size), dtype=np.float32),
@@ -114,12 +109,17 @@ class Channel:
         if self._is_learned:
             self._listen_to(actions, now.times, active)
         _transmit(
-            (now.states, now.seeds, now.times, self._said, active),
-            (now.sent, now.delivered, now.ages, out),
+            now.states,
+            now.seeds,
+            now.times,
+            self._said,
+            active,
+            now.sent,
+            now.delivered,
+            now.ages,
+            out,
             self._memory,
-            self._tables,
-            self._limits,
-            self._chances,
+            self._constants,
         )
 
     def _listen_to(self, actions: Float | Double | None, times: Int, active: Bool) -> None:
@@ -141,15 +141,23 @@ class Channel:
         self._said[...] = actions[..., 2:]
 
 
-def _tables(spec: TaskSpec) -> Tables:
-    """Columns of the payload, which of them are positions, and the quantiser's cells."""
-    columns = COLUMNS[broadcast_of(spec).payload]
+def _constants(spec: TaskSpec) -> Constants:
+    """Payload's columns, which are positions; cells' lower ends, widths; limits; chances."""
+    model = broadcast_of(spec)
+    columns = COLUMNS[model.payload]
     is_position = [column in {X, Y, TX, TY} for column in columns]
     low, width = quantizer(spec)
-    return np.array(columns, dtype=np.int64), np.array(is_position, dtype=np.bool_), low, width
+    return (
+        np.array(columns, dtype=np.int64),
+        np.array(is_position, dtype=np.bool_),
+        low,
+        width,
+        np.array(_limits(spec, model), dtype=np.int64),
+        np.array(_chances(model), dtype=np.float64),
+    )
 
 
-def _limits(spec: TaskSpec, model: Broadcast) -> Limits:
+def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
     """Topology, nearest senders, messages per step, time slots, cells; bursts? body frame?"""
     return (
         TOPOLOGIES[model.topology],
@@ -162,7 +170,7 @@ def _limits(spec: TaskSpec, model: Broadcast) -> Limits:
     )
 
 
-def _chances(model: Broadcast) -> Chances:
+def _chances(model: Broadcast) -> tuple[float, ...]:
     """Squared range; loss on good and bad links; entering, leaving, starting in a burst."""
     reach = math.inf if model.range is None else model.range * model.range
     in_good = model.drop_probability
@@ -177,30 +185,38 @@ def _chances(model: Broadcast) -> Chances:
 
 @njit(nogil=True, cache=True)
 def _transmit(
-    inputs: Inputs,
-    outputs: Outputs,
+    states: Float,
+    seeds: Seeds,
+    times: Int,
+    said: Float,
+    active: Bool,
+    sent: Float,
+    delivered: Bool,
+    ages: Counts,
+    out: Float,
     memory: Memory,
-    tables: Tables,
-    limits: Limits,
-    chances: Chances,
+    constants: Constants,
 ) -> None:
     """One step of the active copies.
 
     Args:
-        inputs: states [E, S], seeds [E], times [E], learned messages [E, N, P], active [E].
-        outputs: sent [E, N, P], delivered [E, N, N], ages [E, N, N], slots [E, N, (N-1) (P+3)].
+        states: [E, S].
+        seeds: [E].
+        times: [E].
+        said: learned messages, [E, N, P].
+        active: [E].
+        sent: written, [E, N, P].
+        delivered: written, [E, N, N].
+        ages: written, [E, N, N].
+        out: the slots, written, [E, N, (N-1) (P+3)].
         memory: messages [E, D+1, N, P] and links [E, D+1, N, N] that are under way, rings over the
             steps of sending; newest message held [E, N, N, P], its age [E, N, N]; state of each
             link [E, N, N].
-        tables: what `_tables` returns.
-        limits: what `_limits` returns.
-        chances: what `_chances` returns.
+        constants: what `_constants` returns.
     """
-    states, seeds, times, said, active = inputs
-    sent, delivered, ages, out = outputs
     messages, underway, held, newest, bad = memory
-    columns, is_position, low, width = tables
-    n = sent.shape[1]
+    columns, is_position, low, width, limits, chances = constants
+    n, n_cells, in_body_frame = sent.shape[1], limits[4], limits[6] != 0
     scratch = (
         np.empty((n, n), dtype=np.bool_),
         np.empty(limits[1], dtype=np.float64),
@@ -213,10 +229,10 @@ def _transmit(
             continue
         t = times[e]
         slot = t % messages.shape[1]
-        compose(states, said, e, t == 0, columns, low, width, limits[4], sent)
+        compose(states, said, e, t == 0, columns, low, width, n_cells, sent)
         _choose(states, seeds[e], t, e, limits, chances, bad, scratch, underway[e, slot])
         _deliver(t, e, sent, messages, underway, held, newest, delivered, ages)
-        write_slots(states, e, held, newest, columns, is_position, limits[6], out)
+        write_slots(states, e, held, newest, columns, is_position, in_body_frame, out)
 
 
 @njit(nogil=True, cache=True)
@@ -225,21 +241,22 @@ def _choose(
     seed: int,
     t: int,
     e: int,
-    limits: Limits,
-    chances: Chances,
+    limits: Int,
+    chances: Double,
     bad: Counts,
-    scratch: tuple[Bool, Double, Int, Int, Int],
+    scratch: Scratch,
     taken: Bool,
 ) -> None:
     """Writes which messages of step t get through, taken [N, N]."""
     linked, distances, found, groups, counts = scratch
-    reach, in_good, in_bad, enter, leave, stationary = chances
-    pick_links(states, e, limits[0], reach, distances, found, linked)
-    spend_bandwidth(linked, t, limits[2], taken)
+    in_good, in_bad = chances[1], chances[2]
+    pick_links(states, e, limits[0], chances[0], distances, found, taken)
+    if limits[2] > 0 or limits[3] > 0:
+        spend_bandwidth(taken, t, limits[2], linked)
     if limits[3] > 0:
         collide(seed, t, limits[3], linked, groups, counts, taken)
-    if limits[5]:
-        step_bursts(seed, t, e, enter, leave, stationary, bad)
+    if limits[5] > 0:
+        step_bursts(seed, t, e, chances[3], chances[4], chances[5], bad)
     if in_good > 0.0 or in_bad > 0.0:
         drop(seed, t, e, in_good, in_bad, bad, taken)
 

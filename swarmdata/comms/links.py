@@ -108,24 +108,24 @@ def _pick_nearest(
 
 
 @njit(nogil=True, cache=True)
-def spend_bandwidth(linked: Bool, t: int, limit: int, taken: Bool) -> None:
-    """Writes which messages each receiver decodes, at most `limit`, taken [N, N].
+def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
+    """Removes from `taken` what a receiver does not decode, so that at most `limit` remain.
 
     The links that a receiver has, in sender order, take turns: in step t those from number
     t * limit on, round and round.
 
     Args:
-        linked: [N, N].
+        taken: all links before, changed, [N, N].
         t: the step.
         limit: 0 for none.
-        taken: written.
+        linked: written, all links, [N, N].
     """
     n = linked.shape[0]
     for i in range(n):
         n_linked = 0
         for j in range(n):
+            linked[i, j] = taken[i, j]
             n_linked += linked[i, j]
-            taken[i, j] = linked[i, j]
         if limit == 0 or n_linked <= limit:
             continue
         start, rank = t * limit % n_linked, 0
@@ -210,7 +210,9 @@ def step_bursts(
 
 
 @njit(nogil=True, cache=True)
-def drop(seed: int, t: int, e: int, in_good: float, in_bad: float, bad: Counts, taken: Bool) -> None:
+def drop(
+    seed: int, t: int, e: int, in_good: float, in_bad: float, bad: Counts, taken: Bool
+) -> None:
     """Removes from `taken` what is lost by chance.
 
     Args:
