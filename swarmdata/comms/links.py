@@ -49,7 +49,7 @@ def _in_topology(topology: int, i: int, j: int, n: int) -> bool:
     return topology == FULL or i == 0 or j == 0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def pick_links(
     states: Float,
     e: int,

@@ -104,7 +104,7 @@ def quantize(value: float, low: float, width: float, n_cells: int) -> float:
     return low + (cell + 0.5) * width
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def compose(
     states: Float,
     actions: Float,
@@ -142,7 +142,7 @@ def compose(
             sent[e, j, c] = value
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def write_slots(
     states: Float,
     e: int,

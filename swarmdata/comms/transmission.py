@@ -1,4 +1,7 @@
-"""One step of every copy's radio, as one compiled call."""
+"""One step of every copy's radio, as one compiled call.
+
+Its parts are inlined: a call with many arrays costs as much as the work of a small team.
+"""
 
 import numpy as np
 from numba import njit
@@ -74,7 +77,7 @@ def transmit_all(
         write_slots(states, e, held, newest, columns, is_position, in_body_frame, out)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def _choose(
     states: Float,
     seed: int,
@@ -100,7 +103,7 @@ def _choose(
         drop(seed, t, e, in_good, in_bad, bad, taken)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def _deliver(
     t: int,
     e: int,
