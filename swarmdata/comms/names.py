@@ -131,8 +131,9 @@ def _fields_of(part: str, text: str) -> dict[str, Any]:
         return build(value or "")
     except (ValueError, InvalidOperation) as error:
         problem = str(error) if isinstance(error, ValueError) else "is not a number"
+        got = repr(value) if value else "nothing"
         raise SpecError(
-            f"communication model {text!r}: the value of {part!r} {problem}, got {value!r}. "
+            f"communication model {text!r}: the value of {part!r} {problem}, got {got}. "
             f"Expected something like {word}-{example}."
         ) from error
 
