@@ -23,17 +23,21 @@ COLUMNS = {
 """Columns of the sender's part of the state that each payload carries, two for each vector."""
 
 VECTORS = {
-    X: vector("position", "position"),
-    VX: vector("velocity", "velocity"),
-    UX: vector("heading", "direction"),
-    TX: vector("target", "position"),
+    X: vector("position", "position", "the sender's position when it sent, minus the own now"),
+    VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
+    UX: vector("heading", "direction", "the sender's heading when it sent"),
+    TX: vector("target", "position", "the sender's target when it sent, minus the own position now"),
 }
 """Features of the vector that starts at a column."""
 
 AGE_LIMIT = 20
 """Age (steps) from which on the feature `age` is 1."""
 
-TRAILER = (Feature("age", "flag"), Feature("mask", "flag"), Feature("sender", "flag"))
+TRAILER = (
+    Feature("age", "flag", "", "steps since it was sent / 20, at most 1"),
+    Feature("mask", "flag", "", "1 if anything was ever received from this sender"),
+    Feature("sender", "flag", "", "index of the sender / (robots - 1)"),
+)
 """What follows the message in a slot: its age over `AGE_LIMIT`, at most 1; 1 where a message is
 held; the index of the sender over N - 1."""
 
@@ -58,7 +62,7 @@ def message_fields(model: Broadcast) -> tuple[Feature, ...]:
     Positions are relative to the receiver's own present position.
     """
     if model.payload == "learned":
-        return tuple(Feature(f"value_{c}", "flag") for c in range(model.message_size))
+        return tuple(Feature(f"value_{c}", "flag", "", "value of a learned message") for c in range(model.message_size))
     columns = COLUMNS[model.payload]
     return tuple(field for column in columns[::2] for field in VECTORS[column])
 

@@ -16,7 +16,11 @@ from swarmdata.spec import BearingModel
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-NEIGHBOR = (Feature("range", "range"), *vector("bearing", "direction"), Feature("mask", "flag"))
+NEIGHBOR = (
+    Feature("range", "range", "", "distance between centers / range of the model"),
+    *vector("bearing", "direction", "cosine and sine of its bearing"),
+    Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
+)
 """Distance between centres (1 = the model's range); cosine and sine of the bearing."""
 
 _WIDTH = len(NEIGHBOR)

@@ -46,7 +46,10 @@ class Lidar:
 
     def __init__(self, model: LidarModel, scene: Scene) -> None:
         channels = HITS if len(scene.bodies) else HITS[:3]
-        beam = (Feature("distance", "range"), *(Feature(name, "flag") for name in channels))
+        beam = (
+            Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
+            *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
+        )
         beams = numbered("beam", model.n_rays, beam)
         self.features = (*POLAR, *beams)
         self.metres = np.array([scene.diagonal] * N_POLAR + [model.range] * len(beams))

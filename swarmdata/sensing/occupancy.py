@@ -35,7 +35,7 @@ class Occupancy:
 
     def __init__(self, model: OccupancyModel, scene: Scene) -> None:
         channels = CHANNELS if len(scene.bodies) else CHANNELS[:2]
-        flags = (Feature(name, "flag") for name in channels)
+        flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
         self.features = (*POLAR, *numbered("cell", model.cells * model.cells, flags))
         self.metres = np.full(len(self.features), scene.diagonal)
         self._scene, self._size = scene, (model.cells, model.cell_size, scene.diagonal)

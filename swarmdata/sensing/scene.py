@@ -19,12 +19,11 @@ TARGET_NEAR = 0.01
 """Distance (m) within which a target has no bearing."""
 
 POLAR = (
-    *vector("own.v", "velocity"),
-    Feature("target.distance", "range"),
-    *vector("target.bearing", "direction"),
+    *vector("own.v", "velocity", "own velocity"),
+    Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
+    *vector("target.bearing", "direction", "cosine and sine of the target's bearing"),
 )
-"""What every model in the body's frame starts with: own velocity, and the target's distance
-(1 = the arena's diagonal or more) and bearing (cosine, sine)."""
+"""What every model in the body's frame starts with."""
 
 N_POLAR = len(POLAR)
 

@@ -75,7 +75,10 @@ class Sensor:
         self._roles = _role_codes(spec)
         self.features = (
             *_stacked(frame, model.stack),
-            *(Feature(f"role.{spec.team[k].name}", "flag") for k in range(self._roles.shape[1])),
+            *(
+                Feature(f"role.{role.name}", "flag", "", "1 if the robot has this role")
+                for role in spec.team[: self._roles.shape[1]]
+            ),
         )
 
     def forget(self, copies: Int) -> None:

@@ -16,41 +16,41 @@ from swarmdata.spec import StateModel
 from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-OWN = (
-    Feature("own.x", "position", "x"),
-    Feature("own.y", "position", "y"),
-    Feature("own.vx", "velocity", "x"),
-    Feature("own.vy", "velocity", "y"),
-    Feature("own.goal_dx", "position", "x"),
-    Feature("own.goal_dy", "position", "y"),
-    Feature("own.goal_ux", "direction", "x"),
-    Feature("own.goal_uy", "direction", "y"),
-)
-"""Own position and velocity, displacement to the target, and its direction (see `GOAL_NEAR`)."""
+_TO_TARGET = "target minus own position"
+_TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
+_NEAR = "direction to the nearest surface point times closeness: 0 at the range, 1 in contact"
 
-HEADING = vector("own.heading", "direction")
+OWN = (
+    Feature("own.x", "position", "x", "own position"),
+    Feature("own.y", "position", "y", "own position"),
+    Feature("own.vx", "velocity", "x", "own velocity"),
+    Feature("own.vy", "velocity", "y", "own velocity"),
+    Feature("own.goal_dx", "position", "x", _TO_TARGET),
+    Feature("own.goal_dy", "position", "y", _TO_TARGET),
+    Feature("own.goal_ux", "direction", "x", _TARGET_DIRECTION),
+    Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
+)
+
+HEADING = vector("own.heading", "direction", "own heading")
 """Follows `OWN` in teams with a unicycle."""
 
 NEIGHBOR = (
-    Feature("dx", "position", "x"),
-    Feature("dy", "position", "y"),
-    Feature("dvx", "velocity", "x"),
-    Feature("dvy", "velocity", "y"),
-    *vector("near", "direction"),
-    Feature("mask", "flag"),
+    Feature("dx", "position", "x", "position relative to the own"),
+    Feature("dy", "position", "y", "position relative to the own"),
+    Feature("dvx", "velocity", "x", "velocity relative to the own"),
+    Feature("dvy", "velocity", "y", "velocity relative to the own"),
+    *vector("near", "direction", "direction to it times closeness: 0 at the range, 1 in contact"),
+    Feature("mask", "flag", meaning="1 if the slot holds a robot; nearest first"),
 )
-"""Relative position and velocity; direction times closeness (0 at the range, 1 in contact)."""
 
 OBSTACLE = (
-    *vector("near", "direction"),
-    Feature("dx", "position", "x"),
-    Feature("dy", "position", "y"),
-    *vector("axis", "position"),
-    Feature("kind", "flag"),
-    Feature("mask", "flag"),
+    *vector("near", "direction", _NEAR),
+    Feature("dx", "position", "x", "center relative to the own position"),
+    Feature("dy", "position", "y", "center relative to the own position"),
+    *vector("axis", "position", "local x axis times the bounding radius"),
+    Feature("kind", "flag", meaning="shape: 0 circle, 1/3 box, 2/3 corner, 1 pocket"),
+    Feature("mask", "flag", meaning="1 if the slot holds an obstacle; nearest first"),
 )
-"""Direction to the nearest surface point times closeness; centre relative to the own position;
-local x axis times the bounding radius; shape code / 3."""
 
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
