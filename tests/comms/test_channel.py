@@ -22,7 +22,8 @@ NAMES = (
     "aloha-4+bandwidth-2+goal",
     "learned-3+lossy-20",
 )
-names = st.sampled_from(NAMES)
+every_kind = pytest.mark.parametrize("name", NAMES)
+draws = st.integers(0, 2**32)
 
 
 def spec_of(lab: Any, name: str, n: int = 4, observation: str = "lidar") -> TaskSpec:
@@ -70,6 +71,20 @@ def test_features_name_the_slots_and_their_kinds(lab: Any) -> None:
     assert [f.axis for f in features[:7]] == ["x", "y"] * 3 + [""]
 
 
+def test_robots_with_bodies_receive_in_their_body_s_frame(lab: Any) -> None:
+    """Robot 0 at (1, 1) faces +y; robot 1, two metres ahead of it, drives and faces +x."""
+    states = np.zeros((1, 1, 16), dtype=np.float32)
+    states[0, 0, :8] = [1, 1, 0, 0, 0, 1, 0, 0]
+    states[0, 0, 8:] = [1, 3, 0.3, 0, 1, 0, 0, 0]
+    in_world, in_body = (
+        lab.run(spec_of(lab, "state", 2, kind), states, seeds_from(0, 1)).slots[0, 0, 0, :6]
+        for kind in ("state", "lidar")
+    )
+
+    np.testing.assert_allclose(in_world, [0, 2, 0.3, 0, 1, 0])
+    np.testing.assert_allclose(in_body, [2, 0, 0, -0.3, 0, -1])
+
+
 @pytest.mark.parametrize("delay", [1, 3])
 def test_a_delayed_message_arrives_as_it_was_sent(lab: Any, delay: int) -> None:
     spec = spec_of(lab, f"delayed-{delay}", observation="state")
@@ -86,7 +101,8 @@ def test_a_delayed_message_arrives_as_it_was_sent(lab: Any, delay: int) -> None:
     )
 
 
-@given(names, st.integers(0, 2**32))
+@every_kind
+@given(draw=draws)
 def test_ages_follow_from_deliveries(lab: Any, name: str, draw: int) -> None:
     spec = spec_of(lab, name)
     rng = np.random.default_rng(draw)
@@ -105,7 +121,8 @@ def test_ages_follow_from_deliveries(lab: Any, name: str, draw: int) -> None:
     assert not log.delivered[..., range(4), range(4)].any()
 
 
-@given(names, st.integers(0, 2**32))
+@every_kind
+@given(draw=draws)
 def test_a_slot_is_masked_and_zero_until_something_arrives(lab: Any, name: str, draw: int) -> None:
     spec = spec_of(lab, name)
     rng = np.random.default_rng(draw)
@@ -133,7 +150,8 @@ def test_ages_stop_at_254_and_their_feature_at_1(lab: Any) -> None:
     assert log.delivered[:, 0, 1, 0].tolist() == [True] + [False] * 259
 
 
-@given(names, st.integers(0, 2**32))
+@every_kind
+@given(draw=draws)
 def test_an_episode_is_the_same_in_any_batch(lab: Any, name: str, draw: int) -> None:
     spec = spec_of(lab, name)
     rng = np.random.default_rng(draw)
@@ -147,7 +165,8 @@ def test_an_episode_is_the_same_in_any_batch(lab: Any, name: str, draw: int) -> 
             np.testing.assert_array_equal(one[:, 0], many[:, e])
 
 
-@given(names, st.integers(0, 2**32), st.integers(1, 7))
+@every_kind
+@given(draw=draws, n_before=st.integers(1, 7))
 def test_after_forgetting_a_channel_is_as_new(
     lab: Any, name: str, draw: int, n_before: int
 ) -> None:
@@ -164,7 +183,8 @@ def test_after_forgetting_a_channel_is_as_new(
         np.testing.assert_array_equal(one, other)
 
 
-@given(names, st.integers(0, 2**32))
+@every_kind
+@given(draw=draws)
 def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int) -> None:
     """Copy 1 pauses, and goes on as if it had not."""
     spec = spec_of(lab, name)
@@ -188,7 +208,7 @@ def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int
             np.testing.assert_array_equal(array, rows[t])
 
 
-@given(st.integers(1, 16), st.sampled_from(["goal", "state"]), st.integers(0, 2**32))
+@given(st.integers(1, 16), st.sampled_from(["goal", "state"]), draws)
 def test_quantised_values_are_at_most_half_a_cell_off(
     lab: Any, bits: int, payload: str, draw: int
 ) -> None:

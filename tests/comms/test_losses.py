@@ -120,6 +120,13 @@ def test_links_take_turns(lab: Any, limit: int, n: int) -> None:
     assert (heard[: n - 1].sum(0) == limit).all()
 
 
+def test_turns_follow_each_other(lab: Any) -> None:
+    heard = deliveries(lab, "bandwidth-2", 6, n_steps=5).reshape(5, E, 6, 5)
+
+    turns = [np.flatnonzero(row).tolist() for row in heard[:, 0, 3]]
+    assert turns == [[0, 1], [2, 3], [0, 4], [1, 2], [3, 4]]
+
+
 def test_more_bandwidth_than_links_changes_nothing(lab: Any) -> None:
     assert deliveries(lab, "bandwidth-3", n_steps=4).all()
 
@@ -154,3 +161,13 @@ def test_topologies_of_robots_in_a_row(lab: Any, name: str, heard: list[list[int
     log = lab.run(spec, states, np.zeros(1, dtype=np.uint64))
 
     assert [np.flatnonzero(row).tolist() for row in log.delivered[0, 0]] == heard
+
+
+def test_of_equally_near_senders_the_first_stay(lab: Any) -> None:
+    """Robots 1 and 2 are equally far from robot 0; robot 3 is nearer than both."""
+    spec = lab.make_spec(4, **communication_model("nearest-2").model_dump())
+    states = np.zeros((1, 1, 32), dtype=np.float32)
+    states[0, 0, ::8] = [0.0, 1.0, -1.0, 0.5]
+    log = lab.run(spec, states, np.zeros(1, dtype=np.uint64))
+
+    assert np.flatnonzero(log.delivered[0, 0, 0]).tolist() == [1, 3]
