@@ -141,7 +141,7 @@ def place_points(
 
 
 @njit(nogil=True, cache=True)
-def _heading(state: Seeds, robot: Float) -> None:
+def draw_heading(state: Seeds, robot: Float) -> None:
     """Draws a heading, a rational point of the unit circle as in `_shape`."""
     t = 2.0 * _next(state) - 1.0
     sign = 1.0 if _next(state) < 0.5 else -1.0
@@ -198,7 +198,7 @@ def _spawn(
             robots[b, i, VX] = robots[b, i, VY] = robots[b, i, UY] = 0.0
             robots[b, i, UX] = 1.0
             if turns[i]:
-                _heading(state, robots[b, i])
+                draw_heading(state, robots[b, i])
     return copies.shape[0]
 
 

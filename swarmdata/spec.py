@@ -207,18 +207,24 @@ class TransportRules(Frozen):
 class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
-    progress: NonNegative = 1.0  # per metre that a robot's way to its station gets shorter
-    pickup: NonNegative = 1.0
-    delivery: NonNegative = 2.0
+    progress: NonNegative = 0.5  # per metre that a robot's shortest way to its target gets shorter
+    pickup: NonNegative = 0.5
+    delivery: NonNegative = 1.0
 
 
 class WarehouseRules(Frozen):
-    """`warehouse`: robots fetch goods from shelves and deliver them to stations."""
+    """`warehouse`: robots fetch goods from shelves and deliver them at stations.
+
+    Shelves fill what the arena leaves of aisles, lanes and front; `envs.floor_plan` has a drawing.
+    """
 
     task: Literal["warehouse"] = "warehouse"
-    aisles: Annotated[int, Field(ge=1)] = 3
-    aisle_width: Positive = 0.6  # m
-    shelf_width: Positive = 0.3  # m
+    aisles: Annotated[int, Field(ge=1)] = 3  # one above the other, each with a row of shelves below
+    blocks: Annotated[int, Field(ge=1)] = 1  # of shelves in a row
+    aisle_width: Positive = 0.65  # m; below two robots abreast, they cannot pass each other
+    lane_width: Positive = 0.7  # m, of the lanes between blocks and at both ends of the rows
+    front: Positive = 0.8  # m, depth of the free strip with the stations
+    bays: Annotated[int, Field(ge=1)] = 4  # pick places on each side of an aisle, for each block
     stations: Annotated[int, Field(ge=1)] = 4
     goal_radius: Positive = 0.15
     quota: Annotated[int, Field(ge=1)] = 8  # deliveries of the team that solve the task
