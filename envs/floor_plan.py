@@ -19,10 +19,10 @@ robot cannot drive straight from a station to a shelf. With two blocks and two a
       lane       lane           lane
 
 The length of a way here is that of the shortest way along the axes ("Manhattan") that crosses no
-shelf, for a point. It is exact: beside a shelf there is only the shelf's lane to the left or right,
-so a way between two corridors (aisles or the front) is |dx| + |dy| if a lane lies between its ends,
-and else twice the gap to the nearest lane longer. It is continuous, so rewards made from it are not
-earned by driving to and fro, and every step along a shortest way shortens it by its own |dx| + |dy|.
+shelf, for a point. Corridors (aisles and the front) meet only at lanes. So between points of two
+corridors it is |dx| + |dy| if a lane lies between them in x, and else twice the gap to the nearest
+lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a shortest way
+shortens it by the step's own |dx| + |dy|.
 """
 
 from dataclasses import dataclass
@@ -73,19 +73,19 @@ class FloorPlan:
         radius = max(robot.radius for robot in spec.robots)
         _check_room(rules, depth, length, radius)
         first = rules.front - height / 2
-        left = (rules.lane_width + length) * np.arange(rules.blocks + 1) - width / 2
-        above = first + pitch * np.arange(rules.aisles)
-        middles = above + depth + rules.aisle_width / 2
+        left = (rules.lane_width + length) * _count(rules.blocks + 1) - width / 2
+        above = first + pitch * _count(rules.aisles)
+        middles = above + (depth + rules.aisle_width / 2)
         aside = max(rules.aisle_width / 2 - radius - STANDOFF, 0.0)
-        bays = (np.arange(rules.bays) + 0.5) * length / rules.bays
+        bays = (_count(rules.bays) + 0.5) * length / rules.bays
         picks_x = (left[:-1, None] + rules.lane_width + bays).ravel()
         picks_y = (middles[:, None] + [-aside, aside]).ravel()
-        stations_x = ((np.arange(rules.stations) + 0.5) / rules.stations - 0.5) * width
+        stations_x = ((_count(rules.stations) + 0.5) / rules.stations - 0.5) * width
         stations_y = np.full(rules.stations, radius + STANDOFF - height / 2)
         picks = np.stack(np.meshgrid(picks_x, picks_y), axis=-1).reshape(-1, 2)
         stations = np.stack([stations_x, stations_y], axis=-1)
         return cls(
-            shelves=_shelves(left[:-1] + rules.lane_width, above, length, depth),
+            shelves=_shelves(left[1:] - length / 2, above + depth / 2, length, depth),
             lanes=np.stack([left, left + rules.lane_width], axis=-1),
             rows=np.array([first, pitch, depth]),
             middles=np.array([(first - height / 2) / 2, *middles]),
@@ -117,9 +117,14 @@ def _check_room(rules: WarehouseRules, depth: float, length: float, radius: floa
             )
 
 
-def _shelves(left: Double, below: Double, length: float, depth: float) -> Float:
-    """The boxes with these left and lower sides, [M, 8]."""
-    x, y = np.meshgrid(left + length / 2, below + depth / 2)
+def _count(n: int) -> Double:
+    """0, 1, ..., n - 1."""
+    return np.arange(n, dtype=np.float64)
+
+
+def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) -> Float:
+    """The boxes with every pair of these middles, row by row, [M, 8]."""
+    x, y = np.meshgrid(middle_x, middle_y)
     shelves = np.zeros((x.size, 8), dtype=np.float32)
     shelves[:, 0] = BOX
     shelves[:, 1], shelves[:, 2], shelves[:, 3] = x.ravel(), y.ravel(), 1.0
@@ -206,6 +211,6 @@ def next_corner(
         return target
     k = best_lane(x, target[0], lanes)
     middle = 0.5 * (lanes[k, 0] + lanes[k, 1])
-    if here < 0 or (lanes[k, 0] < x and x < lanes[k, 1]):
+    if here < 0 or (lanes[k, 0] < x < lanes[k, 1]):
         return middle, middles[there]
     return middle, middles[here]

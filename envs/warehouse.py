@@ -2,18 +2,19 @@
 
 The floor is that of `floor_plan`, the same in every episode; `obstacles` of the spec are not used.
 Robots start at rest anywhere on it (`spawn.start_clearance`, `spawn.start_separation`). Order q of
-robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i and
-q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
+robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i
+and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
 `goal_radius` of it after a control step, drives to the station, delivers in the same way, and has
 the next order at once. Several robots may have the same place or station.
 
 State: the robots (`states.ROBOT`); a robot's target is the place of its order, or the station while
-it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (so many it has made, which is
-also the number q of its order).
+it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made, which
+is also the number q of its order).
 Action: a command (`dynamics`).
 Observation: that of the observation model, and for each robot
-    carrying            0 or 1; tells the kind of its target, a place (0) or a station (1)
-    corner_dx, _dy      m, to the point of its shortest way to drive to next (`floor_plan.next_corner`)
+    carrying                0 or 1; tells the kind of its target, a place (0) or a station (1)
+    corner_x, corner_y      m, in the world's frame, from the robot to the point where it should
+                            drive next on its shortest way (`floor_plan.next_corner`)
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, L the length of its shortest way
 (`floor_plan.way_length`, along the axes and around shelves) to the target it had before the step,
@@ -23,13 +24,9 @@ before (L') and after it, and [x] one if x holds, else zero:
 
 `engine.TaskEnv` adds what all tasks share. Solved: the team has made `quota` deliveries.
 
-Metrics: see `METRICS`. A deadlock: two or more robots stand in each other's way. A robot stands at
-step t if t >= `STILL_TIME` and it is less than `STILL_DISTANCE` away from where it was `STILL_TIME`
-earlier; two that stand with a gap of at most `NEAR_GAP` are locked. A group of locked robots counts
-once, when it forms; not again while one of its robots is locked, nor when others join.
+Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
 """
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -37,23 +34,15 @@ import numpy as np
 from numba import njit
 
 from swarmdata.counters import absorb, to_uniform
+from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
 from swarmdata.envs.spawn import draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.seeding import STREAMS
 from swarmdata.spec import Payload, TaskSpec, WarehouseRules
-from swarmdata.states import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.states import N_COLUMNS, TX, TY, UX, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
-
-STILL_TIME = 3.0
-"""s."""
-
-STILL_DISTANCE = 0.05
-"""m."""
-
-NEAR_GAP = 0.3
-"""m, between surfaces."""
 
 OWN = ("carrying", "deliveries")
 """Columns of each robot behind the robots of a state."""
@@ -220,43 +209,6 @@ def write_ways(
             out[b, i, 1], out[b, i, 2] = corner_x - x, corner_y - y
 
 
-def count_deadlocks(positions: Double, radii: Double, n_still: int) -> int:
-    """How many deadlocks began, as the module says.
-
-    Args:
-        positions: m, [T+1, N, 2].
-        radii: m, [N].
-        n_still: `STILL_TIME` in control steps.
-    """
-    moved = positions[n_still:] - positions[:-n_still]
-    still = (moved * moved).sum(-1) < STILL_DISTANCE**2  # [T', N]
-    times = np.flatnonzero(still.sum(1) >= 2)
-    now = positions[n_still:][times]
-    apart = np.sqrt(np.square(now[:, :, None] - now[:, None]).sum(-1)) - radii - radii[:, None]
-    locked = still[times, :, None] & still[times, None] & (apart <= NEAR_GAP)
-    locked &= ~np.eye(len(radii), dtype=np.bool_)
-    count, last, held = 0, -2, np.zeros(len(radii), dtype=np.bool_)
-    for t, pairs in zip(times.tolist(), locked, strict=True):
-        if t != last + 1:
-            held = np.zeros_like(held)
-        count += _n_groups(pairs, held)
-        last, held = t, pairs.any(1)
-    return count
-
-
-def _n_groups(pairs: Bool, held: Bool) -> int:
-    """Number of connected groups of locked robots without one that was locked before."""
-    left, groups = set(np.flatnonzero(pairs.any(1)).tolist()), 0
-    while left:
-        group, edge = set[int](), {left.pop()}
-        while edge:
-            group |= edge
-            edge = {j for i in edge for j in np.flatnonzero(pairs[i]).tolist()} - group
-        left -= group
-        groups += not any(held[i] for i in group)
-    return groups
-
-
 class Warehouse:
     """Implements `interfaces.Task`.
 
@@ -274,7 +226,7 @@ class Warehouse:
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras = tuple(f"{name}.{own}" for name in spec.agent_names for own in OWN)
-        self.features = (Feature("carrying", "flag"), *vector("corner_d", "position"))
+        self.features = (Feature("carrying", "flag"), *vector("corner", "position"))
         self._radii = np.array([robot.radius for robot in robots])
         self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
         self._room = (
@@ -313,10 +265,9 @@ class Warehouse:
         positions = robots_of(episode.states, n)[..., : Y + 1].astype(np.float64)
         own = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(OWN)).astype(np.float64)
         deliveries = float(own[-1, :, 1].sum())
-        n_still = max(math.ceil(STILL_TIME / self.spec.control_dt - 1e-9), 1)
         return {
             "deliveries": deliveries,
             "throughput": deliveries / n / (seconds / 60.0),
-            "deadlocks": float(count_deadlocks(positions, self._radii, n_still)),
+            "deadlocks": float(count_deadlocks(positions, self._radii, self.spec.control_dt)),
             "carrying_time": float(own[:-1, :, 0].mean()),
         }

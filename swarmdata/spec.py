@@ -208,8 +208,9 @@ class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
     progress: NonNegative = 0.5  # per metre that a robot's shortest way to its target gets shorter
-    pickup: NonNegative = 0.5
-    delivery: NonNegative = 1.0
+    pickup: NonNegative = 1.0
+    delivery: NonNegative = 2.0
+    proximity: NonNegative = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything
 
 
 class WarehouseRules(Frozen):
