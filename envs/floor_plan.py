@@ -19,9 +19,9 @@ robot cannot drive straight from a station to a shelf. With two blocks and two a
       lane       lane           lane
 
 The length of a way here is that of the shortest way along the axes ("Manhattan") that crosses no
-shelf, for a point. Corridors (aisles and the front) meet only at lanes. So between points of two
-corridors it is |dx| + |dy| if a lane lies between them in x, and else twice the gap to the nearest
-lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a shortest way
+shelf, for a point. Corridors (aisles and the front) meet only at lanes. So to a point of
+another corridor it is |dx| + |dy| if a lane lies between the two in x, and else twice the gap to
+the nearest lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a shortest way
 shortens it by the step's own |dx| + |dy|.
 """
 
@@ -175,7 +175,7 @@ def way_length(
     Args:
         x: start, m; not in a shelf.
         y: start, m.
-        target_x: m; not in a shelf.
+        target_x: m; in a corridor, as all places are.
         target_y: m.
         lanes: of the plan, [L, 2].
         rows: of the plan, [3].
@@ -201,7 +201,7 @@ def next_corner(
     Args:
         x: m.
         y: m.
-        target: m.
+        target: m; in a corridor.
         lanes: of the plan, [L, 2].
         rows: of the plan, [3].
         middles: of the plan, [aisles + 1].

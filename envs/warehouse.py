@@ -66,6 +66,12 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 """What this task measures besides `metrics.EPISODE_METRICS`."""
 
+FEATURES = (
+    Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
+    *vector("corner", "position", "to where it should drive next on its shortest way"),
+)
+"""What this task adds to every robot's observation."""
+
 _STREAM = STREAMS["layout"]
 
 
@@ -226,7 +232,7 @@ class Warehouse:
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras = tuple(f"{name}.{own}" for name in spec.agent_names for own in OWN)
-        self.features = (Feature("carrying", "flag"), *vector("corner", "position"))
+        self.features = FEATURES
         self._radii = np.array([robot.radius for robot in robots])
         self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
         self._room = (
