@@ -21,8 +21,8 @@ robot cannot drive straight from a station to a shelf. With two blocks and two a
 The length of a way here is that of the shortest way along the axes ("Manhattan") that crosses no
 shelf, for a point. Corridors (aisles and the front) meet only at lanes. So to a point of
 another corridor it is |dx| + |dy| if a lane lies between the two in x, and else twice the gap to
-the nearest lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a shortest way
-shortens it by the step's own |dx| + |dy|.
+the nearest lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a
+shortest way shortens it by the step's own |dx| + |dy|.
 """
 
 from dataclasses import dataclass

@@ -66,7 +66,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 """What this task measures besides `metrics.EPISODE_METRICS`."""
 
-FEATURES = (
+FEATURES: tuple[Feature, ...] = (
     Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
     *vector("corner", "position", "to where it should drive next on its shortest way"),
 )

@@ -35,7 +35,10 @@ def test_two_that_stand_near_each_other_for_three_seconds_are_one_deadlock() -> 
 
 
 def test_one_that_moves_is_in_nobodys_way() -> None:
-    stand, pass_by = line(0.0, n_steps=100), drive(np.array([[0.4, -2.0]]), np.array([[0.4, 2.0]]), 100)
+    stand, pass_by = (
+        line(0.0, n_steps=100),
+        drive(np.array([[0.4, -2.0]]), np.array([[0.4, 2.0]]), 100),
+    )
     assert count(np.concatenate([stand, pass_by], axis=1)) == 0
 
 

@@ -29,9 +29,7 @@ def spec_of(arena: tuple[float, float] = (4.0, 4.0), **rules: Any) -> TaskSpec:
 @st.composite
 def plans(draw: st.DrawFn) -> tuple[TaskSpec, FloorPlan]:
     aisles, blocks = draw(st.integers(1, 4)), draw(st.integers(1, 3))
-    widths = {
-        name: draw(st.floats(0.36, 1.2)) for name in ("aisle_width", "lane_width", "front")
-    }
+    widths = {name: draw(st.floats(0.36, 1.2)) for name in ("aisle_width", "lane_width", "front")}
     height = widths["front"] + aisles * (widths["aisle_width"] + draw(st.floats(0.15, 0.8)))
     width = (blocks + 1) * widths["lane_width"] + blocks * draw(st.floats(0.15, 3.0))
     spec = spec_of(

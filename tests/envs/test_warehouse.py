@@ -1,5 +1,6 @@
 """The warehouse: orders, rewards and metrics against an independent account of recorded states."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,17 @@ from swarmdata.seeding import STREAMS, derive, uniform
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, Y, robots_of
 from swarmdata.testing.task import check_task
-from swarmdata.types import Bool, Double, Episode, Float, Seeds, Step
+from swarmdata.types import (
+    STATE_FIELDS,
+    STEP_FIELDS,
+    Bool,
+    Double,
+    Episode,
+    Float,
+    Int,
+    Seeds,
+    Step,
+)
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
@@ -29,9 +40,7 @@ NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
 
 def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
     team = [{"count": n_agents, "robot": robot or {}}]
-    return TaskSpec.parse(
-        {"rules": {"task": "warehouse", **rules}, "team": team, "horizon": 400}
-    )
+    return TaskSpec.parse({"rules": {"task": "warehouse", **rules}, "team": team, "horizon": 400})
 
 
 def seeds(*values: int) -> Seeds:
@@ -167,31 +176,36 @@ def test_what_all_tasks_share_comes_on_top() -> None:
     np.testing.assert_allclose(extra[-1], spec.rules.rewards.success, atol=proximity + 1e-6)
 
 
-def place(env: TaskEnv, positions: Any) -> Step:
-    """Puts the robots of copy 0 elsewhere, at rest, by way of the task's own spawn."""
-    spawn = env.task.spawn
+class Placed(Warehouse):
+    """Robots start where the test says."""
 
-    def elsewhere(ids: Seeds, copies: Any, layouts: Float, states: Float) -> None:
-        spawn(ids, copies, layouts, states)
-        robots_of(states, env.spec.n_agents)[0, :, : Y + 1] = positions
+    def __init__(self, spec: TaskSpec, *positions: Any) -> None:
+        super().__init__(spec)
+        self.positions = positions
 
-    env.task.spawn = elsewhere  # type: ignore[method-assign]
-    return env.reset(seeds(5))
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        super().spawn(seeds, copies, layouts, states)
+        robots_of(states, self.spec.n_agents)[:, :, : Y + 1] = self.positions
+
+
+def kinematic(spec: TaskSpec, *positions: Any) -> TaskEnv:
+    return TaskEnv(Placed(spec, *positions), 1, KinematicBackend)
 
 
 def test_an_order_goes_from_place_to_station_to_the_next_place() -> None:
     spec = spec_of(1, quota=2)
-    env = TaskEnv(make_task(spec), 1, KinematicBackend)
     plan, idle = FloorPlan.of(spec), np.zeros((1, 1, 2))
     first, station, second = (
         drawn_target(plan, 5, 0, order, carries)
         for order, carries in ((0, False), (0, True), (1, False))
     )
-    step = place(env, first + [0.16, 0.0])
+    env = kinematic(spec, first + np.array([0.16, 0.0]))
+    env.reset(seeds(5))
     step = env.step(idle)
     assert own_of(step.states, 1)[0, 0].tolist() == [0, 0]
     np.testing.assert_allclose(step.rewards, -spec.rules.rewards.time, atol=0.021)
-    place(env, first + [0.14, 0.0])
+    env = kinematic(spec, first + np.array([0.14, 0.0]))
+    env.reset(seeds(5))
     step = env.step(idle)
     assert own_of(step.states, 1)[0, 0].tolist() == [1, 0]
     np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, TX:], station, atol=1e-6)
@@ -205,8 +219,8 @@ def test_an_order_goes_from_place_to_station_to_the_next_place() -> None:
 
 
 def test_driving_to_and_fro_earns_nothing() -> None:
-    env = TaskEnv(make_task(spec_of(1)), 1, KinematicBackend)
-    step = place(env, [[1.65, -0.45]])
+    env = kinematic(spec_of(1), (1.65, -0.45))
+    step = env.reset(seeds(5))
     start, total = step.states[0, :2].copy(), 0.0
     for k in range(40):
         command = (1.0 if k % 20 < 10 else -1.0) * np.array([0.0, 1.0])
@@ -280,18 +294,7 @@ def test_metrics_are_what_their_names_say() -> None:
 
 
 def cut(episode: Episode, states: Float) -> Episode:
-    """An episode with these states, and as many steps of the other fields."""
-    rows = len(states)
-    fields = {
-        name: getattr(episode, name)[: rows if name != "actions" else rows]
-        for name in ("observations", "sent", "delivered", "ages")
-    }
-    steps = {
-        name: getattr(episode, name)[: rows - 1]
-        for name in ("actions", "rewards", "terminations", "truncations", "events")
-    }
-    rest = (episode.layout, episode.seed, episode.policy, episode.end_reason)
-    return Episode(
-        **fields, **steps, states=states, layout=rest[0], seed=rest[1], policy=rest[2],
-        end_reason=rest[3],
-    )  # fmt: skip
+    """An episode with these states, and as many rows of the other fields."""
+    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
+    rows |= {name: getattr(episode, name)[: len(states) - 1] for name in STEP_FIELDS}
+    return replace(episode, **rows | {"states": states})
