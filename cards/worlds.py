@@ -1,0 +1,75 @@
+"""The page of all worlds: what policies without training achieve in every preset."""
+
+from collections.abc import Mapping, Sequence
+
+from swarmdata.cards.markdown import table
+from swarmdata.cards.schema import Interval, TaskReferences
+from swarmdata.metrics import EPISODE_METRICS, metrics_of
+from swarmdata.presets import preset, preset_names
+from swarmdata.types import Metric
+
+SHARED = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
+"""Metrics that every row has; those of the task follow."""
+
+HEAD = """# Worlds
+
+What an idle, a random, a straight driving and the scripted team achieve in every preset: means over
+{n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
+`swarmdata references PRESET --out cards/references.json` measures a preset again, and
+`swarmdata task table --out WORLDS.md` writes this page. Times are those of solved episodes.
+"""
+
+
+def worlds_page(known: Mapping[str, TaskReferences]) -> str:
+    """Returns the page as Markdown: a section for each task, a table for each preset.
+
+    Args:
+        known: measured references by preset; presets without an entry are named as not measured.
+    """
+    tasks: dict[str, list[str]] = {}
+    for name in preset_names():
+        tasks.setdefault(preset(name).task, []).append(name)
+    n_episodes = sorted({entry.n_episodes for entry in known.values()})
+    text = HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
+    for task, names in tasks.items():
+        text += f"\n## {task}\n"
+        for name in names:
+            text += _preset(name, known.get(name))
+    return text
+
+
+def _preset(name: str, entry: TaskReferences | None) -> str:
+    spec = preset(name)
+    robots = ", ".join(f"{role.count} x {role.name}" for role in spec.team)
+    head = (
+        f"\n### `{name}`\n\n{robots}; {spec.arena.width:g} m x {spec.arena.height:g} m; "
+        f"{spec.horizon * spec.control_dt:g} s.\n\n"
+    )
+    if entry is None or entry.spec_hash != spec.hash():
+        return f"{head}Not measured on this version of the preset.\n"
+    metrics = metrics_of(spec.task)
+    own = [metric for metric in metrics if metric not in EPISODE_METRICS]
+    columns = [*SHARED, "time_to_goal", *own]
+    rows = [
+        [policy, *(_cell(values.get(column), column) for column in columns)]
+        for policy, values in entry.policies.items()
+    ]
+    return head + table(["policy", *(_title(metrics[column]) for column in columns)], rows)
+
+
+def _title(metric: Metric) -> str:
+    return f"{metric.label} ({metric.unit})" if metric.unit else metric.label
+
+
+def _cell(value: Interval | None, column: str) -> str:
+    if value is None:
+        return "never"
+    if column in ("success", "clean_success"):
+        shown = [f"{100 * v:.1f}" for v in (value.value, value.low, value.high)]
+        return f"{shown[0]} %" if column != "success" else _with_interval(shown, " %")
+    shown = [f"{v:.2f}" for v in (value.value, value.low, value.high)]
+    return _with_interval(shown, "") if column == "return" else shown[0]
+
+
+def _with_interval(shown: Sequence[str], unit: str) -> str:
+    return f"{shown[0]} [{shown[1]}, {shown[2]}]{unit}"
