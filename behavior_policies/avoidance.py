@@ -5,6 +5,8 @@ Times and distances are those of the reference robot; `agility` scales them for 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
+import math
+
 from numba import njit
 
 from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
@@ -79,6 +81,41 @@ def surface_half_planes(
             nx, ny = (sign, 0.0) if wall < 2 else (0.0, sign)
             damper_half_plane(nx, ny, (gap - radius - SURFACE_MARGIN) / brake, planes[n])
             n += 1
+    return n
+
+
+@njit(nogil=True, cache=True)
+def stopping_half_planes(
+    i: int, robots: Double, bodies: Double, brakes: Double, n: int, planes: Double
+) -> int:
+    """Writes the velocities with which a unicycle can still stop before every robot near it.
+
+    A unicycle cannot leave sideways, so the correction that `robot_half_planes` asks for may not
+    come in time. Each of a pair may close half of their gap in the time that the slower one needs
+    to stop, so that they never touch if both keep to it; standing still always does. Decentralised
+    barrier certificates (Wang, Ames and Egerstedt, IEEE Transactions on Robotics 33, 2017) with a
+    linear barrier have this form.
+
+    Args:
+        i: which robot.
+        robots: columns of the state, at least x and y, [N, C].
+        bodies: radius, m, and maximum speed, m/s, [N, at least 2].
+        brakes: time to stop from full speed, s, [N].
+        n: how many half-planes there are already.
+        planes: written from row n.
+
+    Returns:
+        How many half-planes there are now.
+    """
+    for j in range(robots.shape[0]):
+        x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
+        d = max(math.sqrt(x * x + y * y), 1e-9)
+        gap = max(d - bodies[i, 0] - bodies[j, 0] - SURFACE_MARGIN, 0.0)
+        bound = 0.5 * gap / max(brakes[i], brakes[j])
+        if j == i or bound >= bodies[i, 1]:
+            continue
+        damper_half_plane(x / d, y / d, bound, planes[n])
+        n += 1
     return n
 
 

@@ -1,4 +1,10 @@
-"""The scripted controller of `coop_nav`: to their goals, or to the goals assigned at the start."""
+"""The scripted controller of `coop_nav`: navigation, an assignment of goals, and turns at a door.
+
+Robots go to their goals (`navigator`). Unassigned goals are assigned once, at the reset. At a
+doorway that one robot fits through at a time, robots that meet in it would wait for each other for
+ever: so the left team goes first, and the right team stays where it is, making room, until every
+robot of the left team is through.
+"""
 
 import numpy as np
 from numba import njit
@@ -9,8 +15,8 @@ from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
-from swarmdata.spec import NavigationRules, TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.spec import Doorway, NavigationRules, TaskSpec
+from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 
 
@@ -41,8 +47,22 @@ def assign_goals(states: Float, copies: Int, n: int, work: Double, places: Int, 
             out[b, i, 0], out[b, i, 1] = states[b, first], states[b, first + 1]
 
 
+def turns_at_door(robots: Float, through: float) -> Double:
+    """Targets of two teams that swap sides: the right one waits for the left one, [E, N, 2].
+
+    Args:
+        robots: columns `states.ROBOT`, [E, N, 8]; even robots start on the left.
+        through: x from which on a robot of the left team is through the door, m.
+    """
+    targets = robots[..., [TX, TY]].astype(np.float64)
+    is_free = (robots[:, ::2, X] > through).all(axis=1)
+    places = robots[:, 1::2][..., [X, Y]].astype(np.float64)
+    targets[:, 1::2] = np.where(is_free[:, None, None], targets[:, 1::2], places)
+    return targets
+
+
 class CoopNavScript:
-    """Navigates to the robots' own goals; unassigned goals are assigned once, at the reset.
+    """Navigates; shares out unassigned goals; lets teams take turns at a doorway.
 
     Args:
         spec: a spec of `coop_nav`.
@@ -63,6 +83,9 @@ class CoopNavScript:
         self._is_shared = spec.rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)
+        self._through: float | None = None
+        if isinstance(door := spec.rules.arrangement, Doorway):
+            self._through = door.thickness / 2 + max(robot.radius for robot in spec.robots)
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and assigns their goals if they belong to nobody."""
@@ -75,5 +98,7 @@ class CoopNavScript:
 
     def act(self, step: Step) -> Float:
         targets = self._targets if self._is_shared else None
+        if self._through is not None:
+            targets = turns_at_door(robots_of(step.states, self._n_agents), self._through)
         commands = self._navigator.commands(step, targets)
         return actions_of(commands, step, self._noise, self._action_size)

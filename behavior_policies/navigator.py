@@ -12,13 +12,17 @@ import numpy as np
 from numba import njit
 
 from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
-from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
+from swarmdata.behavior_policies.avoidance import (
+    robot_half_planes,
+    stopping_half_planes,
+    surface_half_planes,
+)
 from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
 from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.tracking import command_of
-from swarmdata.envs.dynamics import limits_of
+from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry import make_task
 from swarmdata.spec import TaskSpec
@@ -30,6 +34,9 @@ CLOSE = 1.0
 
 COS, SIN = 0.955336489125606, 0.29552020666133955
 """Of the turn to the right, 0.3 rad."""
+
+DELAY = 1.0
+"""Control steps between what a robot sees and what its command changes."""
 
 MOVED = 0.1
 """Metres that a target moves before the way to it is planned anew."""
@@ -104,7 +111,7 @@ def _keep_ways(targets: Double, planned: Double, costs: Int32) -> None:
 def navigate(
     robots: Double,
     drifts: Double,
-    team: tuple[Double, Double, Double, float],
+    team: tuple[Double, Double, Double, Double, float],
     half: Double,
     maps: tuple[Float, Float, Int32, Int32, Double],
     out: Double,
@@ -115,16 +122,16 @@ def navigate(
         robots: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8].
         drifts: velocities of the targets, m/s, [E, N, 2].
         team: radius, m, maximum speed, m/s, and time scale, [N, 3]; rows of `dynamics.limits_of`,
-            [N, 5]; scales of time and length, [N, 2]; control step, s.
+            [N, 5]; scales of time and length, [N, 2]; time to stop, s, [N]; control step, s.
         half: half width and half height of the arena, m, [2].
         maps: convex obstacles [E, P, 8]; clearances [E, rows, columns]; costs and next nodes of
             the ways, each [E, N, n]; the targets they lead to, [E, N, 2].
         out: written, in [-1, 1], [E, N, 2].
     """
     primitives, grids, costs, ways, planned = maps
-    bodies, limits, scales, dt = team
+    bodies, limits, scales, brakes, dt = team
     n_robots = robots.shape[1]
-    planes = np.empty((primitives.shape[1] + 4 + 2 * n_robots, 4))
+    planes = np.empty((primitives.shape[1] + 4 + 3 * n_robots, 4))
     aims = np.empty((n_robots, 3))
     for b in range(robots.shape[0]):
         now = robots[b]
@@ -137,6 +144,8 @@ def navigate(
                 now[i, 0], now[i, 1], bodies[i, 0], primitives[b], half, planes,
                 scales[i, TIME], scales[i, LENGTH],
             )  # fmt: skip
+            if limits[i, UNICYCLE] == 1.0:
+                n_hard = stopping_half_planes(i, now, bodies, brakes, n_hard, planes)
             n = robot_half_planes(i, now, bodies[:, 0], aims, n_hard, planes, scales)
             wish = (aims[i, 0], aims[i, 1])
             wish = turned_right(i, now, wish, CLOSE * scales[i, LENGTH])
@@ -162,7 +171,9 @@ class Navigator:
         scales = scales_of(spec)
         rows = [(robot.radius, robot.max_speed) for robot in spec.robots]
         bodies = np.concatenate([np.array(rows), scales[:, TIME:LENGTH]], axis=1)
-        self._team = (bodies, limits_of(spec), scales, spec.control_dt)
+        limits = limits_of(spec)
+        brakes = limits[:, SPEED] / limits[:, ACCELERATION] + DELAY * spec.control_dt
+        self._team = (bodies, limits, scales, brakes, spec.control_dt)
         self._cap = float(bodies[:, 0].max()) + 0.15
         self._allocate(0)
 
