@@ -21,7 +21,9 @@ from swarmdata.types import Double, Float, Int, Step
 
 
 @njit(nogil=True, cache=True)
-def assign_goals(states: Float, copies: Int, n: int, work: Double, places: Int, out: Double) -> None:
+def assign_goals(
+    states: Float, copies: Int, n: int, work: Double, places: Int, out: Double
+) -> None:
     """Writes the goal of each robot that makes the sum of squared distances least.
 
     Squares, so that no robot has much farther to go than the others: the last one decides when
@@ -55,9 +57,9 @@ def turns_at_door(robots: Float, through: float) -> Double:
         through: x from which on a robot of the left team is through the door, m.
     """
     targets = robots[..., [TX, TY]].astype(np.float64)
-    is_free = (robots[:, ::2, X] > through).all(axis=1)
+    waits = robots[:, ::2, X].min(axis=1) <= through
     places = robots[:, 1::2][..., [X, Y]].astype(np.float64)
-    targets[:, 1::2] = np.where(is_free[:, None, None], targets[:, 1::2], places)
+    targets[:, 1::2] = np.where(waits[:, None, None], places, targets[:, 1::2])
     return targets
 
 

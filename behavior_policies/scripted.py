@@ -20,11 +20,12 @@ All times and distances are those of the default robot, scaled for others (`agil
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigator import Navigator
-from swarmdata.behavior_policies.navigator import turned_right as turned_right
+from swarmdata.behavior_policies.navigator import Navigator, turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
+
+__all__ = ["Scripted", "actions_of", "turned_right"]
 
 
 class Scripted:
@@ -57,7 +58,7 @@ class Scripted:
 
 
 def actions_of(commands: Double, step: Step, noise: float, action_size: int) -> Float:
-    """Actions with these commands [E, N, 2] and noise on them, and zeros for messages, [E, N, A]."""
+    """Returns commands [E, N, 2] with noise, then zeros for messages, as actions [E, N, A]."""
     actions = np.zeros((*commands.shape[:2], action_size), dtype=np.float32)
     actions[..., :2] = add_noise(commands, step, noise)
     return actions

@@ -18,7 +18,7 @@ from swarmdata.types import Double
 REVERSE = 0.5
 """Part of the maximum speed below which a unicycle backs up rather than turns round."""
 
-STILL = 0.02
+STILL = 0.002
 """Part of the maximum speed below which a unicycle does not turn."""
 
 
@@ -96,20 +96,28 @@ def speed_along(
 ) -> float:
     """The safe speed along a heading that is nearest to a velocity's component along it, m/s.
 
-    Where no speed is safe, it is the one nearest to a stop that is safe by the half-planes before
-    the first that cannot be satisfied.
+    Where none is safe, it is the one nearest to a stop that satisfies the half-planes before the
+    first that cannot be satisfied.
     """
     low, high = -top, top
     wanted = heading[0] * wish[0] + heading[1] * wish[1]
     for k in range(n_planes):
-        px, py, dx, dy = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-        slope, bound = dx * heading[1] - dy * heading[0], dx * py - dy * px
-        new_low, new_high = low, high
-        if slope > PARALLEL:
-            new_low = max(low, bound / slope)
-        elif slope < -PARALLEL:
-            new_high = min(high, bound / slope)
+        new_low, new_high = _narrowed(planes[k], heading, low, high)
         if new_low > new_high:
             return min(max(0.0, low), high)
         low, high = new_low, new_high
     return min(max(wanted, low), high)
+
+
+@njit(nogil=True, cache=True)
+def _narrowed(
+    plane: Double, heading: tuple[float, float], low: float, high: float
+) -> tuple[float, float]:
+    """The part of an interval of speeds along a heading that is inside a half-plane."""
+    px, py, dx, dy = plane[0], plane[1], plane[2], plane[3]
+    slope, bound = dx * heading[1] - dy * heading[0], dx * py - dy * px
+    if slope > PARALLEL:
+        return max(low, bound / slope), high
+    if slope < -PARALLEL:
+        return low, min(high, bound / slope)
+    return low, high

@@ -1,13 +1,15 @@
 """Fixed hard layouts that every planner fears: antipodal swap, doorway swap, corridor.
 
 Nothing but small jitters (and the turn of a swap) depends on the episode's seed. Each arrangement
-is symmetric about the origin, and a robot's goal is the point opposite to its start, so that robots
-swap places. Starts and goals keep the distances of `spec.spawn` by construction; obstacles of
-`spec.obstacles` do not apply and must be none.
+is symmetric, and a robot's goal is the mirror image of its start, so that robots swap places.
+Starts and goals keep the distances of `spec.spawn` by construction; obstacles of `spec.obstacles`
+do not apply and must be none.
 
-Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered, then turned; no obstacles.
-Doorway: even robots left and odd ones right of a wall along y with a door at the origin.
-Corridor: even robots left and odd ones right of a passage along x, with solid blocks on both sides.
+Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered, then turned; its goal is
+opposite, (-x, -y); no obstacles.
+Doorway: even robots left and odd ones right of a wall along y with a door at the origin; the goal
+of (x, y) is (-x, y), so that few ways are straight.
+Corridor: the same with a passage along x between two solid blocks.
 """
 
 import math
@@ -57,7 +59,7 @@ def _arrange(
             x = anchors[i, 0] + jitter * (2.0 * next_uniform(state) - 1.0)
             y = anchors[i, 1] + jitter * (2.0 * next_uniform(state) - 1.0)
             robot[X], robot[Y] = cos * x - sin * y, sin * x + cos * y
-            robot[TX], robot[TY] = -robot[X], -robot[Y]
+            robot[TX], robot[TY] = -robot[X], -robot[Y] if is_turned else robot[Y]
             robot[VX] = robot[VY] = robot[UY] = 0.0
             robot[UX] = 1.0
             if has_heading[i]:
@@ -71,7 +73,7 @@ class Arranged:
     layout: Float  # [M, 8]
     anchors: Double  # [N, 2] starts without jitter, m
     jitter: float  # m
-    is_turned: bool  # whether everything is turned by a random angle
+    is_turned: bool  # by a random angle, with goals opposite; else goals are mirrored left to right
     has_heading: Bool  # [N] whether a heading is drawn
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
@@ -117,7 +119,11 @@ def arrange(spec: TaskSpec) -> Arranged:
         layout, anchors = _passage(spec, kind.width, kind.length, 2), _sides(spec, kind)
     else:
         raise SpecError("arrangement 'random' has no fixed layout; use spawn.spawn_random")
-    nearest = 2.0 * float(np.sqrt((anchors**2).sum(axis=1)).min() - math.sqrt(2) * kind.jitter)
+    if isinstance(kind, Swap):
+        away = kind.circle_radius - math.sqrt(2) * kind.jitter
+    else:
+        away = float(np.abs(anchors[:, 0]).min()) - kind.jitter
+    nearest = 2.0 * away
     if nearest < spec.spawn.min_goal_distance:
         raise SpecError(
             f"goals of arrangement {kind.kind!r} can be {nearest:.2f} m from their starts, less "
@@ -225,7 +231,7 @@ def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
             middle + (column - (n_columns - 1) / 2) * step,
             (row - (n_here - 1) / 2) * step,
         )
-        anchors[2 * k] = -place[0], -place[1]
+        anchors[2 * k] = -place[0], place[1]
         if 2 * k + 1 < spec.n_agents:
             anchors[2 * k + 1] = place
     return anchors

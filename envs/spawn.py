@@ -187,9 +187,7 @@ def _spawn(
                 return k
             if not place_obstacles(state, sizes, half, margins[0], layouts[b]):
                 continue
-            if not place_points(
-                state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0
-            ):
+            if not place_points(state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0):
                 continue
             if place_points(
                 state, layouts[b], half, radii, margins[3:5], goals, starts, margins[5]
@@ -242,9 +240,7 @@ class SpawnPlan:
         return self.sizes[:, 0].astype(np.int64)
 
 
-def spawn_random(
-    plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
-) -> None:
+def spawn_random(plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
     """Draws obstacles, starts, headings and targets of the episodes `seeds`.
 
     Args:
