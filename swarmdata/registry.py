@@ -21,7 +21,10 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED = {"warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript"}
+SCRIPTED = {
+    "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
+    "warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript",
+}
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 
