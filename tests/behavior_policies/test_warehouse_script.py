@@ -127,24 +127,29 @@ def test_tracks_need_room_for_two(rules: Any, aside: list[float], narrow: float)
 def test_the_lower_number_has_the_right_of_way() -> None:
     robots = np.array([[0.0, 0.0, 0.3, 0.0], [0.6, 0.0, -0.3, 0.0], [5.0, 5.0, 0.0, 0.0]])
     radii, aims = np.full(3, 0.12), np.array([[0.6, 0.0], [-0.6, 0.0], [0.0, 0.0]])
-    planes = np.empty((12, 4))
-    assert rank_half_planes(0, robots, radii, aims, 0, planes) == 1
-    assert rank_half_planes(1, robots, radii, aims, 0, planes) == 2
-    assert rank_half_planes(2, robots, radii, aims, 3, planes) == 3  # nobody is near
+    planes, scales = np.empty((12, 4)), np.ones((3, 2))
+    assert rank_half_planes(0, robots, radii, scales, aims, 0, planes) == 1
+    assert rank_half_planes(1, robots, radii, scales, aims, 0, planes) == 2
+    assert rank_half_planes(2, robots, radii, scales, aims, 3, planes) == 3  # nobody is near
 
 
-@given(st.floats(0.2, 1.4), st.floats(-3, 3), st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)))
+@given(
+    st.floats(0.2, 1.4),
+    st.floats(-3, 3),
+    st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)),
+    st.sampled_from([1.0, 2.5]),
+)
 def test_brakes_bound_the_approach_and_never_forbid_to_stop(
-    distance: float, slope: float, velocity: Point
+    distance: float, slope: float, velocity: Point, slowness: float
 ) -> None:
     cos, sin = (1 - slope**2) / (1 + slope**2), 2 * slope / (1 + slope**2)
     offset = distance * np.array([cos, sin])
     robots = np.array([[0.3, 0.1, 0.0, 0.0], [0.3 + offset[0], 0.1 + offset[1], *velocity]])
-    planes = np.empty((4, 4))
-    assert brake_half_planes(0, robots, np.full(2, 0.12), 1, planes) == 2
+    planes, scales = np.empty((4, 4)), np.array([[1.0, 1.0], [slowness, 1.0]])
+    assert brake_half_planes(0, robots, np.full(2, 0.12), scales, 1, planes) == 2
     px, py, dx, dy = planes[1]
     leaving = max(np.dot(velocity, offset) / distance, 0.0)
-    bound = max(distance - 0.25, 0.0) / 0.6 + leaving
+    bound = max(distance - 0.25, 0.0) / (0.6 * slowness) + leaving
     for vx, vy in ((0.0, 0.0), (0.6, 0.0), (-0.3, 0.5), tuple(offset)):
         approach = (vx * offset[0] + vy * offset[1]) / distance
         inside = dx * (vy - py) - dy * (vx - px)  # how far left of the border
@@ -207,11 +212,25 @@ def test_a_learned_message_is_left_empty() -> None:
     assert not actions[..., 2:].any()
 
 
-@pytest.mark.parametrize("robot", [{"dynamics": "unicycle"}, {"command": "acceleration"}])
-def test_robots_it_cannot_drive_are_refused(robot: dict[str, str]) -> None:
-    spec = WIDE.with_updates(team=[{"count": 2, "robot": robot}])
-    with pytest.raises(SpecError, match="drives holonomic robots by velocity"):
-        WarehouseScript(spec)
+@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
+@pytest.mark.parametrize("command", ["velocity", "acceleration"])
+def test_robots_of_every_drive_deliver(dynamics: str, command: str) -> None:
+    robot = {"dynamics": dynamics, "command": command}
+    spec = WIDE.with_updates(team=[{"count": 4, "robot": robot}])
+    policy = make_policy("scripted", spec)
+    result = evaluate(policy, spec, name="scripted", n_episodes=40, progress=False)
+    assert result.metrics["success"].mean() >= 0.75
+    assert result.metrics["robot_collisions"].mean() <= 0.1
+
+
+def test_robots_of_different_sizes_and_speeds_share_the_floor() -> None:
+    small = {"radius": 0.08, "max_speed": 0.4}
+    team = [{"name": "big", "count": 2}, {"name": "small", "count": 2, "robot": small}]
+    spec = WIDE.with_updates(team=team)
+    policy = WarehouseScript(spec)
+    result = evaluate(policy, spec, name="scripted", n_episodes=20, progress=False)
+    assert result.metrics["deliveries"].mean() >= 6.0
+    assert result.metrics["robot_collisions"].mean() <= 0.1
 
 
 def test_the_spec_of_another_task_is_refused() -> None:
