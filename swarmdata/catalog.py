@@ -15,6 +15,7 @@ from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import Published, TaskReferences, published, references_of
 from swarmdata.dataset import Dataset
 from swarmdata.metrics import Reference
+from swarmdata.models import Source, is_same_world, with_models
 from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store.reading import Verify
@@ -76,6 +77,8 @@ def _info(recipe: Recipe) -> DatasetInfo:
 def load(
     dataset_id: str,
     *,
+    observation: Source | None = None,
+    communication: Source | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     workers: int | None = None,
@@ -88,6 +91,9 @@ def load(
 
     Args:
         dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v0`.
+        observation: what the robots shall have sensed, such as `lidar`; see `Dataset.reobserve`.
+            None: what was recorded.
+        communication: what they shall have heard, such as `lossy-30`; the same.
         path: the dataset's folder, if not the one in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         workers: processes that build; by default one for each core.
@@ -99,6 +105,7 @@ def load(
         DatasetError: the files cannot be used.
     """
     recipe = find_recipe(dataset_id)
+    with_models(recipe.spec, observation, communication)  # refuses a wrong name before building
     folder = Path(path) if path is not None else dataset_folder(recipe)
     source = "cache" if path is None else "folder"
     if not is_finished(folder, recipe):
@@ -108,7 +115,7 @@ def load(
     entry = published().get(recipe.id)
     if entry is not None and entry.digest != dataset.digest:
         warnings.warn(_differs(dataset, entry), RebuiltDifferentlyWarning, stacklevel=2)
-    return dataset
+    return dataset.reobserve(observation, communication, progress=progress)
 
 
 def known_references(spec: TaskSpec) -> Reference | None:
