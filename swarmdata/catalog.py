@@ -15,7 +15,7 @@ from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import Published, TaskReferences, published, references_of
 from swarmdata.dataset import Dataset
 from swarmdata.metrics import Reference
-from swarmdata.models import Source, is_same_world, with_models
+from swarmdata.models import Source, with_models
 from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store.reading import Verify

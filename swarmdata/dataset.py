@@ -133,12 +133,11 @@ class Dataset:
     def statistics(self) -> Statistics:
         """Normalization statistics of the train split, the same in every view."""
         entry = self.stored.manifest.statistics
-        mean, std = entry.observation_mean, entry.observation_std
-        if self.seen is not None:
-            mean, std = self.seen.moments
+        recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
+        mean, std = recorded if self.seen is None else self.seen.moments
         return Statistics(
-            observation_mean=np.array(mean),
-            observation_std=np.array(std),
+            observation_mean=mean,
+            observation_std=std,
             reward_mean=entry.reward_mean,
             reward_std=entry.reward_std,
         )

@@ -92,8 +92,9 @@ def check_senses(
     raise SchemaError(
         f"{policy} was trained with {describe(trained)}: {len(known)} numbers per robot, actions "
         f"of {trained.action_size}. It cannot act with {describe(offered)}: {len(seen)} numbers, "
-        f"actions of {offered.action_size}{_first_difference(known, seen)}. Evaluate it with models "
-        "that give the same features (other noise, ranges and losses are fine), or train on these."
+        f"actions of {offered.action_size}{_first_difference(known, seen)}. Evaluate it with "
+        "models that give the same features (other noise, ranges and losses are fine), or train "
+        "on these."
     )
 
 

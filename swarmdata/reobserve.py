@@ -19,7 +19,7 @@ from swarmdata.models import describe, models_json
 from swarmdata.observing import Observer
 from swarmdata.registry import make_task
 from swarmdata.spec import Broadcast, TaskSpec
-from swarmdata.store import EpisodeTable, StoredDataset
+from swarmdata.store import StoredDataset
 from swarmdata.store.statistics import Moments
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step
 
@@ -157,17 +157,16 @@ def observe_tracks(
     """
     n_copies = max(1, min(n_copies, len(tracks.lengths)))
     observer, n_agents = Observer(task, n_copies), task.spec.n_agents
-    arrays = observer.allocate((len(tracks.states),), n_agents)
+    desk = _Desk(observer, tracks, n_copies, n_agents)
     order = np.argsort(-tracks.lengths, kind="stable")
-    desk = _Desk(observer, tracks, arrays, n_copies, n_agents)
     hidden = None if progress else True  # None: hidden where there is no terminal
     total = len(tracks.states)
     with tqdm(total=total, desc="observing", unit="state", unit_scale=True, disable=hidden) as bar:
         for first in range(0, len(order), n_copies):
             bar.update(desk.observe(order[first : first + n_copies]))
-    for array in arrays:
+    for array in desk.results.values():
         array.setflags(write=False)
-    return dict(zip(OBSERVED, arrays, strict=True))
+    return desk.results
 
 
 class _Desk:
@@ -176,45 +175,45 @@ class _Desk:
     Args:
         observer: of `n_copies` copies.
         tracks: the episodes.
-        results: flat arrays to fill, in the order of `OBSERVED`.
         n_copies: E.
         n_agents: N.
+
+    Attributes:
+        results: flat arrays by name, a row for each state, filled by `observe`.
     """
 
     def __init__(
         self,
         observer: Observer,
         tracks: Tracks,
-        results: tuple[NDArray[Any], ...],
         n_copies: int,
         n_agents: int,
     ) -> None:
-        self._observer, self._tracks, self._results = observer, tracks, results
+        self._observer, self._tracks = observer, tracks
         self._actions = np.zeros((n_copies, *tracks.actions.shape[1:]), dtype=np.float32)
         self._active: Bool = np.zeros(n_copies, dtype=np.bool_)
-        observations, sent, delivered, ages = observer.allocate((n_copies,), n_agents)
-        flags = np.zeros(n_copies, dtype=np.bool_)
+        fields: dict[str, Any] = dict(
+            zip(OBSERVED, observer.allocate((n_copies,), n_agents), strict=True)
+        )
         self._now = Step(
-            observations=observations,
             states=np.zeros((n_copies, tracks.states.shape[1]), dtype=np.float32),
             rewards=np.zeros((n_copies, n_agents), dtype=np.float32),
-            terminations=flags,
-            truncations=flags,
-            successes=flags,
+            terminations=np.zeros(n_copies, dtype=np.bool_),
+            truncations=np.zeros(n_copies, dtype=np.bool_),
+            successes=np.zeros(n_copies, dtype=np.bool_),
             events=np.zeros((n_copies, n_agents, 4), dtype=np.uint8),
             seeds=np.zeros(n_copies, dtype=np.uint64),
             times=np.zeros(n_copies, dtype=np.int64),
             layouts=np.zeros((n_copies, *tracks.layouts.shape[1:]), dtype=np.float32),
-            sent=sent,
-            delivered=delivered,
-            ages=ages,
+            **fields,
         )
+        # not zeroed: every row is written
+        self.results: dict[str, NDArray[Any]] = {
+            name: np.empty((len(tracks.states), *field.shape[1:]), dtype=field.dtype)
+            for name, field in fields.items()
+        }
         # an array without elements, as of robots that do not talk, has nothing to take
-        self._pairs = [
-            (result, source)
-            for result, source in zip(results, (observations, sent, delivered, ages), strict=True)
-            if result.size
-        ]
+        self._pairs = [(self.results[k], field) for k, field in fields.items() if field.size]
 
     def observe(self, episodes: Int) -> int:
         """Observes at most E episodes, longest first, from beginning to end; returns their rows."""
