@@ -4,8 +4,8 @@
 
 The goal is under 5 s for a million steps from `state` to `lidar` (16 rays) on one core. Episodes
 are rollouts of the scripted policy, repeated until there are enough steps, so that states, layouts
-and lengths are real; the arrays lie in memory, as those of a dataset do once they were read. The first
-time may include what a virtual machine needs to get its memory from the host; best of three.
+and lengths are real; the arrays lie in memory, as those of a dataset do once they were read. Of three
+times the first may include what a virtual machine needs to get its memory from the host.
 """
 
 import platform
@@ -74,8 +74,8 @@ def main(n_steps: int) -> None:
             del arrays
         verdict = f", goal {GOAL:g} s" if (observation, communication) == PAIRS[1] else ""
         print(
-            f"{observation + ', ' + communication:38} first {times[0]:5.2f} s, best {min(times):5.2f} s "
-            f"per million steps, {size / 1e9:.2f} GB{verdict}"
+            f"{observation + ', ' + communication:38} first {times[0]:5.2f} s, best "
+            f"{min(times):5.2f} s per million steps, {size / 1e9:.2f} GB{verdict}"
         )
 
 
