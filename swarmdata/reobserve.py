@@ -5,7 +5,7 @@ actions, so the recorded models give the recorded arrays bit for bit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -118,6 +118,22 @@ def reobserve_episode(episode: Episode, task: Task) -> dict[str, NDArray[Any]]:
         layouts=episode.layout[None],
     )
     return observe_tracks(task, tracks, progress=False)
+
+
+def seen_again(episode: Episode, recorded: TaskSpec, spec: TaskSpec) -> Episode:
+    """The same episode through the models of `spec`.
+
+    Args:
+        episode: as it was recorded.
+        recorded: the spec that made it.
+        spec: the same world with other models.
+
+    Raises:
+        SpecError: learned messages are wanted that the actions do not hold.
+    """
+    actions = actions_for(spec, recorded, episode.actions)
+    chosen = replace(episode, actions=actions)
+    return replace(chosen, **reobserve_episode(chosen, make_task(spec)))
 
 
 def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:

@@ -4,8 +4,8 @@
 
 The goal is under 5 s for a million steps from `state` to `lidar` (16 rays) on one core. Episodes
 are rollouts of the scripted policy, repeated until there are enough steps, so that states, layouts
-and lengths are real; the arrays lie in memory, as those of a dataset do once they were read. Of three
-times the first may include what a virtual machine needs to get its memory from the host.
+and lengths are real; the arrays lie in memory, as those of a dataset do once they were read. Of
+three times the first may include what a virtual machine needs to get its memory from the host.
 """
 
 import platform
