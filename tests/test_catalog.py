@@ -67,6 +67,22 @@ def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> N
 
 
 @pytest.mark.usefixtures("tiny")
+def test_load_through_other_models(cache_folder: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
+        load("coop_nav-tiny", observation="lidra")
+    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
+    seen = load(
+        "coop_nav-tiny", observation="lidar", communication="lossy-30", workers=1, progress=False
+    )
+    recorded = load("coop_nav-tiny")
+
+    assert seen.spec.observation.kind == "lidar"
+    assert (seen.digest, seen.source) == (recorded.digest, "rebuilt")
+    assert (seen.view is None, recorded.view is None) == (False, True)
+    assert load("coop_nav-tiny", observation="state", communication="none").view is None
+
+
+@pytest.mark.usefixtures("tiny")
 def test_other_digest_than_the_published_is_kept_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
