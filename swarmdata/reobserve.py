@@ -133,7 +133,8 @@ def seen_again(episode: Episode, recorded: TaskSpec, spec: TaskSpec) -> Episode:
     """
     actions = actions_for(spec, recorded, episode.actions)
     chosen = replace(episode, actions=actions)
-    return replace(chosen, **reobserve_episode(chosen, make_task(spec)))
+    observed: dict[str, Any] = reobserve_episode(chosen, make_task(spec))
+    return replace(chosen, **observed)
 
 
 def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:

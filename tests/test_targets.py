@@ -1,6 +1,7 @@
 """Names become teams under any models; trained teams refuse what they cannot read."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -94,7 +95,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     models = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
-    def train(**chosen: str) -> None:
+    def train(**chosen: Any) -> None:
         train_offline(
             "bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen
         )
