@@ -17,6 +17,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
 from swarmdata.recipes import build, is_finished
+from swarmdata.reobserve import check_messages
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store.reading import Verify
 
@@ -100,12 +101,14 @@ def load(
         progress: whether to show a bar while building.
 
     Raises:
-        UnknownNameError: no such dataset; the message has the nearest id.
+        UnknownNameError: no such dataset or model; the message has the nearest name.
+        SpecError: a malformed model, or learned messages that were not recorded.
         BuildError: it could not be built.
         DatasetError: the files cannot be used.
     """
     recipe = find_recipe(dataset_id)
-    with_models(recipe.spec, observation, communication)  # refuses a wrong name before building
+    seen = with_models(recipe.spec, observation, communication)
+    check_messages(seen, recipe.spec)  # before building, which may take minutes
     folder = Path(path) if path is not None else dataset_folder(recipe)
     source = "cache" if path is None else "folder"
     if not is_finished(folder, recipe):
@@ -115,7 +118,7 @@ def load(
     entry = published().get(recipe.id)
     if entry is not None and entry.digest != dataset.digest:
         warnings.warn(_differs(dataset, entry), RebuiltDifferentlyWarning, stacklevel=2)
-    return dataset.reobserve(observation, communication, progress=progress)
+    return dataset.reobserve(seen.observation, seen.communication, progress=progress)
 
 
 def known_references(spec: TaskSpec) -> Reference | None:

@@ -137,16 +137,16 @@ def seen_again(episode: Episode, recorded: TaskSpec, spec: TaskSpec) -> Episode:
     return replace(chosen, **observed)
 
 
-def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:
-    """The part of the recorded actions [R, N, A] that belongs to the models of `spec`.
+def check_messages(spec: TaskSpec, recorded: TaskSpec) -> None:
+    """Refuses models whose learned messages the recorded actions do not hold.
 
     Raises:
-        SpecError: learned messages are wanted that were not recorded, or are of another size.
+        SpecError: none were recorded, or of another size.
     """
-    if spec.action_size == recorded.action_size:
-        return actions
     model = spec.communication
-    if isinstance(model, Broadcast) and model.payload == "learned":
+    if not isinstance(model, Broadcast) or model.payload != "learned":
+        return
+    if spec.action_size != recorded.action_size:
         got = recorded.action_size - 2
         there = f"messages of {got} values" if got else "none"
         raise SpecError(
@@ -154,6 +154,17 @@ def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:
             f"the recorded actions, which hold {there} ({describe(recorded)}). Choose another "
             "payload, such as pose, or a dataset whose policies learned to talk."
         )
+
+
+def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:
+    """The part of the recorded actions [R, N, A] that belongs to the models of `spec`.
+
+    Raises:
+        SpecError: learned messages are wanted that were not recorded, or are of another size.
+    """
+    check_messages(spec, recorded)
+    if spec.action_size == recorded.action_size:
+        return actions
     commands = np.ascontiguousarray(actions[..., : spec.action_size])
     commands.setflags(write=False)
     return commands

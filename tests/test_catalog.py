@@ -9,7 +9,7 @@ import pytest
 from swarmdata import catalog
 from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
 from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.errors import MissingManifestError, UnknownNameError
+from swarmdata.errors import MissingManifestError, SpecError, UnknownNameError
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
@@ -70,6 +70,8 @@ def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> N
 def test_load_through_other_models(cache_folder: Path) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
         load("coop_nav-tiny", observation="lidra")
+    with pytest.raises(SpecError, match="learned messages of 2 values"):
+        load("coop_nav-tiny", communication="learned-2")
     assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
     seen = load(
         "coop_nav-tiny", observation="lidar", communication="lossy-30", workers=1, progress=False

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swarmdata import reporting
 from swarmdata.clips import write_clip
 from swarmdata.errors import SchemaError
 from swarmdata.models import with_models
 from swarmdata.registry import make_env, make_policy
+from swarmdata.reporting import draw_target
 from swarmdata.rollout import rollout
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Episode
@@ -40,6 +42,27 @@ def test_gif_moves(tmp_path: Path) -> None:
     write_clip(play(spec), spec, tmp_path / "x.GIF")
     with pil.open(tmp_path / "x.GIF") as image:
         assert image.n_frames == 7
+
+
+def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Recorded(list[Episode]):
+        spec = TaskSpec(horizon=20)
+        id = "coop_nav-recorded-v0"
+
+    episode = play(Recorded.spec)
+    monkeypatch.setattr(reporting, "is_dataset", lambda _: True)
+    monkeypatch.setattr(reporting, "load_dataset", lambda _: Recorded([episode]))
+    seen = draw_target("x", tmp_path / "seen.png", 0, "coop_nav", "lidar", "lossy-40")
+    plain = draw_target("x", tmp_path / "plain.png", 0, "coop_nav")
+
+    live = play(with_models(Recorded.spec, "lidar", "lossy-40"))
+    np.testing.assert_array_equal(seen.observations, live.observations)
+    np.testing.assert_array_equal(plain.observations, episode.observations)
+    assert (tmp_path / "seen.png").read_bytes() != (tmp_path / "plain.png").read_bytes()
+    with pytest.raises(SchemaError, match="has 1 episodes, none numbered 1"):
+        draw_target("x", tmp_path / "x.png", 1, "coop_nav")
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
