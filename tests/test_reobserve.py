@@ -46,7 +46,11 @@ COMMUNICATIONS = (
     "state+bandwidth-1+ring+range-1.5",
     "learned-3+aloha-4+bits-6",
 )
-WORLDS = [name for name in preset_names() if name in TASKS]
+WORLDS = [
+    name
+    for name in preset_names()
+    if name in (*TASKS, "coop_nav-unicycle", "coop_nav-mixed")  # headings; roles
+]
 
 
 def short(name: str, observation: str = "state", communication: str = "none") -> TaskSpec:
