@@ -67,12 +67,11 @@ def _aim(state: Float, n: int, holders: Int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _least_distance(state: Float, n: int, costs: Double, work: Double, places: Int) -> float:
-    """Total distance to drive, in straight lines, under the best assignment, m."""
+def fill_distances(state: Float, n: int, out: Double) -> None:
+    """Writes the distance of every robot (row) to every goal (column), m, [N, N]."""
     for i in range(n):
         for k in range(n):
-            costs[i, k] = goal_distance(state, n, i, k)
-    return assign(costs, work, places)
+            out[i, k] = goal_distance(state, n, i, k)
 
 
 @njit(nogil=True, cache=True)
@@ -122,8 +121,10 @@ def score_coverage(
     for b in range(before.shape[0]):
         if not active[b]:
             continue
-        old = _least_distance(before[b], n, costs, work, places)
-        new = _least_distance(after[b], n, costs, work, places)
+        fill_distances(before[b], n, costs)
+        old = assign(costs, work, places)
+        fill_distances(after[b], n, costs)
+        new = assign(costs, work, places)
         n_open = _holders(after[b], n, radius, places[0])
         _aim(after[b], n, places[0])
         share = (weights[0] * (old - new) - weights[1] * n_open) / n
