@@ -18,7 +18,7 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED: dict[str, str] = {}
+SCRIPTED = {"coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript"}
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 

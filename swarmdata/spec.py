@@ -143,7 +143,44 @@ class Rewards(Frozen):
 class NavigationRewards(Rewards):
     """Weights of `coop_nav`."""
 
-    progress: NonNegative = 2.0  # per metre that a robot comes closer to its goal
+    progress: NonNegative = 2.0  # per metre that a robot comes closer; see `envs.coop_nav`
+
+
+class RandomArrangement(Frozen):
+    """Obstacles, starts and goals anywhere: `Obstacles` and `Spawn` say how many and how close."""
+
+    kind: Literal["random"] = "random"
+
+
+class Swap(Frozen):
+    """Robots on a circle about the origin, turned by a random angle, with goals opposite."""
+
+    kind: Literal["swap"] = "swap"
+    circle_radius: Positive = 1.5  # m
+    jitter: NonNegative = 0.1  # m, of each start in x and in y, before the turn
+
+
+class Doorway(Frozen):
+    """Two teams left and right of a wall across the arena swap sides through its one door."""
+
+    kind: Literal["doorway"] = "doorway"
+    width: Positive = 0.5  # m, of the door, in the middle of the wall
+    thickness: Positive = 0.2  # m, of the wall
+    jitter: NonNegative = 0.1  # m, of each start in x and in y
+
+
+class Corridor(Frozen):
+    """Two teams at the ends of a straight corridor swap ends."""
+
+    kind: Literal["corridor"] = "corridor"
+    width: Positive = 0.8  # m; two robots must fit side by side
+    length: Positive = 1.6  # m
+    jitter: NonNegative = 0.1  # m, of each start in x and in y
+
+
+AnyArrangement = Annotated[
+    RandomArrangement | Swap | Doorway | Corridor, Field(discriminator="kind")
+]
 
 
 class NavigationRules(Frozen):
@@ -151,7 +188,7 @@ class NavigationRules(Frozen):
 
     task: Literal["coop_nav"] = "coop_nav"
     goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
-    arrangement: Literal["random", "swap", "doorway", "corridor"] = "random"
+    arrangement: AnyArrangement = RandomArrangement()
     goal_radius: Positive = 0.15
     rewards: NavigationRewards = NavigationRewards()
 
