@@ -21,7 +21,7 @@ class FieldRow:
 
 
 def observation_rows(task: Task) -> list[FieldRow]:
-    """The features of one robot's observation; slots of one kind share their rows.
+    """The features of one robot's observation; slots of one kind and stacked frames share rows.
 
     Raises:
         SpecError: a feature has no description.
@@ -29,18 +29,20 @@ def observation_rows(task: Task) -> list[FieldRow]:
     features = Observer(task, 1).features
     columns: dict[str, list[int]] = {}
     for column, feature in enumerate(features):
-        columns.setdefault(re.sub(r"_\d+(?=\.)", "_*", feature.name), []).append(column)
+        name = re.sub(r"_\d+(?=\.)", "_*", re.sub(r"\[-\d+\]$", "", feature.name))
+        columns.setdefault(name, []).append(column)
     unknown = sorted({feature.name for feature in features if not feature.meaning})
     if unknown:
         raise SpecError(f"observation features {unknown} have no description for a card")
-    return [
-        FieldRow(_ranges(where), name, UNITS.get(features[where[0]].kind, ""), features[where[0]].meaning)
-        for name, where in columns.items()
-    ]
+    rows = []
+    for name, where in columns.items():
+        first = features[where[0]]
+        rows.append(FieldRow(_columns(where), name, UNITS.get(first.kind, ""), first.meaning))
+    return rows
 
 
-def _ranges(columns: list[int]) -> str:
-    """Column numbers with their step if there are many: `8, 15, 22`, `8, 12, … 68`."""
+def _columns(columns: list[int]) -> str:
+    """Column numbers; if there are many, the first two and the last: `8, 12, … 68`."""
     if len(columns) <= 4:
         return ", ".join(map(str, columns))
     return f"{columns[0]}, {columns[1]}, … {columns[-1]}"

@@ -8,6 +8,7 @@ from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
 from swarmdata.cards.markdown import plain, table
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
+from swarmdata.observing import Observer
 from swarmdata.spec import Frozen, TaskSpec
 from swarmdata.states import state_size
 from swarmdata.store import Manifest
@@ -80,8 +81,7 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     """
     spec, rows = task.spec, observation_rows(task)
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
-    n_described = sum(len(row.columns.split(",")) for row in rows)
-    _expect("observation features", shapes["observations"][2], n_described)
+    _expect("observation features", shapes["observations"][2], len(Observer(task, 1).features))
     _expect("state features", shapes["states"][1], state_size(spec.n_agents, len(task.movables), len(task.extras)))
     arrays = [
         (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from swarmdata.cards.markdown import table
+from swarmdata.cards import markdown
 from swarmdata.cards.problem import arrays_section, senses_section, task_section
 from swarmdata.cards.schema import Interval, TaskReferences, references_of
 from swarmdata.errors import SchemaError
@@ -128,7 +128,7 @@ def _identity(facts: Facts) -> str:
         ("format version", str(manifest.format_version)),
     )
     snippet = f'```python\nimport swarmdata\n\ndataset = swarmdata.load("{recipe.id}")\n```\n'
-    return f"\n# {recipe.id}\n\n{snippet}\n" + table(("", ""), rows)
+    return f"\n# {recipe.id}\n\n{snippet}\n" + markdown.table(("", ""), rows)
 
 
 def _policies(facts: Facts) -> str:
@@ -151,7 +151,7 @@ def _policies(facts: Facts) -> str:
             )
         )
     head = ("label", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success")
-    return "\n## Behavior policies\n\n" + table(head, rows)
+    return "\n## Behavior policies\n\n" + markdown.table(head, rows)
 
 
 def _statistics(facts: Facts) -> str:
@@ -170,7 +170,7 @@ def _statistics(facts: Facts) -> str:
         rows.append((f"ended by {reason}", _percent(table.end_reason == code)))
     return (
         "\n## Statistics\n\n"
-        + table(("", "per episode"), rows)
+        + markdown.table(("", "per episode"), rows)
         + f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
     )
 
@@ -195,7 +195,7 @@ def _splits(facts: Facts) -> str:
         rows.append((name, f"{chosen.sum():,}", f"{table.lengths[chosen].sum():,}", mean))
     return (
         "\n## Splits\n\n"
-        + table(("split", "episodes", "steps", "mean return"), rows)
+        + markdown.table(("split", "episodes", "steps", "mean return"), rows)
         + f"\nBy episode and by policy: of every {rule.block} consecutive episodes of a policy, "
         f"{rule.validation} is for validation and {rule.test} for test. Normalization statistics "
         "come from train only. Evaluation seeds are reserved and never occur in a dataset.\n"
@@ -220,7 +220,7 @@ def _references(facts: Facts) -> str:
     labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
     return (
         "\n## Reference scores\n\n"
-        + table(("policy", *labels), rows)
+        + markdown.table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
         f"intervals, policies without noise. {anchors}"
     )

@@ -1,7 +1,7 @@
-"""Observation models: pure functions of float32 states and layouts, one numba kernel per model.
+"""The `state` model: low-dimensional features in the world's frame, for robots that localise.
 
-The live environment and the re-observation of recorded data call the same functions. Arithmetic as
-in `geometry`: float64, correctly rounded operations only, then one rounding to float32.
+Arithmetic as in `geometry`: float64, correctly rounded operations only, then one rounding to
+float32.
 """
 
 import math
@@ -9,27 +9,84 @@ import math
 import numpy as np
 from numba import njit
 
-from swarmdata.geometry import bounding_radius, nearest, wall_gap
+from swarmdata.features import Feature, numbered, vector
+from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.sensing.scene import Scene
+from swarmdata.spec import StateModel
+from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-OWN = ("x", "y", "vx", "vy", "goal_dx", "goal_dy", "goal_ux", "goal_uy")
-NEIGHBOR = ("dx", "dy", "dvx", "dvy", "near_x", "near_y", "mask")
-OBSTACLE = ("near_x", "near_y", "dx", "dy", "axis_x", "axis_y", "kind", "mask")
+_TO_TARGET = "target minus own position"
+_TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
+_NEAR = "direction to the nearest surface point times closeness: 0 at the range, 1 in contact"
+
+OWN = (
+    Feature("own.x", "position", "x", "own position"),
+    Feature("own.y", "position", "y", "own position"),
+    Feature("own.vx", "velocity", "x", "own velocity"),
+    Feature("own.vy", "velocity", "y", "own velocity"),
+    Feature("own.goal_dx", "position", "x", _TO_TARGET),
+    Feature("own.goal_dy", "position", "y", _TO_TARGET),
+    Feature("own.goal_ux", "direction", "x", _TARGET_DIRECTION),
+    Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
+)
+
+HEADING = vector("own.heading", "direction", "own heading")
+"""Follows `OWN` in teams with a unicycle."""
+
+NEIGHBOR = (
+    Feature("dx", "position", "x", "position relative to the own"),
+    Feature("dy", "position", "y", "position relative to the own"),
+    Feature("dvx", "velocity", "x", "velocity relative to the own"),
+    Feature("dvy", "velocity", "y", "velocity relative to the own"),
+    *vector("near", "direction", "direction to it times closeness: 0 at the range, 1 in contact"),
+    Feature("mask", "flag", meaning="1 if the slot holds a robot; nearest first"),
+)
+
+OBSTACLE = (
+    *vector("near", "direction", _NEAR),
+    Feature("dx", "position", "x", "center relative to the own position"),
+    Feature("dy", "position", "y", "center relative to the own position"),
+    *vector("axis", "position", "local x axis times the bounding radius"),
+    Feature("kind", "flag", meaning="shape: 0 circle, 1/3 box, 2/3 corner, 1 pocket"),
+    Feature("mask", "flag", meaning="1 if the slot holds an obstacle; nearest first"),
+)
 
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
+_SLACK = 1.0 + 1e-12
+"""So that rounding in a first, cheap test never excludes what the exact one would keep."""
 
-def state_observation_size(n_neighbors: int, n_obstacles: int) -> int:
-    """Length O of one robot's `state` observation."""
-    return len(OWN) + len(NEIGHBOR) * n_neighbors + len(OBSTACLE) * n_obstacles
+_OWN, _NEIGHBOR, _OBSTACLE = len(OWN), len(NEIGHBOR), len(OBSTACLE)
 
 
-def state_observation_fields(n_neighbors: int, n_obstacles: int) -> tuple[str, ...]:
-    """Names of the O features of one robot's `state` observation, in order."""
-    near = [f"neighbor_{k}.{name}" for k in range(n_neighbors) for name in NEIGHBOR]
-    around = [f"obstacle_{k}.{name}" for k in range(n_obstacles) for name in OBSTACLE]
-    return (*(f"own.{name}" for name in OWN), *near, *around)
+class State:
+    """Self, nearest robots and nearest obstacles, in the world's frame.
+
+    Features: `OWN`, `HEADING` in teams with a unicycle, then the slots of `NEIGHBOR` and of
+    `OBSTACLE`, nearest surface first. A slot without a return is zero.
+
+    Args:
+        model: how many slots, and how far robots see.
+        scene: what there is to see.
+    """
+
+    def __init__(self, model: StateModel, scene: Scene) -> None:
+        own = OWN + (HEADING if scene.has_headings else ())
+        near = numbered("neighbor", model.n_neighbors, NEIGHBOR)
+        around = numbered("obstacle", model.n_obstacles, OBSTACLE)
+        self.features = own + near + around
+        self.metres = np.ones(len(self.features))
+        limit = np.inf if model.limit is None else model.limit
+        self._radii, self._limits = scene.radii, np.minimum(scene.ranges, limit)
+        self._slots, self._reach = (len(own), model.n_neighbors, model.n_obstacles), model.range
+
+    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        """Writes `features` of every robot of the active copies, [E, N, F]."""
+        observe_states(
+            states, layouts, self._radii, self._limits, self._slots, self._reach, active, out
+        )
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -39,7 +96,8 @@ def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float)
         return
     slot = k - 1
     while slot > 0 and found[slot - 1, 0] > gap:
-        found[slot] = found[slot - 1]
+        for c in range(4):
+            found[slot, c] = found[slot - 1, c]
         slot -= 1
     found[slot, 0] = gap
     found[slot, 1] = index
@@ -61,35 +119,46 @@ def _closeness(gap: float, reach: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _own(out: Float, state: Float, i: int) -> None:
-    """Own position, velocity, goal displacement and goal direction of robot i."""
-    gx = float(state[8 * i + 6]) - float(state[8 * i])
-    gy = float(state[8 * i + 7]) - float(state[8 * i + 1])
+def _own(out: Float, state: Float, at: int) -> None:
+    """Fills `OWN`, and `HEADING` if there is room, of the robot whose state begins at `at`."""
+    gx = float(state[at + TX]) - float(state[at + X])
+    gy = float(state[at + TY]) - float(state[at + Y])
     scale = 1.0 / max(math.sqrt(gx * gx + gy * gy), GOAL_NEAR)
     for c in range(4):
-        out[c] = state[8 * i + c]
+        out[c] = state[at + c]
     out[4] = gx
     out[5] = gy
     out[6] = gx * scale
     out[7] = gy * scale
+    for c in range(out.shape[0] - _OWN):
+        out[_OWN + c] = state[at + UX + c]
 
 
 @njit(nogil=True, cache=True)
 def _neighbors(
-    out: Float, state: Float, i: int, radii: Double, k: int, reach: float, found: Double
-) -> float:
-    """Fills the neighbour slots of robot i, nearest first; returns the smallest gap to a robot."""
+    out: Float,
+    state: Float,
+    i: int,
+    radii: Double,
+    k: int,
+    reach: float,
+    limit: float,
+    found: Double,
+) -> None:
+    """Fills the neighbour slots of robot i, nearest first."""
     _forget(found, k)
-    smallest = np.inf
-    for j in range(radii.shape[0]):
-        if j != i:
-            dx = float(state[8 * j]) - float(state[8 * i])
-            dy = float(state[8 * j + 1]) - float(state[8 * i + 1])
-            gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
-            smallest = min(smallest, gap)
-            _insert(found, k, gap, j, dx, dy)
+    at = N_COLUMNS * i
+    px, py = float(state[at + X]), float(state[at + Y])
+    for j in range(radii.shape[0] if k > 0 else 0):
+        dx = float(state[N_COLUMNS * j + X]) - px
+        dy = float(state[N_COLUMNS * j + Y]) - py
+        square, bound = dx * dx + dy * dy, found[k - 1, 0] + radii[i] + radii[j]
+        if j != i and (bound < 0.0 or square < bound * bound * _SLACK):
+            gap = math.sqrt(square) - radii[i] - radii[j]
+            if gap <= limit:
+                _insert(found, k, gap, j, dx, dy)
     for slot in range(k):
-        o = out[7 * slot : 7 * slot + 7]
+        o = out[_NEIGHBOR * slot : _NEIGHBOR * slot + _NEIGHBOR]
         gap, dx, dy = found[slot, 0], found[slot, 2], found[slot, 3]
         j = int(found[slot, 1])
         if j < 0:
@@ -98,12 +167,11 @@ def _neighbors(
         close = _closeness(gap, reach) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
         o[0] = dx
         o[1] = dy
-        o[2] = float(state[8 * j + 2]) - float(state[8 * i + 2])
-        o[3] = float(state[8 * j + 3]) - float(state[8 * i + 3])
+        o[2] = float(state[N_COLUMNS * j + VX]) - float(state[at + VX])
+        o[3] = float(state[N_COLUMNS * j + VY]) - float(state[at + VY])
         o[4] = dx * close
         o[5] = dy * close
         o[6] = 1.0
-    return smallest
 
 
 @njit(nogil=True, cache=True)
@@ -116,20 +184,20 @@ def _obstacles(
     radius: float,
     k: int,
     reach: float,
+    limit: float,
     found: Double,
-) -> float:
-    """Fills the obstacle slots of a robot, nearest surface first; returns the smallest gap."""
+) -> None:
+    """Fills the obstacle slots of a robot at (px, py), nearest surface first."""
     _forget(found, k)
-    smallest = np.inf
-    for m in range(layout.shape[0]):
+    for m in range(layout.shape[0] if k > 0 else 0):
         dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-        bound = max(smallest, found[k - 1, 0] if k > 0 else -np.inf) + radius + sizes[m]
+        bound = found[k - 1, 0] + radius + sizes[m]
         if bound > 0.0 and dx * dx + dy * dy < bound * bound:
             distance, vx, vy = nearest(px, py, layout[m])
-            smallest = min(smallest, distance - radius)
-            _insert(found, k, distance - radius, m, vx, vy)
+            if distance - radius <= limit:
+                _insert(found, k, distance - radius, m, vx, vy)
     for slot in range(k):
-        o = out[8 * slot : 8 * slot + 8]
+        o = out[_OBSTACLE * slot : _OBSTACLE * slot + _OBSTACLE]
         gap, vx, vy = found[slot, 0], found[slot, 2], found[slot, 3]
         m = int(found[slot, 1])
         if m < 0:
@@ -144,7 +212,6 @@ def _obstacles(
         o[5] = float(layout[m, 4]) * sizes[m]
         o[6] = float(layout[m, 0]) / 3.0
         o[7] = 1.0
-    return smallest
 
 
 @njit(nogil=True, cache=True)
@@ -152,44 +219,42 @@ def observe_states(
     states: Float,
     layouts: Float,
     radii: Double,
-    half: Double,
-    slots: tuple[int, int],
+    limits: Double,
+    slots: tuple[int, int, int],
     reach: float,
     active: Bool,
     observations: Float,
-    gaps: Double,
 ) -> None:
     """Writes the `state` observation of every robot in every active copy.
 
     Args:
-        states: [E, S], per robot (x, y, vx, vy, goal_x, goal_y).
+        states: [E, S].
         layouts: obstacles, [E, M, 8].
         radii: robot radii, m, [N].
-        half: half width and half height of the arena, m, [2].
-        slots: number of neighbour and of obstacle slots.
+        limits: gaps beyond which each robot sees nothing, m, [N].
+        slots: length of the own block, number of neighbour and of obstacle slots.
         reach: gap (m) at which closeness features reach 0.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
-        gaps: written, smallest gap of each robot to a robot, obstacle or wall, m, [E, N].
     """
-    found = np.empty((max(slots[0], slots[1]), 4))
+    n_own, n_neighbors, n_obstacles = slots
+    found = np.empty((max(n_neighbors, n_obstacles), 4))
     sizes = np.empty(layouts.shape[1])
-    first = 8 + 7 * slots[0]
+    first = n_own + _NEIGHBOR * n_neighbors
+    last = first + _OBSTACLE * n_obstacles
     for b in range(states.shape[0]):
         if not active[b]:
             continue
-        layout = layouts[b]
+        layout, state = layouts[b], states[b]
         for m in range(layout.shape[0]):
             sizes[m] = bounding_radius(layout[m])
         for i in range(radii.shape[0]):
-            out = observations[b, i]
-            px, py = float(states[b, 8 * i]), float(states[b, 8 * i + 1])
-            _own(out, states[b], i)
-            gap = _neighbors(out[8:first], states[b], i, radii, slots[0], reach, found)
-            around = _obstacles(
-                out[first:], px, py, layout, sizes, radii[i], slots[1], reach, found
+            out, at = observations[b, i], N_COLUMNS * i
+            px, py = float(state[at + X]), float(state[at + Y])
+            _own(out[:n_own], state, at)
+            near = out[n_own:first]
+            _neighbors(near, state, i, radii, n_neighbors, reach, limits[i], found)
+            around = out[first:last]
+            _obstacles(
+                around, px, py, layout, sizes, radii[i], n_obstacles, reach, limits[i], found
             )
-            gap = min(gap, around)
-            for wall in range(4):
-                gap = min(gap, wall_gap(px, py, half, wall) - radii[i])
-            gaps[b, i] = gap

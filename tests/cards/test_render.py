@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 import yaml
 
+from swarmdata.cards.fields import observation_rows
 from swarmdata.cards.render import Facts, check, histogram, render
 from swarmdata.cards.schema import Interval, TaskReferences
+from swarmdata.comms import communication_model
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.metrics import EPISODE_METRICS
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import ObservationModel, PolicySource, Recipe, TaskSpec
+from swarmdata.features import Feature
+from swarmdata.registry import make_task
+from swarmdata.sensing import observation_model
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry
 
@@ -66,7 +71,7 @@ def make_facts(
     shapes = {
         "actions": ("float32", (steps, 4, 2)),
         "observations": ("float32", (rows, 4, n_features)),
-        "states": ("float32", (rows, 24)),
+        "states": ("float32", (rows, 32)),
     }
     arrays = {
         name: ArrayEntry(dtype=dtype, shape=shape, chunk_rows=10_000, checksums=("0" * 16,))  # type: ignore[arg-type]
@@ -168,13 +173,27 @@ def test_features_without_description_are_an_error() -> None:
         render(make_facts(n_features=54))
 
 
-def test_observation_model_without_description_is_an_error() -> None:
-    facts = make_facts()
-    spec = TaskSpec(observation=ObservationModel(kind="lidar"))
-    recipe = facts.recipe.model_copy(update={"spec": spec})
+OBSERVATIONS = ("state", "lidar+stack-2", "bearing", "occupancy")
+CHANNELS = ("none", "state+bits-8", "learned-3")
 
-    with pytest.raises(SpecError, match="'lidar' has no field descriptions"):
-        render(make_facts(recipe=recipe))
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_every_feature_of_every_model_is_described(observation: str, channel: str) -> None:
+    spec = TaskSpec(
+        observation=observation_model(observation), communication=communication_model(channel)
+    )
+    task = make_task(spec)
+    rows = observation_rows(task)
+    assert all(row.meaning for row in rows)
+    assert len(rows) < 40, "slots share their rows"
+
+
+def test_a_feature_without_description_is_an_error() -> None:
+    task = make_task(TaskSpec())
+    task.features = (Feature("own.mood", "flag"),)
+    with pytest.raises(SpecError, match=r"\['own.mood'\] have no description"):
+        observation_rows(task)
 
 
 def test_policy_without_episodes_is_an_error() -> None:

@@ -1,0 +1,195 @@
+"""Communication models from short names, inline text, plain data or files."""
+
+import re
+from collections.abc import Callable, Mapping
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.spec import AnyCommunicationModel, Broadcast, NoCommunication
+
+MEAN_BURST = 4
+"""Steps that a burst of `bursty-<percent>` lasts on average."""
+
+_MODELS: dict[str, type[NoCommunication] | type[Broadcast]] = {
+    "none": NoCommunication,
+    "broadcast": Broadcast,
+}
+_ALONE: dict[str, AnyCommunicationModel] = {"none": NoCommunication(), "perfect": Broadcast()}
+_PART = re.compile(r"([a-z]+)(?:-(.*))?")
+_FILE_ENDINGS = (".yaml", ".yml", ".json")
+
+
+def communication_model(
+    source: str | Path | Mapping[str, Any] | AnyCommunicationModel,
+) -> AnyCommunicationModel:
+    """Returns the communication model that `source` describes.
+
+    Args:
+        source: a model; its fields as a mapping, as YAML or JSON text, or in a `.yaml` or `.json`
+            file; or a name. `none` and `perfect` (everybody hears every pose at once) stand alone;
+            other names are joined by "+", such as `goal+lossy-30+delayed-2+range-1.5`, each
+            changing one thing of `perfect`:
+
+            - payload: `pose`, `goal` (pose and goal), `state`, `learned-4` (4 values);
+            - links: `nearest-2`, `ring`, `star`; `range-1.5` (m);
+            - losses: `lossy-30` (percent, independent), `bursty-30` (percent in the long run, in
+              bursts of 4 steps on average), `aloha-8` (collisions in 8 time slots);
+            - limits: `bandwidth-1` (messages per step), `bits-8` (of each value), `delayed-2`
+              (steps).
+
+    Raises:
+        UnknownNameError: a name is unknown, with the nearest known one.
+        SpecError: a value is out of range, or two names contradict each other.
+    """
+    if isinstance(source, NoCommunication | Broadcast):
+        return source
+    if isinstance(source, Mapping):
+        return _from_fields(dict(source), "communication model")
+    if isinstance(source, Path) or source.endswith(_FILE_ENDINGS):
+        return _from_file(Path(source))
+    if any(mark in source for mark in ":{\n"):
+        return _from_text(source, "communication text")
+    return _from_names(source.strip())
+
+
+def _from_file(path: Path) -> AnyCommunicationModel:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SpecError(
+            f"cannot read the communication model {str(path)!r}: {error.strerror}. "
+            "Expected a YAML or JSON file with the fields of one model."
+        ) from error
+    return _from_text(text, str(path))
+
+
+def _from_text(text: str, where: str) -> AnyCommunicationModel:
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SpecError(f"{where} is neither YAML nor JSON: {error}") from error
+    # the model reads the text itself: it refuses a key given twice
+    return _model_of(data, where).from_text(text, where)
+
+
+def _from_fields(data: Any, where: str) -> AnyCommunicationModel:
+    return _model_of(data, where).parse(data, where)
+
+
+def _model_of(data: Any, where: str) -> type[NoCommunication] | type[Broadcast]:
+    """The class of the model whose fields these are."""
+    if not isinstance(data, dict) or "kind" not in data:
+        raise SpecError(
+            f"{where}: got {data!r}, expected a mapping with a key 'kind' ({', '.join(_MODELS)}) "
+            "and the fields of that model."
+        )
+    kind = str(data["kind"])
+    if kind not in _MODELS:
+        raise UnknownNameError("kind of communication model", kind, _MODELS)
+    return _MODELS[kind]
+
+
+def _from_names(text: str) -> AnyCommunicationModel:
+    if text in _ALONE:
+        return _ALONE[text]
+    fields: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    for part in text.split("+"):
+        for name, value in _fields_of(part.strip(), text).items():
+            if name in fields:
+                raise SpecError(
+                    f"communication model {text!r}: {origin[name]!r} and {part!r} both set {name}. "
+                    "Keep one of them."
+                )
+            fields[name], origin[name] = value, part
+    return Broadcast.parse(fields, f"communication model {text!r}")
+
+
+def _fields_of(part: str, text: str) -> dict[str, Any]:
+    """The fields that one name sets."""
+    match = _PART.fullmatch(part)
+    word, value = match.groups() if match else (part, None)
+    if word in _ALONE and part != text:
+        raise SpecError(
+            f"communication model {text!r}: {word!r} stands alone. Leave it out, or use it only."
+        )
+    if word in _PLAIN:
+        if value is not None:
+            raise SpecError(
+                f"communication model {text!r}: {word!r} takes no value, got {part!r}. "
+                f"Write {word!r}."
+            )
+        return _PLAIN[word]
+    if word not in _VALUED:
+        raise UnknownNameError("communication model", part, [*_ALONE, *_PLAIN, *_examples()])
+    build, example = _VALUED[word]
+    try:
+        return build(value or "")
+    except (ValueError, InvalidOperation) as error:
+        problem = str(error) if isinstance(error, ValueError) else "is not a number"
+        got = repr(value) if value else "nothing"
+        raise SpecError(
+            f"communication model {text!r}: the value of {part!r} {problem}, got {got}. "
+            f"Expected something like {word}-{example}."
+        ) from error
+
+
+def _examples() -> list[str]:
+    return [f"{word}-{example}" for word, (_, example) in _VALUED.items()]
+
+
+def _whole(value: str) -> int:
+    if not value.isdecimal():
+        raise ValueError("is not a whole number")
+    return int(value)
+
+
+def _metres(value: str) -> float:
+    return float(Decimal(value))
+
+
+def _share(percent: str) -> Decimal:
+    """An exact fraction from a percentage: rounded once, 30 will give the number 0.3."""
+    share = Decimal(percent) / 100
+    if not 0 <= share <= 1:
+        raise ValueError("is not a percentage between 0 and 100")
+    return share
+
+
+def _bursty(percent: str) -> dict[str, Any]:
+    """Bursts that lose everything, and last `MEAN_BURST` steps on average.
+
+    A link is bad for the share enter / (enter + leave) of the time, with leave = 1 / MEAN_BURST.
+    Good links turn bad at most with certainty, which bounds that share.
+    """
+    share, leave = _share(percent), 1 / Decimal(MEAN_BURST)
+    most = 1 / (1 + leave)
+    if share > most:
+        raise ValueError(
+            f"is more than the {100 * most} percent that bursts of {MEAN_BURST} steps can lose"
+        )
+    return {"bursts": {"enter": float(leave * share / (1 - share)), "leave": float(leave)}}
+
+
+_PLAIN: dict[str, dict[str, Any]] = {
+    "pose": {"payload": "pose"},
+    "goal": {"payload": "pose_and_goal"},
+    "state": {"payload": "state"},
+    "ring": {"topology": "ring"},
+    "star": {"topology": "star"},
+}
+_VALUED: dict[str, tuple[Callable[[str], dict[str, Any]], str]] = {
+    "learned": (lambda value: {"payload": "learned", "message_size": _whole(value)}, "4"),
+    "nearest": (lambda value: {"topology": "nearest", "n_nearest": _whole(value)}, "2"),
+    "range": (lambda value: {"range": _metres(value)}, "1.5"),
+    "lossy": (lambda value: {"drop_probability": float(_share(value))}, "30"),
+    "bursty": (_bursty, "30"),
+    "aloha": (lambda value: {"slots_in_step": _whole(value)}, "8"),
+    "bandwidth": (lambda value: {"messages_per_step": _whole(value)}, "1"),
+    "bits": (lambda value: {"bits": _whole(value)}, "8"),
+    "delayed": (lambda value: {"delay": _whole(value)}, "2"),
+}

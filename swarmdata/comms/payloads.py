@@ -1,0 +1,216 @@
+"""What a message says: its columns, its quantiser, and what a receiver's observation shows of it.
+
+Arithmetic is float64 with correctly rounded operations, then one rounding to float32.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.errors import SpecError
+from swarmdata.features import Feature, numbered, vector
+from swarmdata.spec import Broadcast, Robot, TaskSpec
+from swarmdata.states import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int
+
+COLUMNS = {
+    "pose": (X, Y, UX, UY),
+    "pose_and_goal": (X, Y, UX, UY, TX, TY),
+    "state": (X, Y, VX, VY, UX, UY),
+    "learned": (),
+}
+"""Columns of the sender's part of the state that each payload carries, two for each vector."""
+
+VECTORS = {
+    X: vector("position", "position", "the sender's position when it sent, minus the own now"),
+    VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
+    UX: vector("heading", "direction", "the sender's heading when it sent"),
+    TX: vector("target", "position", "the sender's target when it sent, minus the own position now"),
+}
+"""Features of the vector that starts at a column."""
+
+AGE_LIMIT = 20
+"""Age (steps) from which on the feature `age` is 1."""
+
+TRAILER = (
+    Feature("age", "flag", "", "steps since it was sent / 20, at most 1"),
+    Feature("mask", "flag", "", "1 if anything was ever received from this sender"),
+    Feature("sender", "flag", "", "index of the sender / (robots - 1)"),
+)
+"""What follows the message in a slot: its age over `AGE_LIMIT`, at most 1; 1 where a message is
+held; the index of the sender over N - 1."""
+
+
+def broadcast_of(spec: TaskSpec) -> Broadcast:
+    """The communication model of a spec whose robots talk.
+
+    Raises:
+        SpecError: they do not.
+    """
+    if not isinstance(spec.communication, Broadcast):
+        raise SpecError(
+            f"a channel needs communication of kind 'broadcast', got {spec.communication.kind!r} "
+            "in the spec. Set TaskSpec.communication, or build no channel."
+        )
+    return spec.communication
+
+
+def message_fields(model: Broadcast) -> tuple[Feature, ...]:
+    """The P numbers of one message, as a receiver's observation shows them.
+
+    Positions are relative to the receiver's own present position.
+    """
+    if model.payload == "learned":
+        return tuple(Feature(f"value_{c}", "flag", "", "value of a learned message") for c in range(model.message_size))
+    columns = COLUMNS[model.payload]
+    return tuple(field for column in columns[::2] for field in VECTORS[column])
+
+
+def slot_features(model: Broadcast, n_agents: int) -> tuple[Feature, ...]:
+    """Features of one robot's N - 1 slots, one for each other robot in agent order."""
+    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER))
+
+
+def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
+    """Lower ends [N, P] and widths [N, P] of the cells of each sender's uniform quantiser.
+
+    The range of a position is the arena, of a velocity the sender's top speed both ways, of a
+    direction or a learned value [-1, 1]. Without `bits` the width is 0: values go as they are.
+    """
+    model = broadcast_of(spec)
+    spans = np.array([_half_spans(model, robot, spec) for robot in spec.robots])
+    n_cells = 0 if model.bits is None else 1 << model.bits
+    return -spans, 2.0 * spans / n_cells if n_cells else np.zeros_like(spans)
+
+
+def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
+    """Half the quantiser's range of each value, [P]."""
+    width, height = spec.arena.width / 2, spec.arena.height / 2
+    speed = robot.max_speed
+    spans = {X: width, Y: height, TX: width, TY: height, VX: speed, VY: speed, UX: 1.0, UY: 1.0}
+    if model.payload == "learned":
+        return [1.0] * model.message_size
+    return [spans[column] for column in COLUMNS[model.payload]]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def quantize(value: float, low: float, width: float, n_cells: int) -> float:
+    """The middle of the cell that holds the value, or of the outermost cell if none does.
+
+    Args:
+        value: what is to be sent.
+        low: lower end of the range.
+        width: of one cell.
+        n_cells: number of cells.
+    """
+    cell = math.floor(min(max((value - low) / width, 0.0), n_cells - 1.0))
+    return low + (cell + 0.5) * width
+
+
+@njit(nogil=True, cache=True, inline="always")
+def compose(
+    states: Float,
+    actions: Float,
+    e: int,
+    begins: bool,
+    columns: Int,
+    low: Double,
+    width: Double,
+    n_cells: int,
+    sent: Float,
+) -> None:
+    """Writes what every robot of copy e puts on air, sent [E, N, P].
+
+    Args:
+        states: [E, S].
+        actions: learned message of each robot, [E, N, P]; not read for other payloads.
+        e: the copy.
+        begins: whether its episode has just begun; there is no action yet, so that learned
+            messages are zero.
+        columns: of the payload; empty for learned messages, [P or 0].
+        low: lower ends of the quantiser, [N, P].
+        width: widths of its cells, [N, P].
+        n_cells: cells of the quantiser, 0 for none.
+        sent: written.
+    """
+    is_learned = columns.shape[0] == 0
+    for j in range(sent.shape[1]):
+        for c in range(sent.shape[2]):
+            if is_learned:
+                value = 0.0 if begins else min(max(float(actions[e, j, c]), -1.0), 1.0)
+            else:
+                value = float(states[e, N_COLUMNS * j + columns[c]])
+            if n_cells > 0 and not (is_learned and begins):
+                value = quantize(value, low[j, c], width[j, c], n_cells)
+            sent[e, j, c] = value
+
+
+@njit(nogil=True, cache=True, inline="always")
+def write_slots(
+    states: Float,
+    e: int,
+    held: Float,
+    ages: Counts,
+    columns: Int,
+    is_position: Bool,
+    in_body_frame: bool,
+    out: Float,
+) -> None:
+    """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)].
+
+    Args:
+        states: [E, S].
+        e: the copy.
+        held: newest message of each (receiver, sender), [E, N, N, P].
+        ages: its age in steps, or NEVER, [E, N, N].
+        columns: of the payload; empty for learned messages, [P or 0].
+        is_position: which of its columns are positions, [P or 0].
+        in_body_frame: whether vectors are rotated into the receiver's body frame.
+        out: written.
+    """
+    n, size = held.shape[2], held.shape[3]
+    for i in range(n):
+        o = 0
+        for j in range(n):
+            if j == i:
+                continue
+            if ages[e, i, j] == NEVER:
+                for c in range(size + 3):
+                    out[e, i, o + c] = 0.0
+            else:
+                if columns.shape[0] == 0:
+                    for c in range(size):
+                        out[e, i, o + c] = held[e, i, j, c]
+                else:
+                    _write_vectors(states, e, i, j, held, is_position, in_body_frame, out, o)
+                out[e, i, o + size] = min(ages[e, i, j], AGE_LIMIT) / AGE_LIMIT
+                out[e, i, o + size + 1] = 1.0
+                out[e, i, o + size + 2] = j / (n - 1)
+            o += size + 3
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _write_vectors(
+    states: Float,
+    e: int,
+    i: int,
+    j: int,
+    held: Float,
+    is_position: Bool,
+    in_body_frame: bool,
+    out: Float,
+    o: int,
+) -> None:
+    """Writes robot j's message into out[e, i, o:], as robot i sees it."""
+    me = N_COLUMNS * i
+    ux, uy = float(states[e, me + UX]), float(states[e, me + UY])
+    for c in range(0, held.shape[3], 2):
+        vx, vy = float(held[e, i, j, c]), float(held[e, i, j, c + 1])
+        if is_position[c]:
+            vx -= float(states[e, me + X])
+            vy -= float(states[e, me + Y])
+        if in_body_frame:
+            vx, vy = vx * ux + vy * uy, vy * ux - vx * uy
+        out[e, i, o + c] = vx
+        out[e, i, o + c + 1] = vy

@@ -1,0 +1,140 @@
+"""One step of every copy's radio, as one compiled call.
+
+Its parts are inlined: a call with many arrays costs as much as the work of a small team.
+"""
+
+import numpy as np
+from numba import njit
+
+from swarmdata.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
+from swarmdata.comms.payloads import compose, write_slots
+from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
+
+OLDEST = NEVER - 1
+"""Ages stop here."""
+
+Memory = tuple[Float, Bool, Float, Counts, Counts]
+"""What a channel remembers; see `transmit_all`."""
+
+Constants = tuple[Int, Bool, Double, Double, Int, Double]
+"""What never changes; see `transmit_all`."""
+
+Scratch = tuple[Bool, Double, Int, Int, Int]
+
+
+@njit(nogil=True, cache=True)
+def transmit_all(
+    states: Float,
+    seeds: Seeds,
+    times: Int,
+    said: Float,
+    active: Bool,
+    sent: Float,
+    delivered: Bool,
+    ages: Counts,
+    out: Float,
+    memory: Memory,
+    constants: Constants,
+) -> None:
+    """One step of the active copies.
+
+    Args:
+        states: [E, S].
+        seeds: [E].
+        times: [E].
+        said: learned messages, [E, N, P].
+        active: [E].
+        sent: written, [E, N, P].
+        delivered: written, [E, N, N].
+        ages: written, [E, N, N].
+        out: the slots, written, [E, N, (N-1) (P+3)].
+        memory: messages [E, D+1, N, P] and links [E, D+1, N, N] that are under way, rings over the
+            steps of sending; newest message held [E, N, N, P], its age [E, N, N]; state of each
+            link [E, N, N].
+        constants: columns of the payload, which of them are positions; lower ends and widths of
+            the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step,
+            time slots, cells, bursts or not, body frame or not; chances: squared range, loss on
+            good and on bad links, probabilities to enter, leave and start in a burst.
+    """
+    messages, underway, held, newest, bad = memory
+    columns, is_position, low, width, limits, chances = constants
+    n, n_cells, in_body_frame = sent.shape[1], limits[4], limits[6] != 0
+    scratch = (
+        np.empty((n, n), dtype=np.bool_),
+        np.empty(limits[1], dtype=np.float64),
+        np.empty(limits[1], dtype=np.int64),
+        np.empty((2, n), dtype=np.int64),
+        np.empty(n, dtype=np.int64),
+    )
+    for e in range(active.shape[0]):
+        if not active[e]:
+            continue
+        t = times[e]
+        slot = t % messages.shape[1]
+        compose(states, said, e, t == 0, columns, low, width, n_cells, sent)
+        _choose(states, seeds[e], t, e, limits, chances, bad, scratch, underway[e, slot])
+        _deliver(t, e, sent, messages, underway, held, newest, delivered, ages)
+        write_slots(states, e, held, newest, columns, is_position, in_body_frame, out)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _choose(
+    states: Float,
+    seed: int,
+    t: int,
+    e: int,
+    limits: Int,
+    chances: Double,
+    bad: Counts,
+    scratch: Scratch,
+    taken: Bool,
+) -> None:
+    """Writes which messages of step t get through, taken [N, N]."""
+    linked, distances, found, groups, counts = scratch
+    in_good, in_bad = chances[1], chances[2]
+    pick_links(states, e, limits[0], chances[0], distances, found, taken)
+    if limits[2] > 0 or limits[3] > 0:
+        spend_bandwidth(taken, t, limits[2], linked)
+    if limits[3] > 0:
+        collide(seed, t, limits[3], linked, groups, counts, taken)
+    if limits[5] > 0:
+        step_bursts(seed, t, e, chances[3], chances[4], chances[5], bad)
+    if in_good > 0.0 or in_bad > 0.0:
+        drop(seed, t, e, in_good, in_bad, bad, taken)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _deliver(
+    t: int,
+    e: int,
+    sent: Float,
+    messages: Float,
+    underway: Bool,
+    held: Float,
+    newest: Counts,
+    delivered: Bool,
+    ages: Counts,
+) -> None:
+    """Hands over what was sent `delay` steps ago; what is held otherwise grows older.
+
+    Values are copied one by one: compiled slice assignments are several times slower.
+    """
+    n, size = sent.shape[1], sent.shape[2]
+    delay = messages.shape[1] - 1
+    now, then = t % (delay + 1), (t + 1) % (delay + 1)  # then: t - delay, or an empty row
+    for j in range(n):
+        for c in range(size):
+            messages[e, now, j, c] = sent[e, j, c]
+    for i in range(n):
+        for j in range(n):
+            arrives = underway[e, then, i, j]
+            delivered[e, i, j] = arrives
+            age = newest[e, i, j]
+            if arrives:
+                for c in range(size):
+                    held[e, i, j, c] = messages[e, then, j, c]
+                age = min(delay, OLDEST)
+            elif age < OLDEST:
+                age += 1
+            newest[e, i, j] = age
+            ages[e, i, j] = age

@@ -1,0 +1,187 @@
+"""The `bearing` model: ranges and bearings of the neighbours that a robot can see.
+
+A neighbour is seen if the segment between the two centres crosses no obstacle, no movable body and
+no third robot. Arithmetic as in `geometry`: float64, then one rounding to float32.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.features import Feature, numbered, vector
+from swarmdata.geometry import CIRCLE, bounding_radius
+from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
+from swarmdata.spec import BearingModel
+from swarmdata.states import N_COLUMNS, UX, UY, X, Y
+from swarmdata.types import Bool, Double, Float
+
+NEIGHBOR = (
+    Feature("range", "range", "", "distance between centers / range of the model"),
+    *vector("bearing", "direction", "cosine and sine of its bearing"),
+    Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
+)
+"""Distance between centres (1 = the model's range); cosine and sine of the bearing."""
+
+_WIDTH = len(NEIGHBOR)
+
+
+class Bearing:
+    """Own velocity, the target in polar form, and the nearest visible neighbours.
+
+    Features: `scene.POLAR`, then the slots of `NEIGHBOR`, nearest centre first. A slot without a
+    return is zero.
+
+    Args:
+        model: how many slots, and how far robots see.
+        scene: what there is to see, and what hides it.
+    """
+
+    def __init__(self, model: BearingModel, scene: Scene) -> None:
+        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR)
+        self.features = (*POLAR, *slots)
+        self.metres = np.array([scene.diagonal] * N_POLAR + [model.range] * len(slots))
+        self._scene, self._ranges = scene, np.minimum(scene.ranges, model.range)
+        self._size = (model.n_neighbors, model.range, scene.diagonal)
+
+    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        """Writes `features` of every robot of the active copies, [E, N, F]."""
+        s, size = self._scene, self._size
+        observe_bearings(states, layouts, s.radii, self._ranges, s.bodies, size, active, out)
+
+
+@njit(nogil=True, cache=True)
+def _crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> bool:
+    """Whether the segment from the origin to (dx, dy) crosses a circle about (cx, cy)."""
+    square = dx * dx + dy * dy
+    s = 0.0 if square == 0.0 else min(max((cx * dx + cy * dy) / square, 0.0), 1.0)
+    ex, ey = cx - s * dx, cy - s * dy
+    return ex * ex + ey * ey < r * r
+
+
+@njit(nogil=True, cache=True)
+def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tuple[float, float]:
+    """The part of a segment's [enter, leave] in which at + s * step lies within +-half.
+
+    (Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.)
+    """
+    if step == 0.0:
+        return (enter, leave) if abs(at) < half else (1.0, 0.0)
+    a, b = (-half - at) / step, (half - at) / step
+    return max(enter, min(a, b)), min(leave, max(a, b))
+
+
+@njit(nogil=True, cache=True)
+def _crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
+    """Whether the segment from the origin to (dx, dy) crosses the bars of `row`, centred there."""
+    ax, ay = row[3], row[4]
+    lx, ly = -(cx * ax + cy * ay), -(cy * ax - cx * ay)
+    sx, sy = dx * ax + dy * ay, dy * ax - dx * ay
+    for index in range(int(row[0])):
+        bx, by, hx, hy = bar_of(row, index)
+        enter, leave = _clip(lx - bx, sx, hx, 0.0, 1.0)
+        enter, leave = _clip(ly - by, sy, hy, enter, leave)
+        if enter < leave:
+            return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Double) -> bool:
+    """Whether anything stands between robots i and j."""
+    px, py = float(state[N_COLUMNS * i + X]), float(state[N_COLUMNS * i + Y])
+    dx, dy = float(state[N_COLUMNS * j + X]) - px, float(state[N_COLUMNS * j + Y]) - py
+    for k in range(radii.shape[0]):
+        if k not in (i, j):
+            cx = float(state[N_COLUMNS * k + X]) - px
+            cy = float(state[N_COLUMNS * k + Y]) - py
+            if _crosses_circle(dx, dy, cx, cy, radii[k]):
+                return True
+    for m in range(rows.shape[0]):
+        cx, cy = rows[m, 1] - px, rows[m, 2] - py
+        if _crosses_circle(dx, dy, cx, cy, sizes[m]) and (
+            rows[m, 0] == CIRCLE or _crosses_shape(dx, dy, cx, cy, rows[m])
+        ):
+            return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: Double) -> int:
+    """Lists the robots within reach of robot i as rows (distance, index), nearest first."""
+    count = 0
+    for j in range(n_agents):
+        dx = float(state[N_COLUMNS * j + X]) - float(state[N_COLUMNS * i + X])
+        dy = float(state[N_COLUMNS * j + Y]) - float(state[N_COLUMNS * i + Y])
+        distance = math.sqrt(dx * dx + dy * dy)
+        if j == i or distance > reach:
+            continue
+        slot = count
+        while slot > 0 and order[slot - 1, 0] > distance:
+            order[slot, 0] = order[slot - 1, 0]
+            order[slot, 1] = order[slot - 1, 1]
+            slot -= 1
+        order[slot, 0] = distance
+        order[slot, 1] = j
+        count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: float) -> None:
+    """Fills one slot of robot i with robot j."""
+    at = N_COLUMNS * i
+    dx = float(state[N_COLUMNS * j + X]) - float(state[at + X])
+    dy = float(state[N_COLUMNS * j + Y]) - float(state[at + Y])
+    ux, uy = float(state[at + UX]), float(state[at + UY])
+    scale = 1.0 / max(distance, 1e-9)
+    o[0] = distance / span
+    o[1] = (ux * dx + uy * dy) * scale
+    o[2] = (ux * dy - uy * dx) * scale
+    o[3] = 1.0
+
+
+@njit(nogil=True, cache=True)
+def observe_bearings(
+    states: Float,
+    layouts: Float,
+    radii: Double,
+    ranges: Double,
+    bodies: Double,
+    size: tuple[int, float, float],
+    active: Bool,
+    out: Float,
+) -> None:
+    """Writes the `bearing` observation of every robot in every active copy.
+
+    Args:
+        states: [E, S].
+        layouts: obstacles, [E, M, 8].
+        radii: m, [N].
+        ranges: how far each robot sees, m, [N].
+        bodies: movable bodies, as in `Scene`, [K, 3].
+        size: number of slots, the model's range (m), and the arena's diagonal (m).
+        active: copies to observe, [E]; rows of the others are not written.
+        out: written, [E, N, F].
+    """
+    n_agents, n_rows = radii.shape[0], layouts.shape[1] + bodies.shape[0]
+    n_slots, span, diagonal = size
+    rows, sizes, order = np.empty((n_rows, 8)), np.empty(n_rows), np.empty((n_agents, 2))
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        state = states[b]
+        gather(state, layouts[b], n_agents, bodies, rows)
+        for m in range(n_rows):
+            sizes[m] = bounding_radius(rows[m])
+        for i in range(n_agents):
+            o = out[b, i]
+            write_polar(o, state, i, diagonal)
+            o[N_POLAR : N_POLAR + _WIDTH * n_slots] = 0.0
+            slot = 0
+            for nth in range(_sort_by_distance(state, i, n_agents, ranges[i], order)):
+                j = int(order[nth, 1])
+                if slot < n_slots and not _hidden(state, i, j, radii, rows, sizes):
+                    first = N_POLAR + _WIDTH * slot
+                    _write_slot(o[first:], state, i, j, order[nth, 0], span)
+                    slot += 1

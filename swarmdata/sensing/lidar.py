@@ -1,0 +1,263 @@
+"""The `lidar` model: a range scan with hit types in the body's frame, and the target in polar form.
+
+Directions of the rays are constants of the body's frame, so every object is brought into that
+frame once, and the innermost loop runs over rays in float32. `+ - * /` and `sqrt` are correctly
+rounded in float32 too, and nothing is contracted or reordered, so the bits do not depend on the
+platform or on how many rays the processor handles at once.
+
+A ray block has a constant number of lanes and one scratch array, because only then does the
+compiler prove that its loops may run in vector registers.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.features import Feature, numbered
+from swarmdata.geometry import CIRCLE, bounding_radius
+from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
+from swarmdata.spec import LidarModel
+from swarmdata.states import N_COLUMNS, UX, UY, X, Y
+from swarmdata.types import Bool, Double, Float
+
+LANES = 16
+"""Rays of a block."""
+
+_COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (LANES * row for row in range(6))
+_ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-9)
+_NOTHING, _ROBOT, _OBSTACLE, _WALL, _PAYLOAD = (np.float32(code) for code in range(5))
+
+HITS = ("robot", "obstacle", "wall", "payload")
+"""Channels of a beam's hit type; the last only in tasks with movable bodies."""
+
+
+class Lidar:
+    """Scans a scene.
+
+    Features: `scene.POLAR`, then for each beam its distance (1 = the model's range, and where
+    nothing is within the robot's range) and one flag for each of `HITS`. The first beam points
+    along the heading, the others follow counter-clockwise.
+
+    Args:
+        model: how many rays, and how far.
+        scene: what there is to hit.
+    """
+
+    def __init__(self, model: LidarModel, scene: Scene) -> None:
+        channels = HITS if len(scene.bodies) else HITS[:3]
+        beam = (
+            Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
+            *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
+        )
+        beams = numbered("beam", model.n_rays, beam)
+        self.features = (*POLAR, *beams)
+        self.metres = np.array([scene.diagonal] * N_POLAR + [model.range] * len(beams))
+        self._scene, self._rays = scene, ray_blocks(model.n_rays)
+        self._size = (model.n_rays, model.range, scene.diagonal)
+
+    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        """Writes `features` of every robot of the active copies, [E, N, F]."""
+        s, rays, size = self._scene, self._rays, self._size
+        scan(states, layouts, s.radii, s.ranges, s.half, s.bodies, rays, size, active, out)
+
+
+def ray_blocks(n_rays: int) -> Float:
+    """Unit vectors of the rays in the body's frame, [blocks, 2, LANES]; spare lanes repeat ray 0.
+
+    Cosines and sines are rounded to multiples of 2**-20 and normalised, so that the last bits of a
+    platform's own do not matter.
+    """
+    angles = 2 * np.pi * np.arange(n_rays) / n_rays
+    x, y = (np.round(f(angles) * 2**20) / 2**20 for f in (np.cos, np.sin))
+    norm = np.sqrt(x * x + y * y)
+    blocks = np.zeros((-(-n_rays // LANES), 2, LANES), dtype=np.float32)
+    blocks[:, 0] = 1
+    k = np.arange(n_rays)
+    blocks[k // LANES, 0, k % LANES] = x / norm
+    blocks[k // LANES, 1, k % LANES] = y / norm
+    return blocks
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
+    """Reciprocals of every ray's components in a frame whose x axis is (ax, ay).
+
+    A component below 1e-9 counts as 1e-9: a ray that is parallel to an edge meets it out of reach.
+    """
+    for k in range(LANES):
+        c, s = lanes[_COS + k], lanes[_SIN + k]
+        x, y = c * ax + s * ay, s * ax - c * ay
+        lanes[_INV_X + k] = _ONE / (x if abs(x) > _TINY else _TINY)
+        lanes[_INV_Y + k] = _ONE / (y if abs(y) > _TINY else _TINY)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.float32) -> None:
+    """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
+
+    Args:
+        lanes: scratch, written, [6 * LANES].
+        rays: of the block, [2, LANES].
+        robot: one robot's state, columns `states.ROBOT`.
+        half: half width and half height of the arena, m, [2].
+        reach: m.
+    """
+    for k in range(LANES):
+        lanes[_COS + k] = rays[0, k]
+        lanes[_SIN + k] = rays[1, k]
+    _invert(lanes, robot[UX], -robot[UY])
+    px, py, hx, hy = robot[X], robot[Y], np.float32(half[0]), np.float32(half[1])
+    for k in range(LANES):
+        ix, iy = lanes[_INV_X + k], lanes[_INV_Y + k]
+        tx = hx * abs(ix) - px * ix
+        ty = hy * abs(iy) - py * iy
+        t = tx if tx < ty else ty
+        t = t if t > _ZERO else _ZERO
+        lanes[_BEST + k] = t if t < reach else reach
+        lanes[_HIT + k] = _WALL if t < reach else _NOTHING
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.float32) -> None:
+    """Keeps the nearer of what each ray has met and a circle about (x, y) in the body's frame."""
+    rr = r * r
+    for k in range(LANES):
+        c, s, best = lanes[_COS + k], lanes[_SIN + k], lanes[_BEST + k]
+        along, across = c * x + s * y, c * y - s * x
+        square = rr - across * across
+        root = math.sqrt(square if square > _ZERO else _ZERO)
+        near = along - root
+        t = near if near > _ZERO else _ZERO
+        closer = (square >= _ZERO) & (along + root >= _ZERO) & (t < best)
+        lanes[_BEST + k] = t if closer else best
+        lanes[_HIT + k] = code if closer else lanes[_HIT + k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _bar(
+    lanes: Float, x: np.float32, y: np.float32, hx: np.float32, hy: np.float32, code: np.float32
+) -> None:
+    """Keeps the nearer of what each ray has met and a bar, by the method of slabs.
+
+    (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) Expects the reciprocals of the
+    bar's frame, in which its centre is at (x, y) from the robot.
+    """
+    for k in range(LANES):
+        ix, iy, best = lanes[_INV_X + k], lanes[_INV_Y + k], lanes[_BEST + k]
+        mx, my, ex, ey = x * ix, y * iy, hx * abs(ix), hy * abs(iy)
+        enter_x, enter_y, leave_x, leave_y = mx - ex, my - ey, mx + ex, my + ey
+        near = enter_x if enter_x > enter_y else enter_y
+        far = leave_x if leave_x < leave_y else leave_y
+        t = near if near > _ZERO else _ZERO
+        closer = (near <= far) & (far >= _ZERO) & (t < best)
+        lanes[_BEST + k] = t if closer else best
+        lanes[_HIT + k] = code if closer else lanes[_HIT + k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _shape(
+    lanes: Float, row: Double, dx: float, dy: float, ux: float, uy: float, code: np.float32
+) -> None:
+    """Meets the bars of a shape, centred at (dx, dy) from a robot with heading (ux, uy)."""
+    ax, ay = row[3], row[4]
+    _invert(lanes, np.float32(ux * ax + uy * ay), np.float32(ux * ay - uy * ax))
+    lx, ly = dx * ax + dy * ay, dy * ax - dx * ay
+    for index in range(int(row[0])):
+        cx, cy, hx, hy = bar_of(row, index)
+        x, y = np.float32(lx + cx), np.float32(ly + cy)
+        _bar(lanes, x, y, np.float32(hx), np.float32(hy), code)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _objects(
+    lanes: Float,
+    state: Float,
+    i: int,
+    radii: Double,
+    rows: Double,
+    sizes: Double,
+    n_obstacles: int,
+    reach: float,
+) -> None:
+    """Meets every robot, obstacle and movable body that robot i can reach."""
+    at = N_COLUMNS * i
+    px, py = float(state[at + X]), float(state[at + Y])
+    ux, uy = float(state[at + UX]), float(state[at + UY])
+    for j in range(radii.shape[0]):
+        dx = float(state[N_COLUMNS * j + X]) - px
+        dy = float(state[N_COLUMNS * j + Y]) - py
+        bound = reach + radii[j]
+        if j != i and dx * dx + dy * dy < bound * bound:
+            x, y = np.float32(ux * dx + uy * dy), np.float32(ux * dy - uy * dx)
+            _circle(lanes, x, y, np.float32(radii[j]), _ROBOT)
+    for m in range(rows.shape[0]):
+        dx, dy, bound = rows[m, 1] - px, rows[m, 2] - py, reach + sizes[m]
+        if dx * dx + dy * dy < bound * bound:
+            code = _OBSTACLE if m < n_obstacles else _PAYLOAD
+            if rows[m, 0] == CIRCLE:
+                x, y = np.float32(ux * dx + uy * dy), np.float32(ux * dy - uy * dx)
+                _circle(lanes, x, y, np.float32(rows[m, 5]), code)
+            else:
+                _shape(lanes, rows[m], dx, dy, ux, uy, code)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.float32) -> None:
+    """Writes the beams of one block, in units of `scale` metres."""
+    for k in range(n_rays):
+        hit, at = lanes[_HIT + k], (1 + n_channels) * k
+        out[at] = _ONE if hit == _NOTHING else lanes[_BEST + k] / scale
+        for channel in range(n_channels):
+            out[at + 1 + channel] = _ONE if hit == np.float32(1 + channel) else _ZERO
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def scan(
+    states: Float,
+    layouts: Float,
+    radii: Double,
+    ranges: Double,
+    half: Double,
+    bodies: Double,
+    rays: Float,
+    size: tuple[int, float, float],
+    active: Bool,
+    out: Float,
+) -> None:
+    """Writes the `lidar` observation of every robot in every active copy.
+
+    Args:
+        states: [E, S].
+        layouts: obstacles, [E, M, 8].
+        radii: m, [N].
+        ranges: m, of each robot's own sensors, [N].
+        half: half width and half height of the arena, m, [2].
+        bodies: movable bodies, as in `Scene`, [K, 3].
+        rays: as of `ray_blocks`.
+        size: number of rays, the model's range (m), and the arena's diagonal (m).
+        active: copies to observe, [E]; rows of the others are not written.
+        out: written, [E, N, F].
+    """
+    n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
+    n_rays, span, diagonal = size
+    n_channels = 4 if n_bodies > 0 else 3
+    rows = np.empty((n_obstacles + n_bodies, 8))
+    sizes = np.empty(n_obstacles + n_bodies)
+    lanes = np.empty(6 * LANES, dtype=np.float32)
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        state = states[b]
+        gather(state, layouts[b], n_agents, bodies, rows)
+        for m in range(rows.shape[0]):
+            sizes[m] = bounding_radius(rows[m])
+        for i in range(n_agents):
+            at, reach = N_COLUMNS * i, min(span, ranges[i])
+            write_polar(out[b, i], state, i, diagonal)
+            for block in range(rays.shape[0]):
+                _start(lanes, rays[block], state[at:], half, np.float32(reach))
+                _objects(lanes, state, i, radii, rows, sizes, n_obstacles, reach)
+                first, done = LANES * block, N_POLAR + (1 + n_channels) * LANES * block
+                count = min(LANES, n_rays - first)
+                _write(lanes, out[b, i, done:], count, n_channels, np.float32(span))

@@ -1,0 +1,128 @@
+"""What every sensor needs to know of a task: robots, walls and movable bodies, as plain arrays."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numba import njit
+
+from swarmdata.features import Feature, vector
+from swarmdata.geometry import BOX, CIRCLE
+from swarmdata.interfaces import Task
+from swarmdata.states import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.types import Double, Float
+
+N_BODY = len(BODY)
+
+TARGET_NEAR = 0.01
+"""Distance (m) within which a target has no bearing."""
+
+POLAR = (
+    *vector("own.v", "velocity", "own velocity"),
+    Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
+    *vector("target.bearing", "direction", "cosine and sine of the target's bearing"),
+)
+"""What every model in the body's frame starts with."""
+
+N_POLAR = len(POLAR)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Constants of one task that all sensors share."""
+
+    n_agents: int
+    radii: Double  # [N] m
+    ranges: Double  # [N] m, of each robot's own sensors; infinite where the model alone counts
+    half: Double  # [2] half width and half height of the arena, m
+    diagonal: float  # of the arena, m
+    bodies: Double  # [K, 3] movable bodies: shape code, half length, half width, m
+    has_headings: bool  # whether any robot is a unicycle
+
+    @classmethod
+    def of(cls, task: Task) -> Self:
+        """The scene of a task."""
+        robots, arena = task.spec.robots, task.spec.arena
+        shapes = {"circle": CIRCLE, "box": BOX}
+        bodies = [(shapes[p.shape], p.half_length, p.half_width) for p in task.movables]
+        return cls(
+            n_agents=len(robots),
+            radii=np.array([robot.radius for robot in robots]),
+            ranges=np.array(
+                [np.inf if robot.sensor_range is None else robot.sensor_range for robot in robots]
+            ),
+            half=np.array([arena.width / 2, arena.height / 2]),
+            diagonal=math.sqrt(arena.width * arena.width + arena.height * arena.height),
+            bodies=np.array(bodies, dtype=np.float64).reshape(-1, 3),
+            has_headings=any(robot.dynamics == "unicycle" for robot in robots),
+        )
+
+
+@njit(nogil=True, cache=True)
+def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Double) -> None:
+    """Writes the obstacles and then the movable bodies as rows of a layout.
+
+    Args:
+        state: one copy's state, [S].
+        layout: its obstacles, [M, 8].
+        n_agents: N.
+        bodies: [K, 3], as in `Scene`.
+        rows: written, columns `geometry.OBSTACLE`, [M + K, 8].
+    """
+    n_obstacles = layout.shape[0]
+    for m in range(n_obstacles):
+        for c in range(8):
+            rows[m, c] = layout[m, c]
+    for k in range(bodies.shape[0]):
+        row, at = rows[n_obstacles + k], N_COLUMNS * n_agents + N_BODY * k
+        row[0] = bodies[k, 0]
+        row[1] = state[at]
+        row[2] = state[at + 1]
+        row[3] = state[at + 4]
+        row[4] = state[at + 5]
+        row[5] = bodies[k, 1]
+        row[6] = bodies[k, 2]
+        row[7] = 0.0
+
+
+@njit(nogil=True, cache=True, inline="always")
+def bar_of(row: Double, index: int) -> tuple[float, float, float, float]:
+    """Centre and half sizes of one bar of a shape that is no circle, in its local frame.
+
+    Args:
+        row: one obstacle, columns `geometry.OBSTACLE`, [8].
+        index: which bar, below the shape code.
+    """
+    a, b, t = row[5], row[6], row[7]
+    if row[0] == BOX:
+        return 0.0, 0.0, a, b
+    if index == 0:
+        return 0.0, t - b, a, t
+    if index == 1:
+        return t - a, 0.0, t, b
+    return a - t, 0.0, t, b
+
+
+@njit(nogil=True, cache=True)
+def write_polar(out: Float, state: Float, i: int, diagonal: float) -> None:
+    """Writes `POLAR` of robot i into out[:5].
+
+    Args:
+        out: written, one robot's observation, [>= 5].
+        state: one copy's state, [S].
+        i: which robot.
+        diagonal: of the arena, m.
+    """
+    at = N_COLUMNS * i
+    ux, uy = float(state[at + UX]), float(state[at + UY])
+    vx, vy = float(state[at + VX]), float(state[at + VY])
+    dx = float(state[at + TX]) - float(state[at + X])
+    dy = float(state[at + TY]) - float(state[at + Y])
+    distance = math.sqrt(dx * dx + dy * dy)
+    scale = 0.0 if distance < TARGET_NEAR else 1.0 / distance
+    out[0] = ux * vx + uy * vy
+    out[1] = ux * vy - uy * vx
+    out[2] = min(distance / diagonal, 1.0)
+    out[3] = (ux * dx + uy * dy) * scale
+    out[4] = (ux * dy - uy * dx) * scale

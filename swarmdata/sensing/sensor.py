@@ -1,0 +1,165 @@
+"""Sensor: what each robot of a task observes in a state, by the model that the spec names."""
+
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+
+from swarmdata.errors import SchemaError
+from swarmdata.features import Feature
+from swarmdata.interfaces import Task
+from swarmdata.sensing.bearing import Bearing
+from swarmdata.sensing.lidar import Lidar
+from swarmdata.sensing.modifiers import History, Worsening
+from swarmdata.sensing.occupancy import Occupancy
+from swarmdata.sensing.scene import Scene
+from swarmdata.sensing.state import State
+from swarmdata.spec import (
+    BearingModel,
+    LidarModel,
+    ObservationModel,
+    OccupancyModel,
+    StateModel,
+    TaskSpec,
+)
+from swarmdata.states import N_COLUMNS, UX, UY
+from swarmdata.types import Bool, Double, Float, Int, Step
+
+
+class Sense(Protocol):
+    """One kind of observation model on one scene."""
+
+    features: tuple[Feature, ...]
+    metres: Double  # in one unit of each feature that is a normalised distance, [F]
+
+    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        """Writes `features` of every robot of the active copies, [E, N, F]."""
+        ...
+
+
+class Sensor:
+    """Writes observations: a function of an episode's seed, layout and states up to the step.
+
+    A frame is what the model's kind gives, and what the task adds, in the same frame of reference.
+    Noise, dropout, delay and stacking follow; in teams with several roles the robot's role is last.
+
+    Args:
+        task: the task; its spec has the model.
+        n_copies: E.
+
+    Attributes:
+        features: every number of one robot's observation, O. In a stack the names of older frames
+            end with their age in steps, such as `own.x[-1]`.
+    """
+
+    def __init__(self, task: Task, n_copies: int) -> None:
+        spec, scene = task.spec, Scene.of(task)
+        model = spec.observation
+        self._task, self._sense = task, _sense(model, scene)
+        kind, extra = self._sense.features, task.features
+        frame = (*kind, *extra)
+        self._cut, self._size = len(kind), len(frame)
+        self._pairs = np.array(
+            [len(kind) + k for k, feature in enumerate(extra) if feature.axis == "x"],
+            dtype=np.int64,
+        )
+        self._turns = model.kind != "state" and len(self._pairs) > 0
+        # a task normalises its distances by the arena's diagonal
+        metres = np.concatenate([self._sense.metres, np.full(len(extra), scene.diagonal)])
+        worsening = Worsening(frame, metres, model)
+        self._worsening = worsening if worsening.is_needed else None
+        shape = (n_copies, spec.n_agents, self._size)
+        has_history = model.delay + model.stack > 1
+        self._history = History(model, shape) if has_history else None
+        self._frame = np.zeros(shape if has_history else (0, 0, 0), dtype=np.float32)
+        self._roles = _role_codes(spec)
+        self.features = (
+            *_stacked(frame, model.stack),
+            *(
+                Feature(f"role.{role.name}", "flag", "", "1 if the robot has this role")
+                for role in spec.team[: self._roles.shape[1]]
+            ),
+        )
+
+    def forget(self, copies: Int) -> None:
+        """Lets an episode begin in each of these copies: its next frame is its first."""
+        if self._history is not None:
+            self._history.forget(copies)
+
+    def observe(self, now: Step, active: Bool, out: Float) -> None:
+        """Writes what the robots of the active copies observe.
+
+        Args:
+            now: a step whose states, layouts, seeds and times are complete.
+            active: copies to observe, [E]; rows of the others are not written.
+            out: written, [E, N, O].
+
+        Raises:
+            SchemaError: `out` does not have one column for each of `features`.
+        """
+        if out.shape[-1] != len(self.features):
+            raise SchemaError(
+                f"an array for observations has {out.shape[-1]} columns, expected "
+                f"{len(self.features)}. Allocate it with the sensor's features."
+            )
+        n_roles = self._roles.shape[1]
+        seen = out[..., :-n_roles] if n_roles else out
+        frame = seen if self._history is None else self._frame
+        self._sense.sense(now.states, now.layouts, active, frame)
+        if self._cut < self._size:
+            self._task.write_features(now.states, now.layouts, active, frame[..., self._cut :])
+            if self._turns:
+                turn(now.states, self._pairs, active, frame)
+        if self._worsening is not None:
+            self._worsening.apply(now, active, frame)
+        if self._history is not None:
+            self._history.exchange(frame, active, seen)
+        if n_roles:
+            np.copyto(out[..., -n_roles:], self._roles, where=active[:, None, None])
+
+
+def _sense(model: ObservationModel, scene: Scene) -> Sense:
+    match model:
+        case StateModel():
+            return State(model, scene)
+        case LidarModel():
+            return Lidar(model, scene)
+        case BearingModel():
+            return Bearing(model, scene)
+        case OccupancyModel():
+            return Occupancy(model, scene)
+    raise TypeError(f"no sensor for a {type(model).__name__}: add one to sensing.sensor")
+
+
+def _role_codes(spec: TaskSpec) -> Float:
+    """One-hot roles [N, roles]; no columns if there is one role only."""
+    n_roles = len(spec.team)
+    codes = np.eye(n_roles, n_roles if n_roles > 1 else 0, dtype=np.float32)
+    return np.repeat(codes, [role.count for role in spec.team], axis=0)
+
+
+def _stacked(frame: tuple[Feature, ...], n: int) -> tuple[Feature, ...]:
+    older = (f._replace(name=f"{f.name}[-{age}]") for age in range(1, n) for f in frame)
+    return (*frame, *older)
+
+
+@njit(nogil=True, cache=True)
+def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
+    """Rotates vectors from the world's frame into each robot's body's, in place.
+
+    Args:
+        states: [E, S].
+        pairs: columns of x components; y follows each, [P].
+        active: copies to rotate, [E].
+        frame: changed, [E, N, F].
+    """
+    for b in range(frame.shape[0]):
+        if not active[b]:
+            continue
+        for i in range(frame.shape[1]):
+            ux = float(states[b, N_COLUMNS * i + UX])
+            uy = float(states[b, N_COLUMNS * i + UY])
+            for p in range(pairs.shape[0]):
+                x, y = float(frame[b, i, pairs[p]]), float(frame[b, i, pairs[p] + 1])
+                frame[b, i, pairs[p]] = ux * x + uy * y
+                frame[b, i, pairs[p] + 1] = ux * y - uy * x

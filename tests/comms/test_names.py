@@ -1,0 +1,113 @@
+"""Communication models from names, text and files."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.comms import communication_model
+from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.spec import Broadcast, Bursts, NoCommunication
+
+PARTS: dict[str, dict[str, Any]] = {
+    "goal": {"payload": "pose_and_goal"},
+    "state": {"payload": "state"},
+    "learned-4": {"payload": "learned", "message_size": 4},
+    "nearest-2": {"topology": "nearest", "n_nearest": 2},
+    "ring": {"topology": "ring"},
+    "star": {"topology": "star"},
+    "range-1.5": {"range": 1.5},
+    "lossy-30": {"drop_probability": 0.3},
+    "lossy-12.3": {"drop_probability": 0.123},
+    "aloha-8": {"slots_in_step": 8},
+    "bandwidth-1": {"messages_per_step": 1},
+    "bits-8": {"bits": 8},
+    "delayed-2": {"delay": 2},
+}
+
+
+def test_two_names_stand_alone() -> None:
+    assert communication_model("none") == NoCommunication()
+    assert communication_model("perfect") == communication_model("pose") == Broadcast()
+
+
+@given(st.lists(st.sampled_from(sorted(PARTS)), min_size=1, unique=True))
+def test_names_set_their_fields_or_contradict_each_other(parts: list[str]) -> None:
+    fields = [name for part in parts for name in PARTS[part]]
+    text = "+".join(parts)
+    if len(set(fields)) < len(fields):
+        with pytest.raises(SpecError, match="both set"):
+            communication_model(text)
+    else:
+        expected = Broadcast(**{k: v for part in parts for k, v in PARTS[part].items()})
+        assert communication_model(text) == expected
+
+
+@pytest.mark.parametrize("percent", [0, 10, 30, 80])
+def test_bursts_lose_their_share_in_the_long_run(percent: int) -> None:
+    model = communication_model(f"bursty-{percent}")
+
+    assert isinstance(model, Broadcast)
+    assert isinstance(model.bursts, Bursts)
+    enter, leave = model.bursts.enter, model.bursts.leave
+    assert leave == 0.25
+    assert enter / (enter + leave) == pytest.approx(percent / 100)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("losy-30", "Did you mean 'lossy-30'?"),
+        ("lossy-30+rnig", "Did you mean 'ring'?"),
+        ("", "Known: "),
+        ("lossy-30+", "Known: "),
+        ("Lossy-30", "Known: "),
+        ("{kind: brodcast}", "Did you mean 'broadcast'?"),
+    ],
+)
+def test_unknown_names(text: str, message: str) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        communication_model(text)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lossy", "'lossy' is not a number, got nothing. Expected something like lossy-30"),
+        ("lossy-many", "'lossy-many' is not a number, got 'many'"),
+        ("lossy-nan", "is not a number, got 'nan'"),
+        ("lossy-130", "is not a percentage between 0 and 100, got '130'"),
+        ("bursty-90", "is more than the 80.0 percent that bursts of 4 steps can lose, got '90'"),
+        ("delayed-1.5", "is not a whole number, got '1.5'"),
+        ("delayed--1", "is not a whole number, got '-1'"),
+        ("bits-25", "bits: Input should be less than or equal to 24 (got 25)"),
+        ("range-0", "range: Input should be greater than 0 (got 0.0)"),
+        ("range-inf", "range: Input should be a finite number"),
+        ("ring-3", "'ring' takes no value, got 'ring-3'"),
+        ("none+lossy-30", "'none' stands alone"),
+        ("lossy-30+perfect", "'perfect' stands alone"),
+        ("ring+star", "'ring' and 'star' both set topology"),
+        ("kind: broadcast\nkind: none", "given twice"),
+        ("{kind: broadcast, dely: 2}", "Did you mean 'delay'?"),
+        ("{delay: 2}", "expected a mapping with a key 'kind'"),
+        ("[: 3", "neither YAML nor JSON"),
+        ("nowhere/channel.yaml", "cannot read the communication model 'nowhere/channel.yaml'"),
+    ],
+)
+def test_bad_values(text: str, message: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        communication_model(text)
+    assert message in str(caught.value)
+
+
+def test_every_form_of_a_model_gives_that_model(tmp_path: Path) -> None:
+    model = communication_model("lossy-30+delayed-2+range-1.5+bursty-10")
+    file = tmp_path / "channel.yaml"
+    file.write_text(model.to_yaml(), encoding="utf-8")
+
+    for form in (model, model.model_dump(), model.to_json(), model.to_yaml(), file, str(file)):
+        assert communication_model(form) == model
+    assert communication_model({"kind": "none"}) == NoCommunication()

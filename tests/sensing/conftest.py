@@ -1,0 +1,134 @@
+"""Random scenes without physics, and the geometry that the NumPy twins share."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from swarmdata.features import Feature
+from swarmdata.interfaces import Task
+from swarmdata.spec import Payload, TaskSpec
+from swarmdata.states import BODY, N_COLUMNS, robots_of
+from swarmdata.types import Bool, Double, Float, Step
+
+KINDS = (0, 0, 1, 2, 3, 3)
+PAYLOADS = (Payload(), Payload(shape="circle", half_length=0.25))
+
+
+class Still:
+    """A task in which nothing moves; its features are each robot's heading and number."""
+
+    kinds = np.array(KINDS)
+    extras, metrics = (), SimpleNamespace()
+
+    def __init__(self, spec: TaskSpec, movables: Sequence[Payload], has_features: bool) -> None:
+        self.spec, self.movables = spec, tuple(movables)
+        vector = (Feature("slot_x", "direction", "x"), Feature("slot_y", "direction", "y"))
+        self.features = (*vector, Feature("number", "flag")) if has_features else ()
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        robots = robots_of(states, self.spec.n_agents)
+        out[active, :, :2] = robots[active, :, 4:6]
+        out[active, :, 2] = np.arange(self.spec.n_agents)
+
+
+class Scenes:
+    """Makes tasks and steps."""
+
+    def task(
+        self,
+        observation: dict[str, Any],
+        n_agents: int = 4,
+        has_bodies: bool = False,
+        has_features: bool = False,
+        **spec: Any,
+    ) -> Task:
+        team = spec.pop("team", [{"count": n_agents, "robot": {"dynamics": "unicycle"}}])
+        parsed = TaskSpec.parse({"observation": observation, "team": team, **spec})
+        return cast(Task, Still(parsed, PAYLOADS if has_bodies else (), has_features))
+
+    def step(self, task: Task, n_copies: int, seed: int, time: int = 0) -> Step:
+        """Robots, obstacles and bodies anywhere in the arena, overlapping too."""
+        rng, n = np.random.default_rng([seed, time]), task.spec.n_agents
+        half = np.array([task.spec.arena.width, task.spec.arena.height]) / 2
+        size = N_COLUMNS * n + len(BODY) * len(task.movables)
+        states = rng.uniform(-0.5, 0.5, (n_copies, size)).astype(np.float32)
+        robots = robots_of(states, n)
+        robots[..., :2] = rng.uniform(-0.95, 0.95, (n_copies, n, 2)) * half
+        robots[..., 4:6] = self.directions(rng, (n_copies, n))
+        robots[..., 6:] = rng.uniform(-0.95, 0.95, (n_copies, n, 2)) * half
+        bodies = states[:, N_COLUMNS * n :].reshape(n_copies, -1, len(BODY))
+        bodies[..., :2] = rng.uniform(-0.95, 0.95, bodies[..., :2].shape) * half
+        bodies[..., 4:6] = self.directions(rng, bodies.shape[:2])
+        states[:, : N_COLUMNS * n] = robots.reshape(n_copies, -1)
+        layouts = np.zeros((n_copies, len(KINDS), 8), dtype=np.float32)
+        layouts[..., 0] = KINDS
+        layouts[..., 1:3] = rng.uniform(-0.95, 0.95, (n_copies, len(KINDS), 2)) * half
+        layouts[..., 3:5] = self.directions(rng, (n_copies, len(KINDS)))
+        layouts[..., 5:7] = rng.uniform(0.15, 0.4, (n_copies, len(KINDS), 2))
+        layouts[..., 7] = 0.05
+        seeds = np.arange(seed, seed + n_copies, dtype=np.uint64)
+        return self.of(states, layouts, seeds, np.full(n_copies, time), n)
+
+    def of(self, states: Float, layouts: Float, seeds: Any, times: Any, n: int) -> Step:
+        e = len(states)
+        flags, none = np.zeros(e, dtype=np.bool_), np.zeros((e, n, 0), dtype=np.float32)
+        return Step(
+            observations=none,
+            states=states,
+            rewards=np.zeros((e, n), dtype=np.float32),
+            terminations=flags,
+            truncations=flags,
+            successes=flags,
+            events=np.zeros((e, n, 4), dtype=np.uint8),
+            seeds=seeds,
+            times=times,
+            layouts=layouts,
+            sent=none,
+            delivered=none.astype(np.bool_),
+            ages=none.astype(np.uint8),
+        )
+
+    def directions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Double:
+        angle = rng.uniform(0, 2 * np.pi, shape)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    def rows(self, task: Task, state: Float, layout: Float) -> Double:
+        """Obstacles, then movable bodies, as rows of a layout."""
+        bodies = state[N_COLUMNS * task.spec.n_agents :].reshape(-1, len(BODY))
+        rows = [
+            [float(p.shape == "box"), *body[:2], *body[4:6], p.half_length, p.half_width, 0.0]
+            for p, body in zip(task.movables, bodies, strict=True)
+        ]
+        return np.concatenate([layout, np.reshape(rows, (-1, 8))]).astype(np.float64)
+
+    def bars(self, row: Double) -> list[Double]:
+        """Corners, counter-clockwise, of the bars of a shape that is no circle, each [4, 2]."""
+        a, b, t = row[5:]
+        spans = [(-a, a, -b, b)] if row[0] == 1 else [(-a, a, -b, -b + 2 * t)]
+        spans += [(-a, -a + 2 * t, -b, b)] if row[0] >= 2 else []
+        spans += [(a - 2 * t, a, -b, b)] if row[0] == 3 else []
+        turn = np.array([[row[3], row[4]], [-row[4], row[3]]])
+        corners = [[(l, b), (r, b), (r, t), (l, t)] for l, r, b, t in spans]  # noqa: E741
+        return [np.array(c) @ turn + row[1:3] for c in corners]
+
+    def encloses(self, bar: Double, point: Double) -> bool:
+        """Whether a point is in a convex polygon."""
+        edge, to = np.roll(bar, -1, axis=0) - bar, point - bar
+        return bool((edge[:, 0] * to[:, 1] - edge[:, 1] * to[:, 0] >= 0).all())
+
+    def polar(self, task: Task, robot: Float) -> list[float]:
+        """Own velocity in the body's frame, distance to the target, bearing of the target."""
+        x, y, vx, vy, ux, uy, tx, ty = robot.astype(np.float64)
+        heading, d = complex(ux, uy), complex(tx - x, ty - y)
+        v = complex(vx, vy) / heading
+        bearing = d / heading / abs(d) if abs(d) >= 0.01 else 0j
+        diagonal = np.hypot(task.spec.arena.width, task.spec.arena.height)
+        return [v.real, v.imag, min(abs(d) / diagonal, 1.0), bearing.real, bearing.imag]
+
+
+@pytest.fixture(scope="session")
+def scenes() -> Scenes:
+    return Scenes()

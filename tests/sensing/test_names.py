@@ -1,0 +1,84 @@
+"""Names, texts and files of observation models."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.sensing import observation_model
+from swarmdata.spec import BearingModel, LidarModel, OccupancyModel, SensorNoise, StateModel
+
+NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [
+        ("state", StateModel()),
+        ("lidar", LidarModel()),
+        ("lidar-32", LidarModel(n_rays=32)),
+        ("bearing-5", BearingModel(n_neighbors=5)),
+        ("occupancy-11", OccupancyModel(cells=11)),
+        ("state-5", StateModel(n_neighbors=5)),
+        ("lidar+noise-0.05+stack-4", LidarModel(noise=NOISE, stack=4)),
+        ("bearing+delay-2+dropout-0.1", BearingModel(delay=2, dropout=0.1)),
+        ("lidar+range-1.5", LidarModel(range=1.5)),
+        ("state+range-1.5", StateModel(limit=1.5)),
+        ("kind: lidar\nn_rays: 8", LidarModel(n_rays=8)),
+        ('{"kind": "occupancy", "cells": 5}', OccupancyModel(cells=5)),
+        ({"kind": "bearing", "noise": {"range": 0.1}}, BearingModel(noise=SensorNoise(range=0.1))),
+        (LidarModel(n_rays=3), LidarModel(n_rays=3)),
+    ],
+)
+def test_names_texts_fields_and_models(name: Any, model: Any) -> None:
+    assert observation_model(name) == model
+
+
+def test_files(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(LidarModel(n_rays=9, noise=NOISE).to_yaml())
+    assert observation_model(file) == observation_model(str(file))
+    assert observation_model(file) == LidarModel(n_rays=9, noise=NOISE)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("lidr", "unknown observation model 'lidr'. Did you mean 'lidar'"),
+        ("lidar+nose-0.1", "unknown modifier of observations 'nose'. Did you mean 'noise'"),
+        ({"kind": "lidr"}, "unknown observation model 'lidr'. Did you mean 'lidar'"),
+        ("kind: [lidar]", "unknown observation model"),
+        ("", "unknown observation model ''"),
+    ],
+)
+def test_unknown_names_come_with_a_suggestion(name: Any, message: str) -> None:
+    with pytest.raises(UnknownNameError) as error:
+        observation_model(name)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("lidar-many", "'lidar-many' in 'lidar-many' needs a number after the hyphen, got 'many'"),
+        ("lidar+noise", "needs a number after the hyphen, got ''"),
+        ("lidar+noise--1", "noise.position"),
+        ("lidar+noise-nan", "noise.position"),
+        ("lidar+dropout-1.5", "dropout: Input should be less than or equal to 1 (got 1.5)"),
+        ("lidar+stack-0", "stack: Input should be greater than or equal to 1 (got 0)"),
+        ("lidar-0", "n_rays"),
+        ("lidar+stack-2+stack-3", "stack is given twice"),
+        ("occupancy+range-2", "occupancy has no range in 'occupancy+range-2'"),
+        ({"n_rays": 3}, "has no kind, got the keys ['n_rays']"),
+        ({"kind": "lidar", "rays": 3}, "rays: unknown key. Did you mean 'n_rays'?"),
+        ("kind: lidar\nkind: lidar", "'kind' is given twice"),
+        ("a: [", "neither YAML nor JSON"),
+        ("- a: 1", "holds a list"),
+        ("missing.yaml", "cannot read an observation model from missing.yaml"),
+    ],
+)
+def test_what_is_wrong_is_said(name: Any, message: str) -> None:
+    with pytest.raises(SpecError) as error:
+        observation_model(name)
+    assert message in str(error.value)

@@ -1,0 +1,91 @@
+"""The grid against a NumPy twin that asks of every cell how far everything is."""
+
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.interfaces import Task
+from swarmdata.sensing import Sensor
+from swarmdata.states import robots_of
+from swarmdata.types import Double, Float
+
+
+def distance_to_bar(points: Double, bar: Double) -> Double:
+    """Distances from points [C, 2] to a rectangle, 0 inside, [C]."""
+    axes, center = np.array([bar[1] - bar[0], bar[3] - bar[0]]) / 2, bar.mean(axis=0)
+    sizes = np.linalg.norm(axes, axis=1)
+    local = abs((points - center) @ (axes / sizes[:, None]).T)
+    return np.asarray(np.linalg.norm(np.maximum(local - sizes, 0), axis=1))
+
+
+def distance_to(scenes: Any, points: Double, row: Double) -> Double:
+    if row[0] == 0:
+        return np.asarray(np.linalg.norm(points - row[1:3], axis=1) - row[5])
+    return np.min([distance_to_bar(points, bar) for bar in scenes.bars(row)], axis=0)
+
+
+def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+    """One copy's observations, [N, O]."""
+    model: Any = task.spec.observation
+    n = task.spec.n_agents
+    robots, half_cell = robots_of(state, n).astype(np.float64), model.cell_size / 2
+    rows, out = scenes.rows(task, state, layout), []
+    steps = (np.arange(model.cells) - (model.cells - 1) / 2) * model.cell_size
+    for i, robot in enumerate(task.spec.robots):
+        local = (steps[:, None] + 1j * steps).ravel()
+        world = complex(*robots[i, :2]) + complex(*robots[i, 4:6]) * local
+        points = np.stack([world.real, world.imag], axis=1)
+        grid = np.zeros((len(points), 3 if len(rows) > len(layout) else 2), dtype=np.bool_)
+        for j in np.delete(np.arange(n), i):
+            away = np.linalg.norm(points - robots[j, :2], axis=1)
+            grid[:, 0] |= away <= task.spec.robots[j].radius + half_cell
+        for m, row in enumerate(rows):
+            grid[:, 1 + (m >= len(layout))] |= distance_to(scenes, points, row) <= half_cell
+        half = np.array([task.spec.arena.width, task.spec.arena.height]) / 2
+        grid[:, 1] |= (abs(points) > half).any(axis=1)
+        grid[abs(local) > (robot.sensor_range or np.inf)] = False
+        out.append([*scenes.polar(task, robots[i]), *grid.ravel()])
+    return np.array(out)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n_agents=st.integers(1, 8),
+    cells=st.integers(1, 12),
+    cell_size=st.floats(0.05, 0.6),
+    has_bodies=st.booleans(),
+    sensor_range=st.none() | st.floats(0.3, 3.0),
+)
+def test_the_kernel_equals_its_numpy_twin(
+    scenes: Any,
+    seed: int,
+    n_agents: int,
+    cells: int,
+    cell_size: float,
+    has_bodies: bool,
+    sensor_range: float | None,
+) -> None:
+    model = {"kind": "occupancy", "cells": cells, "cell_size": cell_size}
+    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
+    task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
+    step, sensor = scenes.step(task, 3, seed), Sensor(task, 3)
+    out = np.full((3, n_agents, len(sensor.features)), np.nan, dtype=np.float32)
+    sensor.observe(step, np.ones(3, dtype=np.bool_), out)
+    for copy in range(3):
+        expected = twin(scenes, task, step.states[copy], step.layouts[copy])
+        np.testing.assert_allclose(out[copy], expected, atol=2e-6)
+
+
+def test_rows_go_forward_and_columns_to_the_left(scenes: Any) -> None:
+    """A robot heading along world y has one ahead, one on its left, and a wall behind."""
+    task = scenes.task({"kind": "occupancy", "cells": 3, "cell_size": 1.0}, n_agents=3)
+    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
+    poses = [(0, -1.5, 0, 1), (0, -0.5, 1, 0), (-1, -1.5, 1, 0)]
+    step.states[0] = [v for x, y, ux, uy in poses for v in (x, y, 0, 0, ux, uy, 1, 1)]
+    out = np.zeros((1, 3, len(sensor.features)), dtype=np.float32)
+    sensor.observe(step._replace(layouts=step.layouts[:, :0]), np.array([True]), out)
+    grid = out[0, 0, 5:].reshape(3, 3, 2)
+    np.testing.assert_array_equal(grid[..., 0], [[0, 0, 0], [0, 0, 1], [0, 1, 0]])
+    np.testing.assert_array_equal(grid[..., 1], [[1, 1, 1], [0, 0, 0], [0, 0, 0]])

@@ -1,0 +1,154 @@
+"""What every model promises, however it is modified."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Task
+from swarmdata.sensing import Sensor
+from swarmdata.states import N_COLUMNS, robots_of
+from swarmdata.types import Float, Step
+
+KINDS = ("state", "lidar", "bearing", "occupancy")
+WORSE = {
+    "noise": {"position": 0.05, "velocity": 0.04, "direction": 0.03, "range": 0.02},
+    "dropout": 0.2,
+    "delay": 1,
+    "stack": 3,
+}
+TEAM = [
+    {"name": "scout", "count": 1, "robot": {"dynamics": "unicycle", "sensor_range": 1.0}},
+    {"name": "carrier", "count": 3, "robot": {"radius": 0.18}},
+]
+
+
+def run(sensor: Sensor, n_agents: int, steps: list[Step]) -> Float:
+    """Observations of one step after another, [T, E, N, O]."""
+    n_copies = len(steps[0].states)
+    shape = (len(steps), n_copies, n_agents, len(sensor.features))
+    out = np.full(shape, np.nan, dtype=np.float32)
+    for step, row in zip(steps, out, strict=True):
+        sensor.observe(step, np.ones(n_copies, dtype=np.bool_), row)
+    return out
+
+
+def episode(scenes: Any, task: Task, n_copies: int, seed: int) -> list[Step]:
+    steps = [scenes.step(task, n_copies, seed, time) for time in range(5)]
+    return [step._replace(layouts=steps[0].layouts) for step in steps]
+
+
+def rotated(step: Step, n_agents: int, c: float, s: float) -> Step:
+    """The same world, turned counter-clockwise about the origin."""
+    states, layouts = step.states.copy(), step.layouts.copy()
+    first = N_COLUMNS * n_agents
+    columns = [
+        *range(0, first, 2),
+        *(k + d for k in range(first, states.shape[1], 7) for d in (0, 2, 4)),
+    ]
+    for array, xs in ((states, columns), (layouts, [1, 3])):
+        for x in xs:
+            vector = (array[..., x] + 1j * array[..., x + 1]).astype(np.complex128) * complex(c, s)
+            array[..., x], array[..., x + 1] = vector.real, vector.imag
+    return step._replace(states=states, layouts=layouts)
+
+
+@pytest.mark.parametrize("kind", ["lidar", "bearing", "occupancy"])
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+def test_the_bodys_frame_turns_with_the_world(scenes: Any, kind: str, quarters: int) -> None:
+    """By quarter turns in a square arena, and by any angle where no wall is in range."""
+    task = scenes.task({"kind": kind}, has_bodies=True, has_features=True)
+    step = scenes.step(task, 3, 5)
+    wide = {"width": 40.0, "height": 40.0}
+    open_task = scenes.task({"kind": kind}, has_bodies=True, has_features=True, arena=wide)
+    angle = quarters + 0.5
+    for where, c, s in [
+        (task, *[(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]),
+        (open_task, np.cos(angle), np.sin(angle)),
+    ]:
+        sensor = Sensor(where, 3)
+        before, after = run(sensor, 4, [step, rotated(step, 4, c, s)])
+        # a grazing ray or a cell's edge may fall either way
+        assert np.mean(abs(before - after) > 1e-4) < 0.005
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=st.integers(0, 2**32))
+def test_a_copy_observes_the_same_alone_and_in_any_batch(scenes: Any, kind: str, seed: int) -> None:
+    task = scenes.task({"kind": kind, **WORSE}, has_bodies=True, has_features=True, team=TEAM)
+    steps = episode(scenes, task, 3, seed)
+    together = run(Sensor(task, 3), 4, steps)
+    for b in range(3):
+        part = [
+            step._replace(
+                states=step.states[[b]],
+                layouts=step.layouts[[b]],
+                seeds=step.seeds[[b]],
+                times=step.times[[b]],
+            )
+            for step in steps
+        ]
+        np.testing.assert_array_equal(run(Sensor(task, 1), 4, part)[:, 0], together[:, b])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_to_forget_is_to_be_fresh(scenes: Any, kind: str) -> None:
+    task = scenes.task({"kind": kind, **WORSE}, team=TEAM)
+    first, second = (episode(scenes, task, 2, seed) for seed in (1, 2))
+    used = Sensor(task, 2)
+    run(used, 4, first)
+    used.forget(np.array([0, 1]))
+    np.testing.assert_array_equal(run(used, 4, second), run(Sensor(task, 2), 4, second))
+
+
+@pytest.mark.parametrize("modifiers", [{}, WORSE])
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_of_other_copies_and_columns_of_others_are_not_written(
+    scenes: Any, kind: str, modifiers: dict[str, Any]
+) -> None:
+    task = scenes.task({"kind": kind, **modifiers}, has_features=True, team=TEAM)
+    sensor, step = Sensor(task, 3), scenes.step(task, 3, 1)
+    wide = np.full((3, 4, len(sensor.features) + 7), -5, dtype=np.float32)
+    sensor.observe(step, np.array([True, False, True]), wide[..., :-7])
+    assert (wide[1] == -5).all()
+    assert (wide[..., -7:] == -5).all()
+    tight = run(Sensor(task, 3), 4, [step])[0]
+    np.testing.assert_array_equal(wide[[0, 2], :, :-7], tight[[0, 2]])
+    assert np.isfinite(tight).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_names_are_unique_and_the_role_comes_last(scenes: Any, kind: str) -> None:
+    task = scenes.task({"kind": kind, "stack": 2}, has_features=True, team=TEAM)
+    sensor = Sensor(task, 1)
+    names = [feature.name for feature in sensor.features]
+    assert len(set(names)) == len(names)
+    assert names[-2:] == ["role.scout", "role.carrier"]
+    size = (len(names) - 2) // 2
+    assert [f"{name}[-1]" for name in names[:size]] == names[size:-2]
+    out = run(sensor, 4, [scenes.step(task, 1, 0)])[0, 0]
+    np.testing.assert_array_equal(out[:, -2:], [[1, 0], [0, 1], [0, 1], [0, 1]])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> None:
+    """The task gives each robot's heading, which is (1, 0) in its own frame."""
+    task = scenes.task({"kind": kind}, has_features=True)
+    step, sensor = scenes.step(task, 2, 3), Sensor(task, 2)
+    out = run(sensor, 4, [step])[0, ..., -3:]
+    assert [f.name for f in sensor.features[-3:]] == ["slot_x", "slot_y", "number"]
+    headings = robots_of(step.states, 4)[..., 4:6]
+    expected = headings if kind == "state" else np.broadcast_to([1, 0], headings.shape)
+    np.testing.assert_allclose(out[..., :2], expected, atol=1e-6)
+    np.testing.assert_array_equal(out[..., 2], [range(4)] * 2)
+
+
+def test_an_array_of_the_wrong_width_is_refused(scenes: Any) -> None:
+    task = scenes.task({"kind": "lidar"})
+    sensor = Sensor(task, 1)
+    narrow = np.zeros((1, 4, len(sensor.features) - 1), dtype=np.float32)
+    with pytest.raises(SchemaError, match="68 columns, expected 69"):
+        sensor.observe(scenes.step(task, 1, 0), np.array([True]), narrow)

@@ -1,0 +1,113 @@
+"""The state observation against its NumPy twin, and what its fields promise."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.interfaces import Task
+from swarmdata.sensing import Sensor
+from swarmdata.states import robots_of
+from swarmdata.types import Double, Float
+
+
+def twin(task: Task, state: Float, layout: Float) -> Double:
+    """One copy's observations in plain NumPy, [N, O]."""
+    model: Any = task.spec.observation
+    robots = task.spec.robots
+    rows = robots_of(state, len(robots)).astype(np.float64)
+    radius = np.array([robot.radius for robot in robots])
+    has_headings = any(robot.dynamics == "unicycle" for robot in robots)
+    out = []
+    for i, row in enumerate(rows):
+        limit = min(model.limit or np.inf, robots[i].sensor_range or np.inf)
+        goal = row[6:] - row[:2]
+        own = [*row[:4], *goal, *(goal / max(float(np.linalg.norm(goal)), 0.3))]
+        own += [*row[4:6]] if has_headings else []
+        others: list[tuple[float, list[float]]] = []
+        for j in np.delete(np.arange(len(rows)), i):
+            d = rows[j, :2] - row[:2]
+            gap = np.linalg.norm(d) - radius[i] - radius[j]
+            close = np.clip(1 - gap / model.range, 0, 1) * d / np.linalg.norm(d)
+            others.append((gap, [*d, *(rows[j, 2:4] - row[2:4]), *close, 1.0]))
+        around: list[tuple[float, list[float]]] = []
+        for obstacle in layout:
+            distance, *v = nearest(*row[:2], obstacle)
+            gap = distance - radius[i]
+            close = np.clip(1 - gap / model.range, 0, 1) * np.array(v) / max(distance, 1e-9)
+            axis = obstacle[3:5].astype(np.float64) * bounding_radius(obstacle)
+            center = obstacle[1:3].astype(np.float64) - row[:2]
+            around.append((gap, [*close, *center, *axis, obstacle[0] / 3, 1.0]))
+        slots = [(others, model.n_neighbors, 7), (around, model.n_obstacles, 8)]
+        for found, n_slots, width in slots:
+            seen = [pair for pair in found if pair[0] <= limit]
+            nearest_first = [features for _, features in sorted(seen, key=lambda pair: pair[0])]
+            filled = nearest_first[:n_slots] + [[0.0] * width] * (n_slots - len(seen))
+            own += [value for features in filled for value in features]
+        out.append(own)
+    return np.array(out)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n_neighbors=st.integers(0, 5),
+    n_obstacles=st.integers(0, 8),
+    n_agents=st.integers(1, 5),
+    limit=st.none() | st.floats(0.1, 3.0),
+    sensor_range=st.none() | st.floats(0.1, 3.0),
+    dynamics=st.sampled_from(["holonomic", "unicycle"]),
+)
+def test_the_kernel_equals_its_numpy_twin(
+    scenes: Any,
+    seed: int,
+    n_neighbors: int,
+    n_obstacles: int,
+    n_agents: int,
+    limit: float | None,
+    sensor_range: float | None,
+    dynamics: str,
+) -> None:
+    slots = {"n_neighbors": n_neighbors, "n_obstacles": n_obstacles, "limit": limit}
+    robot = {"dynamics": dynamics, "sensor_range": sensor_range}
+    task = scenes.task({"kind": "state", **slots}, team=[{"count": n_agents, "robot": robot}])
+    step, sensor = scenes.step(task, 2, seed), Sensor(task, 2)
+    out = np.full((2, n_agents, len(sensor.features)), np.nan, dtype=np.float32)
+    sensor.observe(step, np.ones(2, dtype=np.bool_), out)
+    for copy in range(2):
+        expected = twin(task, step.states[copy], step.layouts[copy])
+        np.testing.assert_allclose(out[copy], expected, atol=2e-6)
+
+
+def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: Any) -> None:
+    task = scenes.task({"kind": "state"}, team=[{"count": 4}])
+    names = [feature.name for feature in Sensor(task, 1).features]
+    own = ["x", "y", "vx", "vy", "goal_dx", "goal_dy", "goal_ux", "goal_uy"]
+    near = ["dx", "dy", "dvx", "dvy", "near_x", "near_y", "mask"]
+    around = ["near_x", "near_y", "dx", "dy", "axis_x", "axis_y", "kind", "mask"]
+    assert names == [
+        *(f"own.{name}" for name in own),
+        *(f"neighbor_{k}.{name}" for k in range(3) for name in near),
+        *(f"obstacle_{k}.{name}" for k in range(3) for name in around),
+    ]
+
+
+def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
+    features = Sensor(scenes.task({"kind": "state"}), 1).features
+    for one, two in itertools.pairwise(features):
+        assert (one.axis == "x") == (two.axis == "y")
+        if one.axis == "x":
+            assert (one.kind, one.name.replace("x", "y")) == (two.kind, two.name.replace("x", "y"))
+
+
+def test_empty_slots_are_zero_with_mask_zero(scenes: Any) -> None:
+    task = scenes.task({"kind": "state"}, n_agents=2)
+    sensor, step = Sensor(task, 1), scenes.step(task, 1, 1)
+    out = np.full((1, 2, len(sensor.features)), np.nan, dtype=np.float32)
+    sensor.observe(step, np.array([True]), out)
+    names = [feature.name for feature in sensor.features]
+    empty = [k for k, name in enumerate(names) if name.startswith(("neighbor_1", "neighbor_2"))]
+    assert not out[..., empty].any()
+    assert (out[..., names.index("neighbor_0.mask")] == 1).all()
