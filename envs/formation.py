@@ -96,10 +96,10 @@ def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
         scratch: overwritten.
     """
     offsets, is_assigned, _, _, _ = course
-    n = offsets.shape[0]
     slots, costs, work, places = scratch
-    reference = state[N_COLUMNS * n :]
-    x, y, ux, uy = float(reference[0]), float(reference[1]), float(reference[4]), float(reference[5])
+    n = offsets.shape[0]
+    at = N_COLUMNS * n
+    x, y, ux, uy = float(state[at]), float(state[at + 1]), float(state[at + 4]), float(state[at + 5])
     for j in range(n):
         slots[j, 0] = x + ux * offsets[j, 0] - uy * offsets[j, 1]
         slots[j, 1] = y + uy * offsets[j, 0] + ux * offsets[j, 1]
@@ -121,11 +121,11 @@ def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
 def place_reference(state: Float, time: int, course: Course, scratch: Scratch) -> None:
     """Writes the reference of control step `time`, its previews and the targets of one state [S]."""
     offsets, _, per_step, rate, ahead = course
-    extras = state[N_COLUMNS * offsets.shape[0] :]
-    points, s = extras[PREVIEW + 4 * ahead.shape[0] :], time * per_step
-    write_motion(points, s, rate, extras)
+    at = N_COLUMNS * offsets.shape[0]
+    first, s = at + PREVIEW + 4 * ahead.shape[0], time * per_step
+    write_motion(state, first, s, rate, state, at)
     for k in range(ahead.shape[0]):
-        write_pose(points, s + ahead[k], extras[PREVIEW + 4 * k :])
+        write_pose(state, first, s + ahead[k], state, at + PREVIEW + 4 * k)
     place_slots(state, course, scratch)
 
 
@@ -139,11 +139,11 @@ def _begin(copies: Int, states: Float, course: Course, scratch: Scratch) -> None
 @njit(nogil=True, cache=True)
 def slot_velocity(state: Float, n: int, i: int) -> tuple[float, float]:
     """Velocity of robot i's slot in a state [S] of n robots, m/s."""
-    reference = state[N_COLUMNS * n :]
-    turn = float(reference[6])
-    x = float(state[N_COLUMNS * i + TX]) - float(reference[0])
-    y = float(state[N_COLUMNS * i + TY]) - float(reference[1])
-    return float(reference[2]) - turn * y, float(reference[3]) + turn * x
+    at = N_COLUMNS * n
+    turn = float(state[at + 6])
+    x = float(state[N_COLUMNS * i + TX]) - float(state[at])
+    y = float(state[N_COLUMNS * i + TY]) - float(state[at + 1])
+    return float(state[at + 2]) - turn * y, float(state[at + 3]) + turn * x
 
 
 @njit(nogil=True, cache=True)

@@ -204,7 +204,7 @@ def _draw(
             if not draw_path(state, plan.path, path):
                 continue
             for look in range(poses.shape[0]):
-                write_pose(path, plan.looks[look], poses[look])
+                write_pose(path, 0, plan.looks[look], poses[look], 0)
             if not _place_beside(state, plan, poses, layouts[b]):
                 continue
             share = blocked_share(poses, plan.offsets, plan.radii, layouts[b], plan.half)

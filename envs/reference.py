@@ -19,8 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.spawn import TRIES, next_uniform
+from swarmdata.envs.spawn import next_uniform
 from swarmdata.types import Double, Float, Seeds
+
+SIXTH = 1.0 / 6.0
+
+TRIES = 8
+"""Draws of one control point before the last `BACK` are taken back."""
+
+BACK = 2
+
+BUDGET = 8
+"""Draws for each control point before a path is drawn anew from its first."""
 
 SHORTEST = 0.7
 """Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
@@ -38,27 +48,27 @@ class PathPlan(NamedTuple):
     top: float  # m/s, speed that no slot may exceed
 
 
-@njit(nogil=True, cache=True)
-def spline(points: Float, s: float) -> tuple[float, float, float, float, float, float]:
+@njit(nogil=True, cache=True, inline="always")
+def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
     """Returns a path's position, and its first and second derivative by `s`.
 
     Args:
-        points: control points x, y, x, y, ..., m, [2 K].
+        row: ends with the control points x, y, x, y, ..., m, [first + 2 K].
+        first: where they begin.
         s: segments from the start, at least 0; the last segment goes on.
     """
-    k = min(int(s), points.shape[0] // 2 - 4)
+    k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
     v = 1.0 - u
-    b0, b3 = v * v * v / 6.0, u * u * u / 6.0
-    b1 = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
-    b2 = (3.0 * v * v * v - 6.0 * v * v + 4.0) / 6.0
     c0, c2 = 0.5 * v * v, 0.5 * u * u
     c1 = 1.0 - c0 - c2
-    i = 2 * k
-    x0, x1 = float(points[i]), float(points[i + 2])
-    x2, x3 = float(points[i + 4]), float(points[i + 6])
-    y0, y1 = float(points[i + 1]), float(points[i + 3])
-    y2, y3 = float(points[i + 5]), float(points[i + 7])
+    b0, b3 = SIXTH * v * v * v, SIXTH * u * u * u
+    b2 = SIXTH + 0.5 * u * (1.0 + u * v)
+    b1 = 1.0 - b0 - b2 - b3
+    i = first + 2 * k
+    x0, x1, x2 = float(row[i]), float(row[i + 2]), float(row[i + 4])
+    y0, y1, y2 = float(row[i + 1]), float(row[i + 3]), float(row[i + 5])
+    x3, y3 = float(row[i + 6]), float(row[i + 7])
     return (
         b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3,
         b0 * y0 + b1 * y1 + b2 * y2 + b3 * y3,
@@ -70,57 +80,83 @@ def spline(points: Float, s: float) -> tuple[float, float, float, float, float, 
 
 
 @njit(nogil=True, cache=True)
-def write_pose(points: Float, s: float, out: Float | Double) -> None:
-    """Writes position (m) and heading (unit vector) of the reference, [4]."""
-    x, y, dx, dy, _, _ = spline(points, s)
-    norm = math.sqrt(dx * dx + dy * dy)
-    out[0], out[1], out[2], out[3] = x, y, dx / norm, dy / norm
+def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
+    """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
+
+    Args:
+        row: as in `spline`.
+        first: as in `spline`.
+        s: segments from the start.
+        out: written; may be `row`.
+        at: where.
+    """
+    x, y, dx, dy, _, _ = spline(row, first, s)
+    scale = 1.0 / math.sqrt(dx * dx + dy * dy)
+    out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * scale, dy * scale
 
 
 @njit(nogil=True, cache=True)
-def write_motion(points: Float, s: float, rate: float, out: Float | Double) -> None:
-    """Writes position (m), velocity (m/s), heading and turn rate (rad/s), [7].
+def write_motion(
+    row: Float, first: int, s: float, rate: float, out: Float | Double, at: int
+) -> None:
+    """Writes position (m), velocity (m/s), heading and turn rate (rad/s), 7 numbers.
 
-    The turn rate is that of the velocity's direction, (v x a) / |v|^2.
+    The turn rate is that of the velocity's direction, (v x a) / |v|^2. Arguments are those of
+    `write_pose`, and segments per second.
     """
-    x, y, dx, dy, ddx, ddy = spline(points, s)
+    x, y, dx, dy, ddx, ddy = spline(row, first, s)
     square = dx * dx + dy * dy
-    norm = math.sqrt(square)
-    out[0], out[1], out[2], out[3] = x, y, dx * rate, dy * rate
-    out[4], out[5] = dx / norm, dy / norm
-    out[6] = (dx * ddy - dy * ddx) / square * rate
+    scale = 1.0 / math.sqrt(square)
+    out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * rate, dy * rate
+    out[at + 4], out[at + 5] = dx * scale, dy * scale
+    out[at + 6] = (dx * ddy - dy * ddx) / square * rate
 
 
 @njit(nogil=True, cache=True)
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
-    """Draws a path whose slots are never too fast; False if a control point found no place.
+    """Draws a path whose slots are never too fast; False if it found none.
+
+    A random walk in the box, which takes back its last edges when it cannot go on.
 
     Args:
         state: of the generator, [1].
         plan: the same for every episode.
         points: written, control points x, y, x, y, ..., m, [2 K].
     """
-    t = 2.0 * next_uniform(state) - 1.0
-    sign = 1.0 if next_uniform(state) < 0.5 else -1.0
-    ux, uy = sign * (1.0 - t * t) / (1.0 + t * t), sign * 2.0 * t / (1.0 + t * t)
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
-    for k in range(1, plan.n_points):
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
-                return False
-            t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
-            edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
-            cos, sin = (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
-            wx, wy = ux * cos - uy * sin, ux * sin + uy * cos
-            x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
-            if abs(x) > plan.room[0] or abs(y) > plan.room[1]:
-                continue
+    start_x, start_y = _direction(2.0 * next_uniform(state) - 1.0)
+    if next_uniform(state) < 0.5:
+        start_x, start_y = -start_x, -start_y
+    k, misses = 1, 0
+    for _ in range(BUDGET * plan.n_points):
+        ux, uy = start_x, start_y
+        if k > 1:
+            ux = float(points[2 * k - 2]) - float(points[2 * k - 4])
+            uy = float(points[2 * k - 1]) - float(points[2 * k - 3])
+            norm = math.sqrt(ux * ux + uy * uy)
+            ux, uy = ux / norm, uy / norm
+        cos, sin = _direction(plan.tangent * (2.0 * next_uniform(state) - 1.0))
+        edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
+        x = float(points[2 * k - 2]) + edge * (ux * cos - uy * sin)
+        y = float(points[2 * k - 1]) + edge * (ux * sin + uy * cos)
+        if abs(x) <= plan.room[0] and abs(y) <= plan.room[1]:
             points[2 * k], points[2 * k + 1] = x, y
             if k < 3 or is_slow(points[2 * k - 6 : 2 * k + 2], plan):
-                break
-        ux, uy = wx, wy
-    return True
+                k, misses = k + 1, 0
+                if k == plan.n_points:
+                    return True
+                continue
+        misses += 1
+        if misses == TRIES:
+            k, misses = max(1, k - BACK), 0
+    return False
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _direction(t: float) -> tuple[float, float]:
+    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
+    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
 
 
 @njit(nogil=True, cache=True)
@@ -128,7 +164,7 @@ def is_slow(points: Float, plan: PathPlan) -> bool:
     """Whether no slot exceeds its speed on one segment, [8], looked at in five places."""
     motion = np.empty(7)
     for quarter in range(5):
-        write_motion(points, 0.25 * quarter, plan.rate, motion)
+        write_motion(points, 0, 0.25 * quarter, plan.rate, motion, 0)
         speed = math.sqrt(motion[2] * motion[2] + motion[3] * motion[3])
         if speed + abs(motion[6]) * plan.reach > plan.top:
             return False
