@@ -283,7 +283,7 @@ class Formation:
         self.movables: tuple[Payload, ...] = ()
         self.extras = _extras(len(rules.preview), self._plan.path.n_points)
         self.features: tuple[Feature, ...] = _features(rules.preview)
-        rate = self._plan.path.rate
+        self.segment_rate = rate = self._plan.path.rate  # segments of the path per second
         ahead = np.array(rules.preview, dtype=np.float64) * rate
         is_assigned = rules.slots == "assigned"
         self._course: Course = (offsets, is_assigned, spec.control_dt * rate, rate, ahead)

@@ -80,10 +80,18 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
             f"does not fit in the arena of {spec.arena.width:g} x {spec.arena.height:g} m. Enlarge "
             "arena or reduce rules.spacing."
         )
+    low, high = rules.blocked
+    if low > high or rules.hold_fraction > 1.0 - high:
+        raise SpecError(
+            f"rules.blocked is ({low:g}, {high:g}) and rules.hold_fraction {rules.hold_fraction:g}, "
+            "expected the smaller share first, and to hold no more than what is left of the time: "
+            "while a slot is blocked, nobody can be in formation."
+        )
     duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
     n_points = math.ceil(duration * rate + 1e-9) + 3
     longest, tangent = rules.reference_speed / rate, math.tan(rules.max_turn / 2)
     tangent = round(tangent * 2.0**20) / 2.0**20  # the same on every platform
+    n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
     steps = np.arange(0, spec.horizon + 1, STRIDE, dtype=np.float64)
     margins = (
         spec.obstacles.gap,
@@ -93,7 +101,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
         reach + rules.start_spread,
     )
     return EpisodePlan(
-        path=PathPlan(room, n_points, longest, tangent, rate, reach, top),
+        path=PathPlan(room, n_points, longest, tangent, n_loop, rate, reach, top),
         sizes=size_table(spec),
         half=half,
         radii=radii,

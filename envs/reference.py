@@ -25,12 +25,7 @@ from swarmdata.types import Double, Float, Seeds
 SIXTH = 1.0 / 6.0
 
 TRIES = 8
-"""Draws of one control point before the last `BACK` are taken back."""
-
-BACK = 2
-
-BUDGET = 8
-"""Draws for each control point before a path is drawn anew from its first."""
+"""Draws of an edge before the walk takes the next one of a loop."""
 
 SHORTEST = 0.7
 """Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
@@ -43,6 +38,7 @@ class PathPlan(NamedTuple):
     n_points: int  # K
     longest: float  # edge, m
     tangent: float  # of half the largest turn from edge to edge
+    n_loop: int  # edges of a loop with such turns
     rate: float  # segments per second
     reach: float  # m, from the reference to the farthest slot
     top: float  # m/s, speed that no slot may exceed
@@ -116,7 +112,8 @@ def write_motion(
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """Draws a path whose slots are never too fast; False if it found none.
 
-    A random walk in the box, which takes back its last edges when it cannot go on.
+    A random walk in the box that keeps a way back: after every edge, a loop of the sharpest turns
+    to one side fits. Where random edges do not, the walk takes the loop's next edge.
 
     Args:
         state: of the generator, [1].
@@ -125,32 +122,58 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
-    start_x, start_y = _direction(2.0 * next_uniform(state) - 1.0)
+    ux, uy = _direction(2.0 * next_uniform(state) - 1.0)
     if next_uniform(state) < 0.5:
-        start_x, start_y = -start_x, -start_y
-    k, misses = 1, 0
-    for _ in range(BUDGET * plan.n_points):
-        ux, uy = start_x, start_y
-        if k > 1:
-            ux = float(points[2 * k - 2]) - float(points[2 * k - 4])
-            uy = float(points[2 * k - 1]) - float(points[2 * k - 3])
-            norm = math.sqrt(ux * ux + uy * uy)
-            ux, uy = ux / norm, uy / norm
-        cos, sin = _direction(plan.tangent * (2.0 * next_uniform(state) - 1.0))
-        edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
-        x = float(points[2 * k - 2]) + edge * (ux * cos - uy * sin)
-        y = float(points[2 * k - 1]) + edge * (ux * sin + uy * cos)
-        if abs(x) <= plan.room[0] and abs(y) <= plan.room[1]:
+        ux, uy = -ux, -uy
+    for k in range(1, plan.n_points):
+        for attempt in range(TRIES + 3):
+            if attempt == TRIES + 2:
+                return False
+            t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
+            edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
+            if attempt >= TRIES:
+                t, edge = plan.tangent * (1.0 if attempt == TRIES else -1.0), SHORTEST * plan.longest
+            wx, wy = turned(ux, uy, t)
+            x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
+            rest = min(plan.n_points - 1 - k, plan.n_loop)
+            if not (fits(x, y, wx, wy, plan, rest, 1.0) or fits(x, y, wx, wy, plan, rest, -1.0)):
+                continue
             points[2 * k], points[2 * k + 1] = x, y
             if k < 3 or is_slow(points[2 * k - 6 : 2 * k + 2], plan):
-                k, misses = k + 1, 0
-                if k == plan.n_points:
-                    return True
-                continue
-        misses += 1
-        if misses == TRIES:
-            k, misses = max(1, k - BACK), 0
-    return False
+                break
+        ux, uy = wx, wy
+    return True
+
+
+@njit(nogil=True, cache=True)
+def fits(
+    x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
+) -> bool:
+    """Whether a point, and shortest edges with the sharpest turns that follow, are in the box.
+
+    Args:
+        x: point, m.
+        y: point, m.
+        ux: direction of the edge that led to it, unit vector.
+        uy: the same.
+        plan: the same for every episode.
+        n_edges: how many follow.
+        side: 1 to turn left, -1 to turn right.
+    """
+    edge = SHORTEST * plan.longest
+    for _ in range(n_edges):
+        if abs(x) > plan.room[0] or abs(y) > plan.room[1]:
+            return False
+        ux, uy = turned(ux, uy, side * plan.tangent)
+        x, y = x + edge * ux, y + edge * uy
+    return abs(x) <= plan.room[0] and abs(y) <= plan.room[1]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
+    """A unit vector, turned by twice the angle of tangent t."""
+    cos, sin = _direction(t)
+    return ux * cos - uy * sin, ux * sin + uy * cos
 
 
 @njit(nogil=True, cache=True, inline="always")

@@ -21,7 +21,10 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED = {"coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript"}
+SCRIPTED = {
+    "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
+    "formation": "swarmdata.behavior_policies.formation_script:FormationScript",
+}
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 

@@ -211,11 +211,11 @@ class FormationRules(Frozen):
     segment_time: Positive = 4.0  # s between the control points of the path
     max_turn: Annotated[float, Field(ge=0, le=1.2)] = 0.8  # rad from one control edge to the next
     path_clearance: NonNegative = 0.3  # m, from the reference's path to every obstacle
-    blocked: tuple[Probability, Probability] = (0.05, 0.25)  # share of time with a slot in obstacles
-    start_spread: NonNegative = 0.6  # m beyond the slots in which robots start
+    blocked: tuple[Probability, Probability] = (0.1, 0.3)  # share of time with a slot in obstacles
+    start_spread: NonNegative = 1.0  # m beyond the slots in which robots start
     preview: tuple[Positive, ...] = (1.0, 2.0)  # s ahead at which robots see their slots
     tolerance: Positive = 0.12  # m, root mean square deviation that counts as in formation
-    hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.5  # of the horizon in formation to solve
+    hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
     rewards: FormationRewards = FormationRewards()
 
 
