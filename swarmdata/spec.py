@@ -207,7 +207,7 @@ class FormationRules(Frozen):
     shape: Literal["line", "circle", "wedge", "column"] = "wedge"
     spacing: Positive = 0.5  # m between neighbouring slots
     slots: Literal["fixed", "assigned"] = "assigned"  # assigned: the best assignment in each step
-    reference_speed: Positive = 0.25  # m/s, never exceeded
+    reference_speed: Positive = 0.28  # m/s, never exceeded
     segment_time: Positive = 4.0  # s between the control points of the path
     max_turn: Annotated[float, Field(ge=0, le=1.2)] = 0.8  # rad from one control edge to the next
     path_clearance: NonNegative = 0.3  # m, from the reference's path to every obstacle
