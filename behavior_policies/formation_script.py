@@ -14,8 +14,9 @@ from numba import njit
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.envs.formation import Formation, slot_velocity
+from swarmdata.envs.formation import Formation
 from swarmdata.envs.reference import write_pose
+from swarmdata.envs.slots import slot_velocity
 from swarmdata.geometry import clearance
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY
@@ -143,8 +144,6 @@ class FormationScript:
 
     def act(self, step: Step) -> Float:
         targets, drifts = np.empty((2, len(step.states), len(self._body[0]), 2))
-        aim_at_slots(
-            step.states, step.times, step.layouts, self._body, self._path, targets, drifts
-        )
+        aim_at_slots(step.states, step.times, step.layouts, self._body, self._path, targets, drifts)
         commands = self._navigator.commands(step, targets, drifts)
         return actions_of(commands, step, self._noise, self._action_size)

@@ -8,7 +8,7 @@ reference's position p, velocity v and turn rate w.
 
 State: the robots (`states.ROBOT`); a robot's target is its own slot now. `slots: fixed`: robot i
 has slot i. `slots: assigned`: the assignment with the least sum of squared distances, anew in each
-step. Then `EXTRAS`: of the reference x, y (m), vx, vy (m/s), heading ux, uy, turn_rate (rad/s);
+step. Then, of the reference, x, y (m), vx, vy (m/s), heading ux, uy, turn_rate (rad/s);
 steps_held, the steps in formation so far; for each time of `preview` the reference's place and
 heading then; and the path's control points x, y (m).
 Action: a command (`dynamics`).
@@ -44,106 +44,24 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from swarmdata.assignment import assign, assignment_work
+from swarmdata.assignment import assignment_work
 from swarmdata.envs.formation_spawn import draw_episodes, plan_episodes
-from swarmdata.envs.reference import write_motion, write_pose
 from swarmdata.envs.shapes import check_slots, slot_offsets
+from swarmdata.envs.slots import (
+    HELD,
+    PREVIEW,
+    REFERENCE,
+    Course,
+    Scratch,
+    begin_episodes,
+    place_reference,
+    slot_velocity,
+)
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.spec import FormationRules, Payload, TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
-
-REFERENCE = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
-"""Of the reference, the first extras; `steps_held` follows."""
-
-HELD, PREVIEW = 7, 8
-"""Where, after the robots, the steps in formation are, and where the previews begin."""
-
-
-Course = tuple[Double, bool, float, float, Double]
-"""How reference and slots move: slots in the reference's frame, m, [N, 2]; whether they are
-assigned; segments of the path in a control step; segments per second; segments from now to each
-preview, [P]. A plain tuple, which calls faster than a named one."""
-
-Scratch = tuple[Double, Double, Double, Int]
-"""Memory to overwrite: slots, m, [N, 2]; costs [N, N]; that of `assignment.assign`."""
-
-
-@njit(nogil=True, cache=True)
-def _are_nearest(costs: Double, places: Int) -> bool:
-    """Gives every robot its cheapest slot; False if two want the same one."""
-    n = costs.shape[0]
-    for i in range(n):
-        best = 0
-        for j in range(1, n):
-            if costs[i, j] < costs[i, best]:
-                best = j
-        for k in range(i):
-            if places[0, k] == best:
-                return False
-        places[0, i] = best
-    return True
-
-
-@njit(nogil=True, cache=True)
-def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
-    """Writes the targets of one state [S] from its robots and its reference.
-
-    Args:
-        state: [S].
-        course: of the spec.
-        scratch: overwritten.
-    """
-    offsets, is_assigned, _, _, _ = course
-    slots, costs, work, places = scratch
-    n = offsets.shape[0]
-    at = N_COLUMNS * n
-    x, y, ux, uy = float(state[at]), float(state[at + 1]), float(state[at + 4]), float(state[at + 5])
-    for j in range(n):
-        slots[j, 0] = x + ux * offsets[j, 0] - uy * offsets[j, 1]
-        slots[j, 1] = y + uy * offsets[j, 0] + ux * offsets[j, 1]
-        places[0, j] = j
-    if is_assigned:
-        for i in range(n):
-            px, py = float(state[N_COLUMNS * i + X]), float(state[N_COLUMNS * i + Y])
-            for j in range(n):
-                dx, dy = slots[j, 0] - px, slots[j, 1] - py
-                costs[i, j] = dx * dx + dy * dy
-        if not _are_nearest(costs, places):  # in formation they are: this is much faster
-            assign(costs, work, places)
-    for i in range(n):
-        state[N_COLUMNS * i + TX] = slots[places[0, i], 0]
-        state[N_COLUMNS * i + TY] = slots[places[0, i], 1]
-
-
-@njit(nogil=True, cache=True)
-def place_reference(state: Float, time: int, course: Course, scratch: Scratch) -> None:
-    """Writes the reference of control step `time`, its previews and the targets of one state [S]."""
-    offsets, _, per_step, rate, ahead = course
-    at = N_COLUMNS * offsets.shape[0]
-    first, s = at + PREVIEW + 4 * ahead.shape[0], time * per_step
-    write_motion(state, first, s, rate, state, at)
-    for k in range(ahead.shape[0]):
-        write_pose(state, first, s + ahead[k], state, at + PREVIEW + 4 * k)
-    place_slots(state, course, scratch)
-
-
-@njit(nogil=True, cache=True)
-def _begin(copies: Int, states: Float, course: Course, scratch: Scratch) -> None:
-    for b in copies:
-        states[b, N_COLUMNS * course[0].shape[0] + HELD] = 0.0
-        place_reference(states[b], 0, course, scratch)
-
-
-@njit(nogil=True, cache=True)
-def slot_velocity(state: Float, n: int, i: int) -> tuple[float, float]:
-    """Velocity of robot i's slot in a state [S] of n robots, m/s."""
-    at = N_COLUMNS * n
-    turn = float(state[at + 6])
-    x = float(state[N_COLUMNS * i + TX]) - float(state[at])
-    y = float(state[N_COLUMNS * i + TY]) - float(state[at + 1])
-    return float(state[at + 2]) - turn * y, float(state[at + 3]) + turn * x
 
 
 @njit(nogil=True, cache=True)
@@ -295,7 +213,7 @@ class Formation:
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         draw_episodes(self._plan, self.spec, seeds, copies, layouts, states)
-        _begin(copies, states, self._course, self._scratch)
+        begin_episodes(copies, states, self._course, self._scratch)
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
         advance(
@@ -307,11 +225,11 @@ class Formation:
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
         n = self.spec.n_agents
-        states = episode.states[1:].astype(np.float64)
-        robots = robots_of(states, n)
+        centre = episode.states[1:, N_COLUMNS * n : N_COLUMNS * n + 2].astype(np.float64)
+        robots = robots_of(episode.states[1:], n).astype(np.float64)
         offsets = robots[..., [TX, TY]] - robots[..., [X, Y]]
         squares = (offsets * offsets).sum(axis=(1, 2))
-        away = robots[..., [X, Y]].mean(axis=1) - states[:, N_COLUMNS * n : N_COLUMNS * n + 2]
+        away = robots[..., [X, Y]].mean(axis=1) - centre
         is_formed = squares <= n * self._tolerance * self._tolerance
         return {
             "formation_rmse": float(np.sqrt(squares / n).mean()),

@@ -1,4 +1,4 @@
-"""Episodes of `formation`: a path, then obstacles beside it that get in the way of slots, then robots.
+"""Episodes of `formation`: a path, obstacles beside it that get in the way of slots, then robots.
 
 Every episode keeps these rules, looked at every `STRIDE` control steps:
 
@@ -32,7 +32,7 @@ from swarmdata.envs.spawn import (
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance, nearest
 from swarmdata.spec import FormationRules, TaskSpec
-from swarmdata.states import UX, UY, VX, VY, X, Y
+from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 STRIDE = 4
@@ -83,9 +83,9 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     low, high = rules.blocked
     if low > high or rules.hold_fraction > 1.0 - high:
         raise SpecError(
-            f"rules.blocked is ({low:g}, {high:g}) and rules.hold_fraction {rules.hold_fraction:g}, "
-            "expected the smaller share first, and to hold no more than what is left of the time: "
-            "while a slot is blocked, nobody can be in formation."
+            f"rules.blocked is ({low:g}, {high:g}) and rules.hold_fraction is "
+            f"{rules.hold_fraction:g}, expected the smaller share first, and to hold no more than "
+            "what is left of the time: while a slot is blocked, nobody can be in formation."
         )
     duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
     n_points = math.ceil(duration * rate + 1e-9) + 3
@@ -114,7 +114,9 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
 
 
 @njit(nogil=True, cache=True)
-def _is_beside(row: Float, m: int, layout: Float, poses: Double, margins: tuple[float, ...]) -> bool:
+def _is_beside(
+    row: Float, m: int, layout: Float, poses: Double, margins: tuple[float, ...]
+) -> bool:
     """Whether obstacle m keeps its distances from earlier obstacles and from the path."""
     r, x, y = bounding_radius(row), float(row[1]), float(row[2])
     for k in range(m):
@@ -125,9 +127,9 @@ def _is_beside(row: Float, m: int, layout: Float, poses: Double, margins: tuple[
     reach = r + margins[1]
     for k in range(poses.shape[0]):
         dx, dy = poses[k, 0] - x, poses[k, 1] - y
-        if dx * dx + dy * dy < reach * reach:
-            if nearest(poses[k, 0], poses[k, 1], row)[0] < margins[1]:
-                return False
+        is_near = dx * dx + dy * dy < reach * reach
+        if is_near and nearest(poses[k, 0], poses[k, 1], row)[0] < margins[1]:
+            return False
     return True
 
 
@@ -147,7 +149,9 @@ def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float)
 
 
 @njit(nogil=True, cache=True)
-def blocked_share(poses: Double, offsets: Double, radii: Double, layout: Float, half: Double) -> float:
+def blocked_share(
+    poses: Double, offsets: Double, radii: Double, layout: Float, half: Double
+) -> float:
     """Share of poses [L, 4] in which a robot of the largest radius, in some slot, would touch."""
     largest, n_blocked = radii.max(), 0
     for k in range(poses.shape[0]):
@@ -162,7 +166,9 @@ def blocked_share(poses: Double, offsets: Double, radii: Double, layout: Float, 
 
 
 @njit(nogil=True, cache=True)
-def _place_team(state: Seeds, plan: EpisodePlan, pose: Double, layout: Float, robots: Float) -> bool:
+def _place_team(
+    state: Seeds, plan: EpisodePlan, pose: Double, layout: Float, robots: Float
+) -> bool:
     """Draws the robots' places around the reference's; False if one of them found none."""
     radii, half, width = plan.radii, plan.half, plan.margins[4]
     for i in range(radii.shape[0]):
@@ -185,10 +191,32 @@ def _place_team(state: Seeds, plan: EpisodePlan, pose: Double, layout: Float, ro
 
 
 @njit(nogil=True, cache=True)
+def _draw_one(
+    state: Seeds, plan: EpisodePlan, poses: Double, path: Float, layout: Float, robots: Float
+) -> bool:
+    """Draws one episode; False if its path, an obstacle or a robot found no place."""
+    if not draw_path(state, plan.path, path):
+        return False
+    for look in range(poses.shape[0]):
+        write_pose(path, 0, plan.looks[look], poses[look], 0)
+    if not _place_beside(state, plan, poses, layout):
+        return False
+    share = blocked_share(poses, plan.offsets, plan.radii, layout, plan.half)
+    if share < plan.blocked[0] or share > plan.blocked[1]:
+        return False
+    return bool(_place_team(state, plan, poses[0], layout, robots))
+
+
+@njit(nogil=True, cache=True)
 def _draw(
-    seeds: Seeds, copies: Int, plan: EpisodePlan, tries: int, points: int, layouts: Float,
+    seeds: Seeds,
+    copies: Int,
+    plan: EpisodePlan,
+    tries: int,
+    points: int,
+    layouts: Float,
     states: Float,
-) -> int:  # fmt: skip
+) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
 
     Args:
@@ -203,23 +231,13 @@ def _draw(
     state, n = np.empty(1, np.uint64), plan.radii.shape[0]
     poses = np.empty((plan.looks.shape[0], 4))
     for k in range(copies.shape[0]):
-        b = copies[k]
-        path, robots = states[b, points:], states[b, : 8 * n].reshape(n, 8)
+        b, left = copies[k], tries
+        path, robots = states[b, points:], states[b, : N_COLUMNS * n].reshape(n, N_COLUMNS)
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
-        for attempt in range(tries + 1):
-            if attempt == tries:
-                return k
-            if not draw_path(state, plan.path, path):
-                continue
-            for look in range(poses.shape[0]):
-                write_pose(path, 0, plan.looks[look], poses[look], 0)
-            if not _place_beside(state, plan, poses, layouts[b]):
-                continue
-            share = blocked_share(poses, plan.offsets, plan.radii, layouts[b], plan.half)
-            if share < plan.blocked[0] or share > plan.blocked[1]:
-                continue
-            if _place_team(state, plan, poses[0], layouts[b], robots):
-                break
+        while left > 0 and not _draw_one(state, plan, poses, path, layouts[b], robots):
+            left -= 1
+        if left == 0:
+            return k
         for i in range(n):
             robots[i, VX] = robots[i, VY] = robots[i, UY] = 0.0
             robots[i, UX] = 1.0

@@ -132,7 +132,8 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
             t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
             edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
             if attempt >= TRIES:
-                t, edge = plan.tangent * (1.0 if attempt == TRIES else -1.0), SHORTEST * plan.longest
+                t = plan.tangent if attempt == TRIES else -plan.tangent
+                edge = SHORTEST * plan.longest
             wx, wy = turned(ux, uy, t)
             x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
             rest = min(plan.n_points - 1 - k, plan.n_loop)
