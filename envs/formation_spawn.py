@@ -4,8 +4,9 @@ Every episode keeps these rules, looked at every `STRIDE` control steps:
 
 - all slots are inside the walls, and none is faster than `TOP_SPEED` of the slowest robot;
 - the reference's path keeps `path_clearance` from every obstacle;
-- the share of the horizon in which at least one slot is blocked, so that a robot in it would touch
-  an obstacle, is within `blocked`: the rest of the time the formation is possible;
+- the share of the horizon (of one segment of the path, if that is longer) in which at least one
+  slot is blocked, so that a robot in it would touch an obstacle, is within `blocked`: the rest of
+  the time the formation is possible;
 - bounding circles of obstacles keep their gap from each other and from the walls, as in `spawn`, so
   that a robot can pass between them;
 - robots start at rest, apart, in free space, at most `start_spread` beyond the square around the
@@ -68,31 +69,21 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
     reach, rate = reach_of(offsets), 1.0 / rules.segment_time
     top = TOP_SPEED * min(robot.max_speed for robot in spec.robots)
-    if rules.reference_speed > top:
-        raise SpecError(
-            f"rules.reference_speed is {rules.reference_speed:g} m/s, expected at most {top:g}: "
-            f"{TOP_SPEED:g} of the slowest robot's max_speed, so that robots can catch up."
-        )
     room = half - reach - radii.max() - spec.spawn.start_clearance
+    _check_rules(rules, top, reach + float(radii.max()))
     if room.min() <= 0.0:
         raise SpecError(
             f"a {rules.shape} of {len(radii)} robots reaches {reach:.2f} m from its centre and "
             f"does not fit in the arena of {spec.arena.width:g} x {spec.arena.height:g} m. Enlarge "
             "arena or reduce rules.spacing."
         )
-    low, high = rules.blocked
-    if low > high or rules.hold_fraction > 1.0 - high:
-        raise SpecError(
-            f"rules.blocked is ({low:g}, {high:g}) and rules.hold_fraction is "
-            f"{rules.hold_fraction:g}, expected the smaller share first, and to hold no more than "
-            "what is left of the time: while a slot is blocked, nobody can be in formation."
-        )
     duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
     n_points = math.ceil(duration * rate + 1e-9) + 3
     longest, tangent = rules.reference_speed / rate, math.tan(rules.max_turn / 2)
     tangent = round(tangent * 2.0**20) / 2.0**20  # the same on every platform
     n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
-    steps = np.arange(0, spec.horizon + 1, STRIDE, dtype=np.float64)
+    n_steps = max(spec.horizon, math.ceil(rules.segment_time / spec.control_dt))
+    steps = np.arange(0, n_steps + 1, STRIDE, dtype=np.float64)
     margins = (
         spec.obstacles.gap,
         rules.path_clearance,
@@ -111,6 +102,27 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
         blocked=rules.blocked,
         margins=margins,
     )
+
+
+def _check_rules(rules: FormationRules, top: float, width: float) -> None:
+    """Raises unless slots are slow enough, and can be blocked and free as long as they should."""
+    low, high = rules.blocked
+    if rules.reference_speed > top:
+        raise SpecError(
+            f"rules.reference_speed is {rules.reference_speed:g} m/s, expected at most {top:g}: "
+            f"{TOP_SPEED:g} of the slowest robot's max_speed, so that robots can catch up."
+        )
+    if low > high or rules.hold_fraction > 1.0 - high:
+        raise SpecError(
+            f"rules.blocked is ({low:g}, {high:g}) and rules.hold_fraction is "
+            f"{rules.hold_fraction:g}, expected the smaller share first, and to hold no more than "
+            "what is left of the time: while a slot is blocked, nobody can be in formation."
+        )
+    if low > 0.0 and width <= rules.path_clearance:
+        raise SpecError(
+            f"rules.blocked begins at {low:g}, expected 0: the robots reach {width:.2f} m from the "
+            f"reference, and obstacles stay rules.path_clearance, {rules.path_clearance:g} m, away."
+        )
 
 
 @njit(nogil=True, cache=True)
@@ -269,5 +281,6 @@ def draw_episodes(
         raise SpawnError(
             f"no episode found for seed {seeds[drawn]} in {tries} attempts: a path with obstacles "
             f"{plan.margins[1]:g} m beside it that block a slot {low:.0%} to {high:.0%} of the "
-            "time. Widen rules.blocked, enlarge arena, or use fewer obstacles."
+            "time. Widen rules.blocked, enlarge arena, use fewer obstacles, or let the path turn "
+            "more (rules.max_turn) or more slowly (rules.reference_speed)."
         )
