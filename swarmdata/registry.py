@@ -11,6 +11,7 @@ from swarmdata.spec import TaskSpec
 TASKS = {
     "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
     "warehouse": "swarmdata.envs.warehouse:Warehouse",
+    "formation": "swarmdata.envs.formation:Formation",
 }
 
 POLICIES = {
@@ -24,6 +25,7 @@ POLICIES = {
 SCRIPTED = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
     "warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript",
+    "formation": "swarmdata.behavior_policies.formation_script:FormationScript",
 }
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
