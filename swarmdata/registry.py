@@ -8,7 +8,10 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.spec import TaskSpec
 
-TASKS = {"coop_nav": "swarmdata.envs.coop_nav:CoopNav"}
+TASKS = {
+    "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
+    "transport": "swarmdata.envs.transport:Transport",
+}
 
 POLICIES = {
     "idle": "swarmdata.behavior_policies.simple:Idle",
