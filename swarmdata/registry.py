@@ -21,7 +21,7 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED: dict[str, str] = {}
+SCRIPTED = {"transport": "swarmdata.behavior_policies.transport_script:TransportScript"}
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 

@@ -1,0 +1,381 @@
+"""The pushing controller a robotics engineer would write, for `transport`.
+
+In each step, with the map and the positions of all:
+
+1. the payload's way to its goal is planned as if it were its bounding circle (`planner`);
+2. the one or two faces that point against that way get places for robots (`push_slots`), as many
+   as have room, and every robot without one keeps clear of the way;
+3. robots go to their places, around the payload and not through it (`way_around`), and wait there;
+4. when all are in place they push: force by force, since a robot's command of a velocity just
+   above its own is a command of an acceleration (`pushing`). If one loses its place, they stop.
+
+Whatever they do, they avoid surfaces and each other as `scripted` does; robots without a place
+give way. What is remembered from step to step are the faces, the places, and whether they push, so
+that small changes do not send robots around the payload.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.behavior_policies.avoidance import (
+    BRAKE,
+    SURFACE_MARGIN,
+    robot_half_planes,
+    surface_half_planes,
+)
+from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.noise import add_noise, check_noise
+from swarmdata.behavior_policies.orca import damper_half_plane, solve
+from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
+from swarmdata.behavior_policies.push_slots import MAX_SLOTS, NONE, choose_slots
+from swarmdata.behavior_policies.pushing import (
+    ASIDE,
+    AWAY,
+    assign_slots,
+    keeps_pushing,
+    place_errors,
+    push_forces,
+)
+from swarmdata.behavior_policies.scripted import turned_right
+from swarmdata.behavior_policies.simple import APPROACH_RATE
+from swarmdata.behavior_policies.way_around import N_RING, fill_ring, way_around
+from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.registry import make_task
+from swarmdata.spec import TaskSpec, TransportRules
+from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
+from swarmdata.types import Bool, Double, Float, Int, Step
+
+STANDOFF = 0.03
+"""Gap (m) to the payload at which a robot waits until it is beside its place."""
+
+STALE = 0.25
+"""Metres that the payload moves before the robots' ways to it are planned anew."""
+
+KEEP = 0.35
+"""Metres that robots without a place keep from the payload and its way."""
+
+AHEAD = 1.5
+"""Metres of the payload's way that they keep clear."""
+
+
+@njit(nogil=True, cache=True)
+def _follow_place(
+    robot: Double, limits: Double, body: Double, slot: Double, force: float, dt: float, out: Double
+) -> None:
+    """Writes the velocity of a robot in its place: with the payload, and pushing by `force` N.
+
+    A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
+    """
+    nx, ny = slot[2], slot[3]
+    along, off = place_errors(robot, slot, limits[3])
+    ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
+    if force > 0.0:
+        ahead = max(ahead, robot[2] * nx + robot[3] * ny + force * dt)
+    side = body[3] * nx - body[2] * ny + APPROACH_RATE * along
+    out[0], out[1], out[2] = ahead * nx - side * ny, ahead * ny + side * nx, 1.0
+
+
+@njit(nogil=True, cache=True)
+def _go_to_place(
+    robot: Double,
+    limits: Double,
+    body: Double,
+    shape: Shape,
+    slot: Double,
+    ring: tuple[Double, Bool],
+    ground: tuple[Float, Double],
+    ways: tuple[Int32, Int32],
+    out: Double,
+) -> None:
+    """Writes the velocity of a robot on its way to its place."""
+    x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
+    along, off = place_errors(robot, slot, limits[3])
+    is_beside = abs(along) < ASIDE and off < 0.3
+    back = 0.0 if is_beside else STANDOFF
+    to_x, to_y = slot[0] - back * nx, slot[1] - back * ny
+    if not is_beside:
+        found, near_x, near_y = way_around(
+            body, shape, (x, y), (to_x, to_y), limits[0], ground, ring
+        )
+        if found:
+            to_x, to_y = near_x, near_y
+        else:
+            to_x, to_y = waypoint((x, y), body[:2], limits[0], ground[0], ways, ground[1])
+    dx, dy = to_x - x, to_y - y
+    d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    left = math.sqrt((slot[0] - x) ** 2 + (slot[1] - y) ** 2)
+    speed = min(limits[1], APPROACH_RATE * left)
+    out[0], out[1], out[2] = dx / d * speed, dy / d * speed, 1.0
+
+
+@njit(nogil=True, cache=True)
+def _keep_clear(
+    robot: Double, limits: Double, body: Double, way: tuple[float, float], reach: float, out: Double
+) -> None:
+    """Writes the velocity of a robot without a place: away from the payload and its way."""
+    dx, dy = robot[0] - body[0], robot[1] - body[1]
+    ahead, aside = dx * way[0] + dy * way[1], dy * way[0] - dx * way[1]
+    room = reach + limits[0] + KEEP
+    out[:] = 0.0
+    out[2] = 0.1
+    speed = 0.5 * limits[1]
+    if 0.0 < ahead < AHEAD and abs(aside) < room:
+        sign = speed if aside >= 0.0 else -speed
+        out[0], out[1] = -sign * way[1], sign * way[0]
+    elif dx * dx + dy * dy < room * room:
+        d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+        out[0], out[1] = dx / d * speed, dy / d * speed
+
+
+@njit(nogil=True, cache=True)
+def _payload_half_plane(
+    robot: Double, radius: float, body: Double, row: Float, planes: Double, n: int
+) -> int:
+    """Adds the velocities with which a robot does not run into the payload; returns the count."""
+    d, vx, vy = nearest(robot[0], robot[1], row)
+    if not 0.0 < d < radius + 0.4:
+        return n
+    nx, ny = vx / d, vy / d
+    bound = (d - radius - SURFACE_MARGIN) / BRAKE + body[2] * nx + body[3] * ny
+    damper_half_plane(nx, ny, bound, planes[n])
+    return n + 1
+
+
+@njit(nogil=True, cache=True)
+def _plan(
+    now: Double,
+    body: Double,
+    shape: Shape,
+    way: tuple[float, float],
+    limits: Double,
+    payload: Double,
+    ground: tuple[Float, Double],
+    memory: Int,
+    slots: Double,
+) -> int:
+    """Chooses faces, places and whether to push, and remembers them; returns how many places.
+
+    `memory` is first face, second face, number of places, whether they push, then the place of
+    each robot, [4 + N].
+    """
+    n = now.shape[0]
+    radius = limits[:, 0].max()
+    team = (n, radius, payload[2])
+    before = (memory[0], memory[1])
+    first, second, k = choose_slots(body, shape, way, before, team, ground, slots)
+    if first != memory[0] or second != memory[1] or k != memory[2]:
+        memory[0], memory[1], memory[2], memory[3] = first, second, k, 0
+        assign_slots(now, body, shape, slots[:k], radius, memory[4:])
+    is_pushing = memory[3] == 1
+    memory[3] = keeps_pushing(now, memory[4:], slots[:k], limits[:, 3], is_pushing)
+    return k
+
+
+@njit(nogil=True, cache=True)
+def _aim(
+    now: Double,
+    body: Double,
+    shape: Shape,
+    way: tuple[float, float],
+    limits: Double,
+    payload: Double,
+    dt: float,
+    ground: tuple[Float, Double],
+    ways: tuple[Int32, Int32],
+    memory: Int,
+    aims: Double,
+) -> None:
+    """Writes the velocity every robot would take alone, how far it has to go, and whether it may
+    touch the payload, [N, 4]."""
+    slots, forces = np.empty((MAX_SLOTS, 4)), np.zeros(MAX_SLOTS)
+    ring, free = np.empty((N_RING, 2)), np.empty(N_RING, np.bool_)
+    k = _plan(now, body, shape, way, limits, payload, ground, memory, slots)
+    if memory[3] == 1:
+        push_forces(body, way, slots[:k], payload, forces)
+    fill_ring(body, shape, limits[:, 0].max(), ground, ring, free)
+    for i in range(now.shape[0]):
+        place = memory[4 + i]
+        aims[i, 3] = 0.0
+        if place < 0:
+            reach = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
+            _keep_clear(now[i], limits[i], body, way, reach, aims[i])
+            continue
+        along, off = place_errors(now[i], slots[place], limits[i, 3])
+        is_pushing = memory[3] == 1
+        if is_pushing or (abs(along) < ASIDE and -AWAY < off < AWAY):
+            aims[i, 3] = 1.0
+            _follow_place(now[i], limits[i], body, slots[place], forces[place], dt, aims[i])
+        else:
+            rings = (ring, free)
+            _go_to_place(now[i], limits[i], body, shape, slots[place], rings, ground, ways, aims[i])
+
+
+@njit(nogil=True, cache=True)
+def act_copies(
+    robots: Double,
+    bodies: Double,
+    shape: Shape,
+    limits: Double,
+    payload: Double,
+    dt: float,
+    half: Double,
+    primitives: Float,
+    grids: Float,
+    ways: tuple[Int32, Int32, Int32, Int32],
+    planned: Double,
+    memory: Int,
+    out: Double,
+) -> None:
+    """Writes the velocity of every robot of all copies.
+
+    Args:
+        robots: columns x, y, vx, vy, goal x, goal y, [E, N, 6].
+        bodies: columns `states.BODY`, [E, 7].
+        shape: of the payload.
+        limits: radius, maximum speed, acceleration, and how much smaller the radius is than the
+            largest, SI, [N, 4].
+        payload: mass with the robots', kg; friction, N; robots that it takes; radius of its
+            way, m; [4].
+        dt: control step, s.
+        half: half width and half height of the arena, m, [2].
+        primitives: convex obstacles, [E, P, 8].
+        grids: clearances, m, [E, rows, columns].
+        ways: costs and next nodes of the payload's way to its goal and of the robots' to the
+            payload, each [E, n].
+        planned: where the payload was when the latter were planned, m, [E, 2].
+        memory: see `_plan`, [E, 4 + N].
+        out: written, m/s, [E, N, 2].
+    """
+    n_robots = robots.shape[1]
+    planes = np.empty((primitives.shape[1] + 5 + 2 * n_robots, 4))
+    aims, row = np.empty((n_robots, 4)), np.empty(8, np.float32)
+    for b in range(robots.shape[0]):
+        now, body, ground = robots[b], bodies[b], (grids[b], half)
+        if abs(body[0] - planned[b, 0]) + abs(body[1] - planned[b, 1]) > STALE:
+            ways[2][b, 0] = UNPLANNED
+            planned[b] = body[:2]
+        x, y = waypoint(
+            (body[0], body[1]), now[0, 4:6], payload[3], grids[b], (ways[0][b], ways[1][b]), half
+        )
+        dx, dy = x - body[0], y - body[1]
+        d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+        _aim(
+            now, body, shape, (dx / d, dy / d), limits, payload, dt, ground,
+            (ways[2][b], ways[3][b]), memory[b], aims,
+        )  # fmt: skip
+        place_row(body, shape, row)
+        for i in range(n_robots):
+            radius = limits[i, 0]
+            n_hard = surface_half_planes(
+                now[i, 0], now[i, 1], radius, primitives[b], half, planes
+            )
+            if aims[i, 3] == 0.0:
+                n_hard = _payload_half_plane(now[i], radius, body, row, planes, n_hard)
+            n = robot_half_planes(i, now, limits[:, 0], aims, n_hard, planes)
+            aim = (aims[i, 0], aims[i, 1])
+            if aims[i, 3] == 0.0:
+                aim = turned_right(i, now, aim)
+            out[b, i, 0], out[b, i, 1] = solve(planes, n, n_hard, limits[i, 1], aim)
+
+
+class TransportScript:
+    """Robots that push a payload together, for holonomic robots.
+
+    It knows more than the robots see: the map and the positions and velocities of all.
+
+    Args:
+        spec: the task.
+        noise: standard deviation of the Gaussian noise on each action component.
+
+    Raises:
+        SpecError: the task is not `transport`, a robot is not holonomic, or `noise` is not a
+            standard deviation.
+    """
+
+    uses_state = True
+
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+        rules = spec.rules
+        if not isinstance(rules, TransportRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+        for name, robot in zip(spec.agent_names, spec.robots, strict=True):
+            if robot.dynamics != "holonomic":
+                raise SpecError(
+                    f"{name} has {robot.dynamics} dynamics; the scripted policy of transport "
+                    "pushes with holonomic robots only, since it corrects their places sideways. "
+                    "Use dynamics: holonomic."
+                )
+        self._noise = check_noise(noise)
+        self._size, self._dt = spec.action_size, spec.control_dt
+        self._shape, self._grid_shape = shape_of(rules.payload), grid_shape(spec)
+        self._n_primitives = n_primitives(make_task(spec).kinds)
+        self._half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
+        radii = np.array([robot.radius for robot in spec.robots])
+        self._limits = np.array(
+            [
+                (r.radius, r.max_speed, r.max_acceleration, radii.max() - r.radius)
+                for r in spec.robots
+            ]
+        )
+        self._by_velocity = np.array([r.command == "velocity" for r in spec.robots])
+        need = math.ceil(rules.payload.friction / self._limits[:, 2].min() + 1e-9)
+        reach = payload_radius(rules.payload)
+        self._payload = np.array(
+            [rules.payload.mass + spec.n_agents, rules.payload.friction, need, reach]
+        )
+        self._cap = max(reach, float(radii.max())) + 0.15
+        self._allocate(0)
+
+    def _allocate(self, n_copies: int) -> None:
+        """Makes room for the maps of `n_copies` episodes; none is valid yet."""
+        nodes = (n_copies, self._grid_shape[0] * self._grid_shape[1])
+        self._mapped = np.zeros(n_copies, dtype=np.bool_)
+        self._seeds = np.zeros(n_copies, dtype=np.uint64)
+        self._primitives = np.zeros((n_copies, self._n_primitives, 8), dtype=np.float32)
+        self._grids = np.zeros((n_copies, *self._grid_shape), dtype=np.float32)
+        self._ways = tuple(np.zeros(nodes, np.int32) for _ in range(4))
+        self._planned: Double = np.zeros((n_copies, 2))
+        self._memory: Int = np.zeros((n_copies, 4 + len(self._limits)), dtype=np.int64)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Maps the layouts of `copies`, and forgets who was where."""
+        if len(step.seeds) != len(self._seeds):
+            self._allocate(len(step.seeds))
+        for b in copies:
+            self._primitives[b] = primitives_of(step.layouts[b])
+            fill_clearances(step.layouts[b], self._half, self._cap, self._grids[b])
+        self._ways[0][copies, 0] = self._ways[2][copies, 0] = UNPLANNED
+        self._planned[copies] = np.inf
+        self._memory[copies] = NONE
+        self._seeds[copies], self._mapped[copies] = step.seeds[copies], True
+
+    def act(self, step: Step) -> Float:
+        e, n = len(step.seeds), len(self._limits)
+        if e != len(self._seeds) or not (
+            self._mapped.all() and np.array_equal(self._seeds, step.seeds)
+        ):
+            raise SchemaError(
+                "the scripted policy has no map of some episodes of this step. Call "
+                "policy.reset(step, copies) whenever the environment resets copies."
+            )
+        robots = robots_of(step.states, n).astype(np.float64)
+        robots = np.ascontiguousarray(robots[..., [X, Y, VX, VY, TX, TY]])
+        first = N_COLUMNS * n
+        bodies = step.states[:, first : first + len(BODY)].astype(np.float64)
+        velocities: Double = np.empty((e, n, 2))
+        act_copies(
+            robots, bodies, self._shape, self._limits, self._payload, self._dt, self._half,
+            self._primitives, self._grids, self._ways, self._planned, self._memory, velocities,
+        )  # fmt: skip
+        speeds, most = self._limits[:, 1:2], self._limits[:, 2:3]
+        push = (velocities - robots[..., 2:4]) / (self._dt * most)
+        commands = np.where(self._by_velocity[:, None], velocities / speeds, push)
+        actions = np.zeros((e, n, self._size), dtype=np.float32)
+        actions[..., :2] = add_noise(commands, step, self._noise)
+        return actions
