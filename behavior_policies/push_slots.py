@@ -11,7 +11,6 @@ import math
 
 from numba import njit
 
-from swarmdata.behavior_policies.distance_field import MARGIN
 from swarmdata.behavior_policies.planner import free_distance
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
@@ -28,6 +27,18 @@ EDGE = 0.04
 
 CUT = 0.1
 """Metres at the end of a face that are free for the robots around the corner."""
+
+BEHIND = 0.05
+"""Gap (m) to surfaces that a robot at a place must have."""
+
+SIDE, SIDE_KEPT = 0.2, 0.08
+"""Cosines of way and push above which a second face is used, and kept."""
+
+KEEP = 0.15
+"""Cosine by which another first face must be better."""
+
+ARC = 0.45
+"""Least cosine between the way and a push at a circle."""
 
 NONE = -1
 
@@ -85,7 +96,7 @@ def fill_face(
         lever = middle + (k - 0.5 * (n - 1)) * spacing
         x = body[0] - nx * (depth + radius) + tx * lever
         y = body[1] - ny * (depth + radius) + ty * lever
-        if free_distance(x, y, ground[0], ground[1]) >= radius + MARGIN:
+        if free_distance(x, y, ground[0], ground[1]) >= radius + BEHIND:
             out[found, 0], out[found, 1], out[found, 2], out[found, 3] = x, y, nx, ny
             found += 1
     return found
@@ -108,27 +119,57 @@ def fill_arc(
         shape: of the payload.
         way: unit vector of its way.
         radius: of the robots, m.
-        most: how many; no more than fit in the half of a half circle.
+        most: how many; no more than `ARC` allows.
         ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
         out: written, [any, 4].
     """
     reach = shape[1] + radius
-    half_step = (radius + 0.5 * ELBOW) / reach  # sine of half the angle between two robots
-    n = min(most, 1 + int(0.7 / half_step))
+    h = (radius + 0.5 * ELBOW) / reach  # sine of half the angle between two neighbors
+    c, n = math.sqrt(1.0 - h * h), most
+    while True:  # the first robot's direction, turned back from the way by n - 1 half angles
+        nx, ny = way
+        for _ in range(n - 1):
+            nx, ny = nx * c + ny * h, ny * c - nx * h
+        if n == 1 or ((nx * way[0] + ny * way[1]) >= ARC and (n - 1) * h < 2.0):
+            break
+        n -= 1
     found = 0
-    for k in range(n):
-        # sines in equal steps: the outermost stand 45 to 60 degrees off the way
-        sine = (k - 0.5 * (n - 1)) * 2.0 * half_step
-        if abs(sine) > 0.85:
-            continue
-        cosine = math.sqrt(1.0 - sine * sine)
-        nx = way[0] * cosine - way[1] * sine
-        ny = way[0] * sine + way[1] * cosine
+    for _ in range(n):
         x, y = body[0] - nx * reach, body[1] - ny * reach
-        if free_distance(x, y, ground[0], ground[1]) >= radius + MARGIN:
+        if free_distance(x, y, ground[0], ground[1]) >= radius + BEHIND:
             out[found, 0], out[found, 1], out[found, 2], out[found, 3] = x, y, nx, ny
             found += 1
+        for _ in range(2):
+            nx, ny = nx * c - ny * h, ny * c + nx * h
     return found
+
+
+@njit(nogil=True, cache=True)
+def _score(body: Double, face: int, way: tuple[float, float]) -> float:
+    nx, ny = face_normal(body, face)
+    return nx * way[0] + ny * way[1]
+
+
+@njit(nogil=True, cache=True)
+def _first_face(
+    body: Double,
+    shape: Shape,
+    way: tuple[float, float],
+    before: int,
+    team: tuple[int, float, float],
+    ground: tuple[Float, Double],
+    out: Double,
+) -> int:
+    """The face that points best along the way, of those with room for enough robots."""
+    best, first = -1e9, NONE
+    for face in range(4):
+        score = _score(body, face, way) + (KEEP if face == before else 0.0)
+        if score <= best:
+            continue
+        n = fill_face(body, shape, (face, NONE), team[1], team[0], ground, out)
+        if n >= min(team[2], 1.0 * team[0]):
+            best, first = score, face
+    return first
 
 
 @njit(nogil=True, cache=True)
@@ -143,45 +184,38 @@ def choose_slots(
 ) -> tuple[int, int, int]:
     """Chooses the one or two faces to push at, and the places at them.
 
-    The first face is the one that points best along the way, the second the better of its
-    neighbors, if the way points at it at all. What was chosen before is kept when about as good,
-    since robots have to move for a change.
+    The first face is the one that points best along the way, the second its better neighbor, if
+    the way points at it at all and the robots at both can push along the way; else they push at
+    the first alone, and the way will turn. What was chosen before is kept when about as good, since
+    robots have to move for a change.
 
     Args:
         body: columns `states.BODY`, [7].
         shape: of the payload.
         way: unit vector of its way.
         before: faces of the step before, or `NONE`.
-        team: number of robots, their largest radius, m, and how many it takes to move the payload.
+        team: number of robots, their largest radius, m, and how many times a robot's force it takes
+            to move the payload.
         ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
         out: written, see `fill_face`, [MAX_SLOTS, 4].
 
     Returns:
         First face, second face or `NONE`, and the number of places.
     """
-    n, radius, need = min(team[0], MAX_SLOTS), team[1], int(team[2])
+    n, radius = min(team[0], MAX_SLOTS), team[1]
     if shape[0] == CIRCLE:
         return 0, NONE, fill_arc(body, shape, way, radius, n, ground, out)
-    best, first = -1e9, NONE
-    for face in range(4):
-        nx, ny = face_normal(body, face)
-        score = nx * way[0] + ny * way[1] + (0.15 if face == before[0] else 0.0)
-        if score > best and fill_face(body, shape, (face, NONE), radius, n, ground, out) >= min(
-            need, n
-        ):
-            best, first = score, face
+    first = _first_face(body, shape, way, before[0], team, ground, out)
     if first == NONE:
         return NONE, NONE, 0
-    second, found = NONE, 0
-    for face in range(2 - 2 * (first // 2), 4 - 2 * (first // 2)):
-        nx, ny = face_normal(body, face)
-        bound = 0.15 if face == before[1] and first == before[0] else 0.35
-        if nx * way[0] + ny * way[1] > bound:
-            second = face
-    if second != NONE:
-        found = fill_face(body, shape, (second, first), radius, max(n - 2, 1), ground, out)
-        found = min(found, max(n // 2, 1))
-    if found == 0 or n - found < 1:
-        return first, NONE, fill_face(body, shape, (first, NONE), radius, n, ground, out)
-    more = fill_face(body, shape, (first, second), radius, n - found, ground, out[found:])
-    return first, second, found + more
+    near = 2 - 2 * (first // 2)  # the lower number of its neighbors
+    second = near if _score(body, near, way) > _score(body, near + 1, way) else near + 1
+    if second == before[0] and first == before[1]:  # the same faces; their order is no matter
+        first, second = second, first
+    aside, ahead = _score(body, second, way), _score(body, first, way)
+    if min(aside, ahead) > (SIDE_KEPT if (first, second) == before else SIDE):
+        found = fill_face(body, shape, (second, first), radius, n // 2, ground, out)
+        rest = fill_face(body, shape, (first, second), radius, n - found, ground, out[found:])
+        if found >= team[2] * aside and rest >= team[2] * ahead:
+            return first, second, found + rest
+    return first, NONE, fill_face(body, shape, (first, NONE), radius, n, ground, out)

@@ -13,6 +13,9 @@ from swarmdata.types import Double, Int
 DETOUR = 1.0
 """Metres that going around the payload counts for in the choice of who goes where."""
 
+WORTH = 0.02
+"""Square metres of shorter ways for which robots swap their places."""
+
 ASIDE, AWAY = 0.06, 0.05
 """Metres along and off the face within which a robot is in place."""
 
@@ -33,15 +36,17 @@ TURN_DAMPING = 5.0
 def assign_slots(
     robots: Double, body: Double, shape: Shape, slots: Double, margin: float, out: Int
 ) -> None:
-    """Writes the place of each robot, or -1: always the shortest way that is left.
+    """Writes the place of each robot, or -1; starts from those in `out` if all places are taken.
+
+    Ways count by their squares: two robots go a little rather than one past the other.
 
     Args:
         robots: positions first, [N, any].
         body: columns `states.BODY`, [7].
         shape: of the payload.
-        slots: from `push_slots.choose_slots`, [K, 4].
+        slots: from `push_slots.choose_slots`, [K, 4], K at most N.
         margin: by which a straight way must miss the payload, m.
-        out: written, [N].
+        out: read and written, [N].
     """
     n, k = robots.shape[0], slots.shape[0]
     costs = np.empty((n, k))
@@ -49,19 +54,37 @@ def assign_slots(
         for s in range(k):
             x, y = slots[s, 0] - 0.03 * slots[s, 2], slots[s, 1] - 0.03 * slots[s, 3]
             dx, dy = x - robots[i, 0], y - robots[i, 1]
-            costs[i, s] = np.sqrt(dx * dx + dy * dy)
+            way = np.sqrt(dx * dx + dy * dy)
             if crosses(body, shape, (robots[i, 0], robots[i, 1]), (x, y), margin):
-                costs[i, s] += DETOUR
-    out[:] = -1
-    for _ in range(min(n, k)):
-        best, robot, slot = np.inf, 0, 0
+                way += DETOUR
+            costs[i, s] = way * way
+    if (out >= 0).sum() != k or out.max() >= k:
+        out[:] = -1
+        for s in range(k):
+            best, robot = np.inf, 0
+            for i in range(n):
+                if out[i] < 0 and costs[i, s] < best:
+                    best, robot = costs[i, s], i
+            out[robot] = s
+    _swap(costs, out)
+
+
+@njit(nogil=True, cache=True)
+def _swap(costs: Double, out: Int) -> None:
+    """Swaps the places of two robots as long as that shortens their ways together."""
+    n, again = costs.shape[0], True
+    while again:
+        again = False
         for i in range(n):
-            for s in range(k):
-                if costs[i, s] < best:
-                    best, robot, slot = costs[i, s], i, s
-        out[robot] = slot
-        costs[robot, :] = np.inf
-        costs[:, slot] = np.inf
+            for j in range(n):
+                if out[i] < 0:
+                    continue
+                now, new = costs[i, out[i]], costs[j, out[i]]
+                if out[j] >= 0:
+                    now, new = now + costs[j, out[j]], new + costs[i, out[j]]
+                if new < now - WORTH:
+                    out[i], out[j] = out[j], out[i]
+                    again = True
 
 
 @njit(nogil=True, cache=True)
@@ -107,7 +130,8 @@ def push_forces(
     """Writes the force (N) at each place that moves the payload along its way.
 
     The team's force overcomes friction and corrects the velocity; it is shared among the robots
-    of a face, and more goes to the side that lags.
+    of a face, and more goes to the side that lags. Where the places allow no push along the way,
+    it is along the nearest direction that they allow.
 
     Args:
         body: columns `states.BODY`, [7].
@@ -116,14 +140,20 @@ def push_forces(
         payload: its mass with the robots', kg; friction, N; [2].
         out: written, not negative, [K].
     """
-    mass, friction = payload[0] / RESPONSE, payload[1]
-    fx = friction * way[0] + mass * (SPEED * way[0] - body[2])
-    fy = friction * way[1] + mass * (SPEED * way[1] - body[3])
-    for k in range(slots.shape[0]):
-        x, y, nx, ny = slots[k]
-        share = 0.0
-        for j in range(slots.shape[0]):
+    mass, friction, n = payload[0] / RESPONSE, payload[1], slots.shape[0]
+    shares, wx, wy = np.zeros(n), 0.0, 0.0
+    for k in range(n):
+        nx, ny = slots[k, 2], slots[k, 3]
+        for j in range(n):
             along = max(slots[j, 2] * nx + slots[j, 3] * ny, 0.0)
-            share += along * along
+            shares[k] += along * along
+        ahead = max(way[0] * nx + way[1] * ny, 0.0) / shares[k]
+        wx, wy = wx + ahead * nx, wy + ahead * ny
+    length = max(np.sqrt(wx * wx + wy * wy), 1e-9)
+    wx, wy = wx / length, wy / length
+    fx = friction * wx + mass * (SPEED * wx - body[2])
+    fy = friction * wy + mass * (SPEED * wy - body[3])
+    for k in range(n):
+        x, y, nx, ny = slots[k]
         lever = (x - body[0]) * ny - (y - body[1]) * nx
-        out[k] = max((fx * nx + fy * ny) / share - TURN_DAMPING * body[6] * lever, 0.0)
+        out[k] = max((fx * nx + fy * ny) / shares[k] - TURN_DAMPING * body[6] * lever, 0.0)

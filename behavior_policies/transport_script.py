@@ -27,10 +27,16 @@ from swarmdata.behavior_policies.avoidance import (
     robot_half_planes,
     surface_half_planes,
 )
-from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.distance_field import MARGIN, Int32, fill_clearances, grid_shape
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.behavior_policies.orca import damper_half_plane, solve
-from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
+from swarmdata.behavior_policies.planner import (
+    UNPLANNED,
+    free_distance,
+    n_primitives,
+    primitives_of,
+    waypoint,
+)
 from swarmdata.behavior_policies.push_slots import MAX_SLOTS, NONE, choose_slots
 from swarmdata.behavior_policies.pushing import (
     ASIDE,
@@ -42,7 +48,7 @@ from swarmdata.behavior_policies.pushing import (
 )
 from swarmdata.behavior_policies.scripted import turned_right
 from swarmdata.behavior_policies.simple import APPROACH_RATE
-from swarmdata.behavior_policies.way_around import N_RING, fill_ring, way_around
+from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings, way_around
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import bounding_radius, nearest
@@ -53,6 +59,15 @@ from swarmdata.types import Bool, Double, Float, Int, Step
 
 STANDOFF = 0.03
 """Gap (m) to the payload at which a robot waits until it is beside its place."""
+
+FUNNEL = 0.25
+"""Most metres by which a robot stays farther off while it is not beside its place."""
+
+SHY, SHYNESS = 0.15, 0.2
+"""Metres of free gap below which the payload's way turns from a surface, and how much at contact."""
+
+SIDE_ROOM = 0.15
+"""Metres beside the payload that its way keeps free where it can, for robots at its sides."""
 
 STALE = 0.25
 """Metres that the payload moves before the robots' ways to it are planned anew."""
@@ -83,34 +98,35 @@ def _follow_place(
 
 @njit(nogil=True, cache=True)
 def _go_to_place(
-    robot: Double,
+    i: int,
     limits: Double,
     body: Double,
     shape: Shape,
     slot: Double,
-    ring: tuple[Double, Bool],
+    team: tuple[Double, Bool],
+    rings: tuple[Double, Bool],
     ground: tuple[Float, Double],
     ways: tuple[Int32, Int32],
     out: Double,
 ) -> None:
     """Writes the velocity of a robot on its way to its place."""
+    robot, radius = team[0][i], limits[i, 0]
     x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
-    along, off = place_errors(robot, slot, limits[3])
-    is_beside = abs(along) < ASIDE and off < 0.3
-    back = 0.0 if is_beside else STANDOFF
-    to_x, to_y = slot[0] - back * nx, slot[1] - back * ny
-    if not is_beside:
-        found, near_x, near_y = way_around(
-            body, shape, (x, y), (to_x, to_y), limits[0], ground, ring
-        )
-        if found:
-            to_x, to_y = near_x, near_y
-        else:
-            to_x, to_y = waypoint((x, y), body[:2], limits[0], ground[0], ways, ground[1])
+    along, off = place_errors(robot, slot, limits[i, 3])
+    to_x, to_y = slot[0], slot[1]
+    if abs(along) >= ASIDE or not -AWAY < off < 0.3:
+        back = STANDOFF + min(abs(along), FUNNEL)  # straight in, between others
+        to_x, to_y = slot[0] - back * nx, slot[1] - back * ny
+        if free_distance(to_x, to_y, ground[0], ground[1]) < radius + MARGIN:
+            to_x, to_y = slot[0] - STANDOFF * nx, slot[1] - STANDOFF * ny
+        end = (to_x, to_y)
+        found, to_x, to_y = way_around(body, shape, i, end, radius, ground, rings, team)
+        if not found:
+            to_x, to_y = waypoint((x, y), body[:2], radius, ground[0], ways, ground[1])
     dx, dy = to_x - x, to_y - y
     d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
     left = math.sqrt((slot[0] - x) ** 2 + (slot[1] - y) ** 2)
-    speed = min(limits[1], APPROACH_RATE * left)
+    speed = min(limits[i, 1], APPROACH_RATE * left)
     out[0], out[1], out[2] = dx / d * speed, dy / d * speed, 1.0
 
 
@@ -148,6 +164,29 @@ def _payload_half_plane(
 
 
 @njit(nogil=True, cache=True)
+def _away_from_surfaces(
+    body: Double, aim: tuple[float, float], reach: float, ground: tuple[Float, Double]
+) -> tuple[float, float]:
+    """The direction of `aim`, turned away from a surface that is near, as a unit vector."""
+    x, y = body[0], body[1]
+    grid, half = ground
+    length = max(math.sqrt(aim[0] * aim[0] + aim[1] * aim[1]), 1e-9)
+    wx, wy = aim[0] / length, aim[1] / length
+    push = min(max(1.0 - (free_distance(x, y, grid, half) - reach) / SHY, 0.0), 1.0)
+    if push > 0.0:
+        e = 0.5 * SHY
+        gx = free_distance(x + e, y, grid, half) - free_distance(x - e, y, grid, half)
+        gy = free_distance(x, y + e, grid, half) - free_distance(x, y - e, grid, half)
+        steep = max(math.sqrt(gx * gx + gy * gy), 1e-9)
+        gx, gy = gx / steep, gy / steep
+        turn = push * (SHYNESS - min(wx * gx + wy * gy, 0.0))
+        wx, wy = wx + turn * gx, wy + turn * gy
+        length = max(math.sqrt(wx * wx + wy * wy), 1e-9)
+        wx, wy = wx / length, wy / length
+    return wx, wy
+
+
+@njit(nogil=True, cache=True)
 def _plan(
     now: Double,
     body: Double,
@@ -171,6 +210,8 @@ def _plan(
     first, second, k = choose_slots(body, shape, way, before, team, ground, slots)
     if first != memory[0] or second != memory[1] or k != memory[2]:
         memory[0], memory[1], memory[2], memory[3] = first, second, k, 0
+        memory[4:] = NONE
+    if memory[3] != 1:
         assign_slots(now, body, shape, slots[:k], radius, memory[4:])
     is_pushing = memory[3] == 1
     memory[3] = keeps_pushing(now, memory[4:], slots[:k], limits[:, 3], is_pushing)
@@ -194,26 +235,29 @@ def _aim(
     """Writes the velocity every robot would take alone, how far it has to go, and whether it may
     touch the payload, [N, 4]."""
     slots, forces = np.empty((MAX_SLOTS, 4)), np.zeros(MAX_SLOTS)
-    ring, free = np.empty((N_RING, 2)), np.empty(N_RING, np.bool_)
     k = _plan(now, body, shape, way, limits, payload, ground, memory, slots)
     if memory[3] == 1:
         push_forces(body, way, slots[:k], payload, forces)
-    fill_ring(body, shape, limits[:, 0].max(), ground, ring, free)
-    for i in range(now.shape[0]):
+    rings = (np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_))
+    fill_rings(body, shape, limits[:, 0].max(), ground, rings[0], rings[1])
+    n, is_pushing = now.shape[0], memory[3] == 1
+    standing = np.zeros(n, np.bool_)
+    for i in range(n):
+        if memory[4 + i] >= 0:
+            along, off = place_errors(now[i], slots[memory[4 + i]], limits[i, 3])
+            standing[i] = is_pushing or (abs(along) < ASIDE and -AWAY < off < AWAY)
+    for i in range(n):
         place = memory[4 + i]
-        aims[i, 3] = 0.0
+        aims[i, 3] = 1.0 if standing[i] else 0.0
         if place < 0:
             reach = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
             _keep_clear(now[i], limits[i], body, way, reach, aims[i])
-            continue
-        along, off = place_errors(now[i], slots[place], limits[i, 3])
-        is_pushing = memory[3] == 1
-        if is_pushing or (abs(along) < ASIDE and -AWAY < off < AWAY):
-            aims[i, 3] = 1.0
+        elif standing[i]:
             _follow_place(now[i], limits[i], body, slots[place], forces[place], dt, aims[i])
         else:
-            rings = (ring, free)
-            _go_to_place(now[i], limits[i], body, shape, slots[place], rings, ground, ways, aims[i])
+            team = (now, standing)
+            slot = slots[place]
+            _go_to_place(i, limits, body, shape, slot, team, rings, ground, ways, aims[i])
 
 
 @njit(nogil=True, cache=True)
@@ -240,7 +284,7 @@ def act_copies(
         shape: of the payload.
         limits: radius, maximum speed, acceleration, and how much smaller the radius is than the
             largest, SI, [N, 4].
-        payload: mass with the robots', kg; friction, N; robots that it takes; radius of its
+        payload: mass with the robots', kg; friction, N; how many times a robot's force it takes; radius of its
             way, m; [4].
         dt: control step, s.
         half: half width and half height of the arena, m, [2].
@@ -263,10 +307,9 @@ def act_copies(
         x, y = waypoint(
             (body[0], body[1]), now[0, 4:6], payload[3], grids[b], (ways[0][b], ways[1][b]), half
         )
-        dx, dy = x - body[0], y - body[1]
-        d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+        way = _away_from_surfaces(body, (x - body[0], y - body[1]), payload[3], ground)
         _aim(
-            now, body, shape, (dx / d, dy / d), limits, payload, dt, ground,
+            now, body, shape, way, limits, payload, dt, ground,
             (ways[2][b], ways[3][b]), memory[b], aims,
         )  # fmt: skip
         place_row(body, shape, row)
@@ -324,12 +367,12 @@ class TransportScript:
             ]
         )
         self._by_velocity = np.array([r.command == "velocity" for r in spec.robots])
-        need = math.ceil(rules.payload.friction / self._limits[:, 2].min() + 1e-9)
+        need = 1.05 * rules.payload.friction / self._limits[:, 2].min()
         reach = payload_radius(rules.payload)
         self._payload = np.array(
-            [rules.payload.mass + spec.n_agents, rules.payload.friction, need, reach]
+            [rules.payload.mass + spec.n_agents, rules.payload.friction, need, reach + SIDE_ROOM]
         )
-        self._cap = max(reach, float(radii.max())) + 0.15
+        self._cap = max(reach + SIDE_ROOM, float(radii.max())) + 0.15
         self._allocate(0)
 
     def _allocate(self, n_copies: int) -> None:

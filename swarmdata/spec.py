@@ -181,9 +181,9 @@ class FormationRules(Frozen):
 class Payload(Frozen):
     """A rigid body that slides on the floor and turns."""
 
-    shape: Literal["box", "circle"] = "box"
+    shape: Literal["circle", "box"] = "circle"
     half_length: Positive = 0.35  # radius of a circle
-    half_width: Positive = 0.2
+    half_width: Positive = 0.25
     mass: Positive = 4.0  # kg
     friction: Positive = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
 
