@@ -8,6 +8,7 @@ from numba import njit
 
 from swarmdata.behavior_policies.way_around import crosses
 from swarmdata.envs.payload import Shape
+from swarmdata.geometry import CIRCLE
 from swarmdata.types import Double, Int
 
 DETOUR = 1.0
@@ -21,6 +22,12 @@ ASIDE, AWAY = 0.06, 0.05
 
 LOST = 0.14
 """Metres from its place, along or off the face, beyond which a pushing robot has lost it."""
+
+ARC_ASIDE = 0.3
+"""Metres from its place at which a robot in contact with a circle pushes all the same."""
+
+ENOUGH, TRUE = 1.05, 0.93
+"""Times the friction that a push must have, and its least cosine with the way, to begin it."""
 
 SPEED = 0.4
 """Speed (m/s) of the payload that the team tries to hold; it leaves robots room to catch up."""
@@ -88,72 +95,108 @@ def _swap(costs: Double, out: Int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def place_errors(robot: Double, slot: Double, inset: float) -> tuple[float, float]:
-    """How far a robot is from its place: along the face, and off it (m).
+def contact(
+    robot: Double, inset: float, body: Double, shape: Shape, slot: Double
+) -> tuple[float, float, float, float]:
+    """Where a robot would push, seen from its place.
+
+    At a box it pushes along the face's normal, wherever it stands; at a circle towards the centre.
 
     Args:
         robot: position first, [any].
-        slot: one place, [4].
         inset: how much smaller the robot's radius is than that of the places, m.
+        body: columns `states.BODY`, [7].
+        shape: of the payload.
+        slot: its place, [4].
+
+    Returns:
+        Direction of its push, and how far its place is to the left and ahead of it, m.
     """
-    dx, dy = slot[0] - robot[0], slot[1] - robot[1]
-    nx, ny = slot[2], slot[3]
-    return dy * nx - dx * ny, dx * nx + dy * ny + inset
+    dx, dy, nx, ny = slot[0] - robot[0], slot[1] - robot[1], slot[2], slot[3]
+    ahead = dx * nx + dy * ny
+    if shape[0] == CIRCLE:
+        bx, by = body[0] - robot[0], body[1] - robot[1]
+        d = max(np.sqrt(bx * bx + by * by), 1e-9)
+        sx, sy = body[0] - slot[0], body[1] - slot[1]
+        nx, ny = bx / d, by / d
+        ahead = d - np.sqrt(sx * sx + sy * sy)
+    return nx, ny, dy * nx - dx * ny, ahead + inset
 
 
 @njit(nogil=True, cache=True)
-def keeps_pushing(
-    robots: Double, places: Int, slots: Double, insets: Double, is_pushing: bool
-) -> bool:
-    """Whether the team pushes: it starts when all are in place, and stops when one is lost.
+def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> bool:
+    """Whether a robot is in place, by what `contact` returned."""
+    aside = ARC_ASIDE if is_circle else (LOST if was_pushing else ASIDE)
+    away = LOST if was_pushing else AWAY
+    return abs(left) < aside and abs(ahead) < away
+
+
+@njit(nogil=True, cache=True)
+def possible_way(way: tuple[float, float], pushes: Double) -> tuple[float, float]:
+    """The direction nearest to the way in which such pushes can move the payload.
 
     Args:
-        robots: positions first, [N, any].
-        places: of the robots, or -1, [N].
-        slots: [K, 4].
-        insets: see `place_errors`, [N].
-        is_pushing: whether it did so before.
+        way: unit vector.
+        pushes: positions and directions, [K, 4].
+
+    Returns:
+        A unit vector, or (0, 0) where none of the pushes is along the way.
     """
-    aside, away = (LOST, LOST) if is_pushing else (ASIDE, AWAY)
-    for i in range(robots.shape[0]):
-        if places[i] >= 0:
-            along, off = place_errors(robots[i], slots[places[i]], insets[i])
-            if abs(along) > aside or abs(off) > away:
-                return False
-    return slots.shape[0] > 0
+    wx, wy = 0.0, 0.0
+    for k in range(pushes.shape[0]):
+        nx, ny = pushes[k, 2], pushes[k, 3]
+        ahead = max(way[0] * nx + way[1] * ny, 0.0) / _share(pushes, k)
+        wx, wy = wx + ahead * nx, wy + ahead * ny
+    length = np.sqrt(wx * wx + wy * wy)
+    if length < 1e-9:
+        return 0.0, 0.0
+    return wx / length, wy / length
+
+
+@njit(nogil=True, cache=True)
+def _share(pushes: Double, k: int) -> float:
+    """How many robots share the work of push k: parallel ones count fully."""
+    share = 0.0
+    for j in range(pushes.shape[0]):
+        along = max(pushes[j, 2] * pushes[k, 2] + pushes[j, 3] * pushes[k, 3], 0.0)
+        share += along * along
+    return share
 
 
 @njit(nogil=True, cache=True)
 def push_forces(
-    body: Double, way: tuple[float, float], slots: Double, payload: Double, out: Double
-) -> None:
-    """Writes the force (N) at each place that moves the payload along its way.
+    body: Double, way: tuple[float, float], pushes: Double, payload: Double, out: Double
+) -> bool:
+    """Writes the force (N) of each push that moves the payload along its way.
 
     The team's force overcomes friction and corrects the velocity; it is shared among the robots
-    of a face, and more goes to the side that lags. Where the places allow no push along the way,
-    it is along the nearest direction that they allow.
+    of a face, and more goes to the side that lags.
 
     Args:
         body: columns `states.BODY`, [7].
-        way: unit vector.
-        slots: [K, 4].
-        payload: its mass with the robots', kg; friction, N; [2].
+        way: unit vector, from `possible_way`.
+        pushes: positions and directions, [K, 4].
+        payload: its mass with the robots', kg; friction, N; most force of a robot, N; most torque
+            that friction holds, N m; [4].
         out: written, not negative, [K].
+
+    Returns:
+        Whether these pushes start it on its way, near enough and without turning it.
     """
-    mass, friction, n = payload[0] / RESPONSE, payload[1], slots.shape[0]
-    shares, wx, wy = np.zeros(n), 0.0, 0.0
-    for k in range(n):
-        nx, ny = slots[k, 2], slots[k, 3]
-        for j in range(n):
-            along = max(slots[j, 2] * nx + slots[j, 3] * ny, 0.0)
-            shares[k] += along * along
-        ahead = max(way[0] * nx + way[1] * ny, 0.0) / shares[k]
-        wx, wy = wx + ahead * nx, wy + ahead * ny
-    length = max(np.sqrt(wx * wx + wy * wy), 1e-9)
-    wx, wy = wx / length, wy / length
-    fx = friction * wx + mass * (SPEED * wx - body[2])
-    fy = friction * wy + mass * (SPEED * wy - body[3])
-    for k in range(n):
-        x, y, nx, ny = slots[k]
+    mass, friction, most = payload[0] / RESPONSE, payload[1], payload[2]
+    fx = friction * way[0] + mass * (SPEED * way[0] - body[2])
+    fy = friction * way[1] + mass * (SPEED * way[1] - body[3])
+    start = friction + mass * SPEED
+    sum_x, sum_y, torque = 0.0, 0.0, 0.0
+    for k in range(pushes.shape[0]):
+        x, y, nx, ny = pushes[k]
+        share = _share(pushes, k)
         lever = (x - body[0]) * ny - (y - body[1]) * nx
-        out[k] = max((fx * nx + fy * ny) / shares[k] - TURN_DAMPING * body[6] * lever, 0.0)
+        force = (fx * nx + fy * ny) / share - TURN_DAMPING * body[6] * lever
+        out[k] = min(max(force, 0.0), most)
+        force = min(max(start * (way[0] * nx + way[1] * ny) / share, 0.0), most)
+        sum_x, sum_y = sum_x + force * nx, sum_y + force * ny
+        torque += force * lever
+    ahead = sum_x * way[0] + sum_y * way[1]
+    total = np.sqrt(sum_x * sum_x + sum_y * sum_y)
+    return ahead > ENOUGH * friction and ahead > TRUE * total and abs(torque) < payload[3]

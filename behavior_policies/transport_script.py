@@ -42,16 +42,17 @@ from swarmdata.behavior_policies.pushing import (
     ASIDE,
     AWAY,
     assign_slots,
-    keeps_pushing,
-    place_errors,
+    contact,
+    possible_way,
     push_forces,
+    stands,
 )
 from swarmdata.behavior_policies.scripted import turned_right
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings, way_around
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.geometry import CIRCLE, nearest
 from swarmdata.registry import make_task
 from swarmdata.spec import TaskSpec, TransportRules
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
@@ -81,18 +82,22 @@ AHEAD = 1.5
 
 @njit(nogil=True, cache=True)
 def _follow_place(
-    robot: Double, limits: Double, body: Double, slot: Double, force: float, dt: float, out: Double
+    robot: Double,
+    body: Double,
+    push: tuple[float, float, float, float],
+    force: float,
+    dt: float,
+    out: Double,
 ) -> None:
     """Writes the velocity of a robot in its place: with the payload, and pushing by `force` N.
 
     A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
     """
-    nx, ny = slot[2], slot[3]
-    along, off = place_errors(robot, slot, limits[3])
+    nx, ny, left, off = push
     ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
     if force > 0.0:
         ahead = max(ahead, robot[2] * nx + robot[3] * ny + force * dt)
-    side = body[3] * nx - body[2] * ny + APPROACH_RATE * along
+    side = body[3] * nx - body[2] * ny + APPROACH_RATE * left
     out[0], out[1], out[2] = ahead * nx - side * ny, ahead * ny + side * nx, 1.0
 
 
@@ -112,7 +117,8 @@ def _go_to_place(
     """Writes the velocity of a robot on its way to its place."""
     robot, radius = team[0][i], limits[i, 0]
     x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
-    along, off = place_errors(robot, slot, limits[i, 3])
+    dx, dy = slot[0] - x, slot[1] - y
+    along, off = dy * nx - dx * ny, dx * nx + dy * ny
     to_x, to_y = slot[0], slot[1]
     if abs(along) >= ASIDE or not -AWAY < off < 0.3:
         back = STANDOFF + min(abs(along), FUNNEL)  # straight in, between others
@@ -198,14 +204,13 @@ def _plan(
     memory: Int,
     slots: Double,
 ) -> int:
-    """Chooses faces, places and whether to push, and remembers them; returns how many places.
+    """Chooses faces and places, and remembers them; returns how many places there are.
 
     `memory` is first face, second face, number of places, whether they push, then the place of
     each robot, [4 + N].
     """
-    n = now.shape[0]
     radius = limits[:, 0].max()
-    team = (n, radius, payload[2])
+    team = (now.shape[0], radius, payload[4])
     before = (memory[0], memory[1])
     first, second, k = choose_slots(body, shape, way, before, team, ground, slots)
     if first != memory[0] or second != memory[1] or k != memory[2]:
@@ -213,9 +218,41 @@ def _plan(
         memory[4:] = NONE
     if memory[3] != 1:
         assign_slots(now, body, shape, slots[:k], radius, memory[4:])
-    is_pushing = memory[3] == 1
-    memory[3] = keeps_pushing(now, memory[4:], slots[:k], limits[:, 3], is_pushing)
     return k
+
+
+@njit(nogil=True, cache=True)
+def _stand(
+    now: Double,
+    body: Double,
+    shape: Shape,
+    way: tuple[float, float],
+    limits: Double,
+    payload: Double,
+    memory: Int,
+    slots: Double,
+    forces: Double,
+) -> None:
+    """Finds who is in place and whether they push; writes their forces, NaN for the others, [N]."""
+    n, is_circle = now.shape[0], shape[0] == CIRCLE
+    pushes, who = np.empty((n, 4)), np.empty(n, np.int64)
+    found = 0
+    forces[:] = np.nan
+    for i in range(n):
+        place = memory[4 + i]
+        if place < 0:
+            continue
+        nx, ny, left, off = contact(now[i], limits[i, 3], body, shape, slots[place])
+        if stands(left, off, is_circle, memory[3] == 1):
+            who[found] = i
+            pushes[found, 0], pushes[found, 1] = now[i, 0], now[i, 1]
+            pushes[found, 2], pushes[found, 3] = nx, ny
+            found += 1
+    possible = possible_way(way, slots)
+    out = np.empty(n)
+    memory[3] = push_forces(body, possible, pushes[:found], payload, out)
+    for f in range(found):
+        forces[who[f]] = out[f] if memory[3] == 1 else 0.0
 
 
 @njit(nogil=True, cache=True)
@@ -234,18 +271,13 @@ def _aim(
 ) -> None:
     """Writes the velocity every robot would take alone, how far it has to go, and whether it may
     touch the payload, [N, 4]."""
-    slots, forces = np.empty((MAX_SLOTS, 4)), np.zeros(MAX_SLOTS)
+    n = now.shape[0]
+    slots, forces = np.empty((MAX_SLOTS, 4)), np.empty(n)
     k = _plan(now, body, shape, way, limits, payload, ground, memory, slots)
-    if memory[3] == 1:
-        push_forces(body, way, slots[:k], payload, forces)
+    _stand(now, body, shape, way, limits, payload, memory, slots[:k], forces)
+    standing = ~np.isnan(forces)
     rings = (np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_))
     fill_rings(body, shape, limits[:, 0].max(), ground, rings[0], rings[1])
-    n, is_pushing = now.shape[0], memory[3] == 1
-    standing = np.zeros(n, np.bool_)
-    for i in range(n):
-        if memory[4 + i] >= 0:
-            along, off = place_errors(now[i], slots[memory[4 + i]], limits[i, 3])
-            standing[i] = is_pushing or (abs(along) < ASIDE and -AWAY < off < AWAY)
     for i in range(n):
         place = memory[4 + i]
         aims[i, 3] = 1.0 if standing[i] else 0.0
@@ -253,10 +285,10 @@ def _aim(
             reach = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
             _keep_clear(now[i], limits[i], body, way, reach, aims[i])
         elif standing[i]:
-            _follow_place(now[i], limits[i], body, slots[place], forces[place], dt, aims[i])
+            push = contact(now[i], limits[i, 3], body, shape, slots[place])
+            _follow_place(now[i], body, push, forces[i], dt, aims[i])
         else:
-            team = (now, standing)
-            slot = slots[place]
+            team, slot = (now, standing), slots[place]
             _go_to_place(i, limits, body, shape, slot, team, rings, ground, ways, aims[i])
 
 
@@ -284,8 +316,8 @@ def act_copies(
         shape: of the payload.
         limits: radius, maximum speed, acceleration, and how much smaller the radius is than the
             largest, SI, [N, 4].
-        payload: mass with the robots', kg; friction, N; how many times a robot's force it takes; radius of its
-            way, m; [4].
+        payload: see `push_forces`; then how many times a robot's force it takes to move it, and the
+            radius of its way, m; [6].
         dt: control step, s.
         half: half width and half height of the arena, m, [2].
         primitives: convex obstacles, [E, P, 8].
@@ -305,9 +337,9 @@ def act_copies(
             ways[2][b, 0] = UNPLANNED
             planned[b] = body[:2]
         x, y = waypoint(
-            (body[0], body[1]), now[0, 4:6], payload[3], grids[b], (ways[0][b], ways[1][b]), half
+            (body[0], body[1]), now[0, 4:6], payload[5], grids[b], (ways[0][b], ways[1][b]), half
         )
-        way = _away_from_surfaces(body, (x - body[0], y - body[1]), payload[3], ground)
+        way = _away_from_surfaces(body, (x - body[0], y - body[1]), payload[5], ground)
         _aim(
             now, body, shape, way, limits, payload, dt, ground,
             (ways[2][b], ways[3][b]), memory[b], aims,
@@ -318,11 +350,10 @@ def act_copies(
             n_hard = surface_half_planes(
                 now[i, 0], now[i, 1], radius, primitives[b], half, planes
             )
+            n, aim = n_hard, (aims[i, 0], aims[i, 1])
             if aims[i, 3] == 0.0:
                 n_hard = _payload_half_plane(now[i], radius, body, row, planes, n_hard)
-            n = robot_half_planes(i, now, limits[:, 0], aims, n_hard, planes)
-            aim = (aims[i, 0], aims[i, 1])
-            if aims[i, 3] == 0.0:
+                n = robot_half_planes(i, now, limits[:, 0], aims, n_hard, planes)
                 aim = turned_right(i, now, aim)
             out[b, i, 0], out[b, i, 1] = solve(planes, n, n_hard, limits[i, 1], aim)
 
@@ -370,7 +401,14 @@ class TransportScript:
         need = 1.05 * rules.payload.friction / self._limits[:, 2].min()
         reach = payload_radius(rules.payload)
         self._payload = np.array(
-            [rules.payload.mass + spec.n_agents, rules.payload.friction, need, reach + SIDE_ROOM]
+            [
+                rules.payload.mass + spec.n_agents,
+                rules.payload.friction,
+                self._limits[:, 2].min(),
+                rules.payload.friction * reach / 2.0,
+                need,
+                reach + SIDE_ROOM,
+            ]
         )
         self._cap = max(reach + SIDE_ROOM, float(radii.max())) + 0.15
         self._allocate(0)
