@@ -164,6 +164,29 @@ def _share(pushes: Double, k: int) -> float:
 
 
 @njit(nogil=True, cache=True)
+def _share_force(
+    body: Double, wanted: tuple[float, float], pushes: Double, most: float, out: Double
+) -> tuple[float, float, float]:
+    """Shares a force among pushes, weakened in its direction until no robot exceeds `most`, N.
+
+    Returns:
+        The force and the torque that come of it, N and N m.
+    """
+    peak = most
+    for k in range(pushes.shape[0]):
+        along = wanted[0] * pushes[k, 2] + wanted[1] * pushes[k, 3]
+        out[k] = max(along, 0.0) / _share(pushes, k)
+        peak = max(peak, out[k])
+    x, y, torque = 0.0, 0.0, 0.0
+    for k in range(pushes.shape[0]):
+        out[k] *= most / peak
+        fx, fy = out[k] * pushes[k, 2], out[k] * pushes[k, 3]
+        x, y = x + fx, y + fy
+        torque += (pushes[k, 0] - body[0]) * fy - (pushes[k, 1] - body[1]) * fx
+    return x, y, torque
+
+
+@njit(nogil=True, cache=True)
 def push_forces(
     body: Double, way: tuple[float, float], pushes: Double, payload: Double, out: Double
 ) -> bool:
@@ -187,16 +210,10 @@ def push_forces(
     fx = friction * way[0] + mass * (SPEED * way[0] - body[2])
     fy = friction * way[1] + mass * (SPEED * way[1] - body[3])
     start = friction + mass * SPEED
-    sum_x, sum_y, torque = 0.0, 0.0, 0.0
+    x, y, torque = _share_force(body, (start * way[0], start * way[1]), pushes, most, out)
+    ahead, total = x * way[0] + y * way[1], np.sqrt(x * x + y * y)
+    _share_force(body, (fx, fy), pushes, most, out)
     for k in range(pushes.shape[0]):
-        x, y, nx, ny = pushes[k]
-        share = _share(pushes, k)
-        lever = (x - body[0]) * ny - (y - body[1]) * nx
-        force = (fx * nx + fy * ny) / share - TURN_DAMPING * body[6] * lever
-        out[k] = min(max(force, 0.0), most)
-        force = min(max(start * (way[0] * nx + way[1] * ny) / share, 0.0), most)
-        sum_x, sum_y = sum_x + force * nx, sum_y + force * ny
-        torque += force * lever
-    ahead = sum_x * way[0] + sum_y * way[1]
-    total = np.sqrt(sum_x * sum_x + sum_y * sum_y)
+        lever = (pushes[k, 0] - body[0]) * pushes[k, 3] - (pushes[k, 1] - body[1]) * pushes[k, 2]
+        out[k] = min(max(out[k] - TURN_DAMPING * body[6] * lever, 0.0), most)
     return ahead > ENOUGH * friction and ahead > TRUE * total and abs(torque) < payload[3]
