@@ -347,9 +347,7 @@ def act_copies(
         place_row(body, shape, row)
         for i in range(n_robots):
             radius = limits[i, 0]
-            n_hard = surface_half_planes(
-                now[i, 0], now[i, 1], radius, primitives[b], half, planes
-            )
+            n_hard = surface_half_planes(now[i, 0], now[i, 1], radius, primitives[b], half, planes)
             n, aim = n_hard, (aims[i, 0], aims[i, 1])
             if aims[i, 3] == 0.0:
                 n_hard = _payload_half_plane(now[i], radius, body, row, planes, n_hard)

@@ -140,9 +140,7 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 
 
 @njit(nogil=True, cache=True)
-def count_pushes(
-    positions: Float, radii: Double, bodies: Float, shape: Shape
-) -> int:
+def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
     """Counts the robots in contact with the payload, over all states given.
 
     Args:
