@@ -6,12 +6,15 @@ In each step, with the map and the positions of all:
 2. the one or two faces that point against that way get places for robots (`push_slots`), as many
    as have room, and every robot without one keeps clear of the way;
 3. robots go to their places, around the payload and not through it (`way_around`), and wait there;
-4. when all are in place they push: force by force, since a robot's command of a velocity just
-   above its own is a command of an acceleration (`pushing`). If one loses its place, they stop.
+4. when those in place can move the payload along its way without turning it, they push: force by
+   force, since a command of a velocity just above its own accelerates a robot (`pushing`).
 
-Whatever they do, they avoid surfaces and each other as `scripted` does; robots without a place
-give way. What is remembered from step to step are the faces, the places, and whether they push, so
-that small changes do not send robots around the payload.
+On their way robots avoid surfaces and each other as in `scripted`; robots without a place give way.
+In their places they only avoid surfaces: what they command there, the payload does not let happen.
+What is remembered from step to step are the faces, the places, and whether they push, so that small
+changes do not send robots around the payload.
+
+It brings the payload to a position; it does not turn it to a wanted direction.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
@@ -21,26 +24,20 @@ import math
 import numpy as np
 from numba import njit
 
-from swarmdata.behavior_policies.avoidance import (
-    BRAKE,
-    SURFACE_MARGIN,
-    robot_half_planes,
-    surface_half_planes,
-)
-from swarmdata.behavior_policies.distance_field import MARGIN, Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
+from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
 from swarmdata.behavior_policies.noise import add_noise, check_noise
-from swarmdata.behavior_policies.orca import damper_half_plane, solve
-from swarmdata.behavior_policies.planner import (
-    UNPLANNED,
-    free_distance,
-    n_primitives,
-    primitives_of,
-    waypoint,
+from swarmdata.behavior_policies.orca import solve
+from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
+from swarmdata.behavior_policies.push_moves import (
+    away_from_surfaces,
+    follow_place,
+    go_to_place,
+    keep_clear,
+    payload_half_plane,
 )
 from swarmdata.behavior_policies.push_slots import MAX_SLOTS, NONE, choose_slots
 from swarmdata.behavior_policies.pushing import (
-    ASIDE,
-    AWAY,
     assign_slots,
     contact,
     possible_way,
@@ -48,148 +45,20 @@ from swarmdata.behavior_policies.pushing import (
     stands,
 )
 from swarmdata.behavior_policies.scripted import turned_right
-from swarmdata.behavior_policies.simple import APPROACH_RATE
-from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings, way_around
+from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.geometry import CIRCLE, nearest
+from swarmdata.geometry import CIRCLE
 from swarmdata.registry import make_task
 from swarmdata.spec import TaskSpec, TransportRules
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
-from swarmdata.types import Bool, Double, Float, Int, Step
-
-STANDOFF = 0.03
-"""Gap (m) to the payload at which a robot waits until it is beside its place."""
-
-FUNNEL = 0.25
-"""Most metres by which a robot stays farther off while it is not beside its place."""
-
-SHY, SHYNESS = 0.15, 0.2
-"""Metres of free gap below which the payload's way turns from a surface, and how much at contact."""
+from swarmdata.types import Double, Float, Int, Step
 
 SIDE_ROOM = 0.15
 """Metres beside the payload that its way keeps free where it can, for robots at its sides."""
 
 STALE = 0.25
 """Metres that the payload moves before the robots' ways to it are planned anew."""
-
-KEEP = 0.35
-"""Metres that robots without a place keep from the payload and its way."""
-
-AHEAD = 1.5
-"""Metres of the payload's way that they keep clear."""
-
-
-@njit(nogil=True, cache=True)
-def _follow_place(
-    robot: Double,
-    body: Double,
-    push: tuple[float, float, float, float],
-    force: float,
-    dt: float,
-    out: Double,
-) -> None:
-    """Writes the velocity of a robot in its place: with the payload, and pushing by `force` N.
-
-    A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
-    """
-    nx, ny, left, off = push
-    ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
-    if force > 0.0:
-        ahead = max(ahead, robot[2] * nx + robot[3] * ny + force * dt)
-    side = body[3] * nx - body[2] * ny + APPROACH_RATE * left
-    out[0], out[1], out[2] = ahead * nx - side * ny, ahead * ny + side * nx, 1.0
-
-
-@njit(nogil=True, cache=True)
-def _go_to_place(
-    i: int,
-    limits: Double,
-    body: Double,
-    shape: Shape,
-    slot: Double,
-    team: tuple[Double, Bool],
-    rings: tuple[Double, Bool],
-    ground: tuple[Float, Double],
-    ways: tuple[Int32, Int32],
-    out: Double,
-) -> None:
-    """Writes the velocity of a robot on its way to its place."""
-    robot, radius = team[0][i], limits[i, 0]
-    x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
-    dx, dy = slot[0] - x, slot[1] - y
-    along, off = dy * nx - dx * ny, dx * nx + dy * ny
-    to_x, to_y = slot[0], slot[1]
-    if abs(along) >= ASIDE or not -AWAY < off < 0.3:
-        back = STANDOFF + min(abs(along), FUNNEL)  # straight in, between others
-        to_x, to_y = slot[0] - back * nx, slot[1] - back * ny
-        if free_distance(to_x, to_y, ground[0], ground[1]) < radius + MARGIN:
-            to_x, to_y = slot[0] - STANDOFF * nx, slot[1] - STANDOFF * ny
-        end = (to_x, to_y)
-        found, to_x, to_y = way_around(body, shape, i, end, radius, ground, rings, team)
-        if not found:
-            to_x, to_y = waypoint((x, y), body[:2], radius, ground[0], ways, ground[1])
-    dx, dy = to_x - x, to_y - y
-    d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
-    left = math.sqrt((slot[0] - x) ** 2 + (slot[1] - y) ** 2)
-    speed = min(limits[i, 1], APPROACH_RATE * left)
-    out[0], out[1], out[2] = dx / d * speed, dy / d * speed, 1.0
-
-
-@njit(nogil=True, cache=True)
-def _keep_clear(
-    robot: Double, limits: Double, body: Double, way: tuple[float, float], reach: float, out: Double
-) -> None:
-    """Writes the velocity of a robot without a place: away from the payload and its way."""
-    dx, dy = robot[0] - body[0], robot[1] - body[1]
-    ahead, aside = dx * way[0] + dy * way[1], dy * way[0] - dx * way[1]
-    room = reach + limits[0] + KEEP
-    out[:] = 0.0
-    out[2] = 0.1
-    speed = 0.5 * limits[1]
-    if 0.0 < ahead < AHEAD and abs(aside) < room:
-        sign = speed if aside >= 0.0 else -speed
-        out[0], out[1] = -sign * way[1], sign * way[0]
-    elif dx * dx + dy * dy < room * room:
-        d = max(math.sqrt(dx * dx + dy * dy), 1e-9)
-        out[0], out[1] = dx / d * speed, dy / d * speed
-
-
-@njit(nogil=True, cache=True)
-def _payload_half_plane(
-    robot: Double, radius: float, body: Double, row: Float, planes: Double, n: int
-) -> int:
-    """Adds the velocities with which a robot does not run into the payload; returns the count."""
-    d, vx, vy = nearest(robot[0], robot[1], row)
-    if not 0.0 < d < radius + 0.4:
-        return n
-    nx, ny = vx / d, vy / d
-    bound = (d - radius - SURFACE_MARGIN) / BRAKE + body[2] * nx + body[3] * ny
-    damper_half_plane(nx, ny, bound, planes[n])
-    return n + 1
-
-
-@njit(nogil=True, cache=True)
-def _away_from_surfaces(
-    body: Double, aim: tuple[float, float], reach: float, ground: tuple[Float, Double]
-) -> tuple[float, float]:
-    """The direction of `aim`, turned away from a surface that is near, as a unit vector."""
-    x, y = body[0], body[1]
-    grid, half = ground
-    length = max(math.sqrt(aim[0] * aim[0] + aim[1] * aim[1]), 1e-9)
-    wx, wy = aim[0] / length, aim[1] / length
-    push = min(max(1.0 - (free_distance(x, y, grid, half) - reach) / SHY, 0.0), 1.0)
-    if push > 0.0:
-        e = 0.5 * SHY
-        gx = free_distance(x + e, y, grid, half) - free_distance(x - e, y, grid, half)
-        gy = free_distance(x, y + e, grid, half) - free_distance(x, y - e, grid, half)
-        steep = max(math.sqrt(gx * gx + gy * gy), 1e-9)
-        gx, gy = gx / steep, gy / steep
-        turn = push * (SHYNESS - min(wx * gx + wy * gy, 0.0))
-        wx, wy = wx + turn * gx, wy + turn * gy
-        length = max(math.sqrt(wx * wx + wy * wy), 1e-9)
-        wx, wy = wx / length, wy / length
-    return wx, wy
 
 
 @njit(nogil=True, cache=True)
@@ -269,8 +138,10 @@ def _aim(
     memory: Int,
     aims: Double,
 ) -> None:
-    """Writes the velocity every robot would take alone, how far it has to go, and whether it may
-    touch the payload, [N, 4]."""
+    """Writes what every robot would do alone, [N, 4].
+
+    That is its velocity, m/s; a distance to its goal, for the right of way; and 1 in its place.
+    """
     n = now.shape[0]
     slots, forces = np.empty((MAX_SLOTS, 4)), np.empty(n)
     k = _plan(now, body, shape, way, limits, payload, ground, memory, slots)
@@ -283,13 +154,13 @@ def _aim(
         aims[i, 3] = 1.0 if standing[i] else 0.0
         if place < 0:
             reach = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
-            _keep_clear(now[i], limits[i], body, way, reach, aims[i])
+            keep_clear(now[i], limits[i], body, way, reach, aims[i])
         elif standing[i]:
             push = contact(now[i], limits[i, 3], body, shape, slots[place])
-            _follow_place(now[i], body, push, forces[i], dt, aims[i])
+            follow_place(now[i], body, push, forces[i], dt, aims[i])
         else:
             team, slot = (now, standing), slots[place]
-            _go_to_place(i, limits, body, shape, slot, team, rings, ground, ways, aims[i])
+            go_to_place(i, limits, body, shape, slot, team, rings, ground, ways, aims[i])
 
 
 @njit(nogil=True, cache=True)
@@ -301,8 +172,7 @@ def act_copies(
     payload: Double,
     dt: float,
     half: Double,
-    primitives: Float,
-    grids: Float,
+    maps: tuple[Float, Float],
     ways: tuple[Int32, Int32, Int32, Int32],
     planned: Double,
     memory: Int,
@@ -320,15 +190,14 @@ def act_copies(
             radius of its way, m; [6].
         dt: control step, s.
         half: half width and half height of the arena, m, [2].
-        primitives: convex obstacles, [E, P, 8].
-        grids: clearances, m, [E, rows, columns].
+        maps: convex obstacles, [E, P, 8]; clearances, m, [E, rows, columns].
         ways: costs and next nodes of the payload's way to its goal and of the robots' to the
             payload, each [E, n].
         planned: where the payload was when the latter were planned, m, [E, 2].
         memory: see `_plan`, [E, 4 + N].
         out: written, m/s, [E, N, 2].
     """
-    n_robots = robots.shape[1]
+    (primitives, grids), n_robots = maps, robots.shape[1]
     planes = np.empty((primitives.shape[1] + 5 + 2 * n_robots, 4))
     aims, row = np.empty((n_robots, 4)), np.empty(8, np.float32)
     for b in range(robots.shape[0]):
@@ -339,7 +208,7 @@ def act_copies(
         x, y = waypoint(
             (body[0], body[1]), now[0, 4:6], payload[5], grids[b], (ways[0][b], ways[1][b]), half
         )
-        way = _away_from_surfaces(body, (x - body[0], y - body[1]), payload[5], ground)
+        way = away_from_surfaces(body, (x - body[0], y - body[1]), payload[5], ground)
         _aim(
             now, body, shape, way, limits, payload, dt, ground,
             (ways[2][b], ways[3][b]), memory[b], aims,
@@ -350,7 +219,7 @@ def act_copies(
             n_hard = surface_half_planes(now[i, 0], now[i, 1], radius, primitives[b], half, planes)
             n, aim = n_hard, (aims[i, 0], aims[i, 1])
             if aims[i, 3] == 0.0:
-                n_hard = _payload_half_plane(now[i], radius, body, row, planes, n_hard)
+                n_hard = payload_half_plane(now[i], radius, body, row, planes, n_hard)
                 n = robot_half_planes(i, now, limits[:, 0], aims, n_hard, planes)
                 aim = turned_right(i, now, aim)
             out[b, i, 0], out[b, i, 1] = solve(planes, n, n_hard, limits[i, 1], aim)
@@ -366,8 +235,8 @@ class TransportScript:
         noise: standard deviation of the Gaussian noise on each action component.
 
     Raises:
-        SpecError: the task is not `transport`, a robot is not holonomic, or `noise` is not a
-            standard deviation.
+        SpecError: the task is not `transport` or has a goal angle, a robot is not holonomic, or
+            `noise` is not a standard deviation.
     """
 
     uses_state = True
@@ -376,6 +245,11 @@ class TransportScript:
         rules = spec.rules
         if not isinstance(rules, TransportRules):
             raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+        if rules.goal_angle is not None:
+            raise SpecError(
+                f"rules.goal_angle is {rules.goal_angle:g}; the scripted policy of transport "
+                "brings the payload to a position only. Leave goal_angle out."
+            )
         for name, robot in zip(spec.agent_names, spec.robots, strict=True):
             if robot.dynamics != "holonomic":
                 raise SpecError(
@@ -450,7 +324,7 @@ class TransportScript:
         velocities: Double = np.empty((e, n, 2))
         act_copies(
             robots, bodies, self._shape, self._limits, self._payload, self._dt, self._half,
-            self._primitives, self._grids, self._ways, self._planned, self._memory, velocities,
+            (self._primitives, self._grids), self._ways, self._planned, self._memory, velocities,
         )  # fmt: skip
         speeds, most = self._limits[:, 1:2], self._limits[:, 2:3]
         push = (velocities - robots[..., 2:4]) / (self._dt * most)

@@ -145,7 +145,8 @@ def _relax(points: Double, tolls: Double, costs: Double) -> None:
 
     Args:
         points: m, [N_POINTS, 2].
-        tolls: what entering a point costs beside the way, m, infinite where it cannot be, [N_POINTS].
+        tolls: what entering a point costs beside the way, m, infinite where a robot cannot be,
+            [N_POINTS].
         costs: read and written, m, [N_POINTS].
     """
     again = True

@@ -14,13 +14,13 @@ Action: a command (`dynamics`).
 Observation: that of the observation model, then, in the world's frame, all relative to the robot
 or the payload:
 
-    payload_x, payload_y            payload's centre minus the robot's, m
-    near_x, near_y                  the payload's nearest point minus the robot's centre, m
-    payload_vx, payload_vy          velocity of the payload, m/s
-    payload_goal_x, payload_goal_y  goal minus the payload's centre, m
-    axis_x, axis_y                  direction of its long axis, a unit vector (a box only)
-    turn                            turn rate times the distance of a corner, m/s (a box only)
-    goal_axis_x, goal_axis_y        direction that the axis shall have (with `goal_angle` only)
+    payload_x, _y             payload's centre minus the robot's, m
+    payload_near_x, _y        the payload's nearest point minus the robot's centre, m
+    payload_velocity_x, _y    velocity of the payload, m/s
+    payload_goal_x, _y        goal minus the payload's centre, m
+    payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
+    payload_turn              turn rate times the distance of a corner, m/s (a box only)
+    goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
 
 A box looks the same after half a turn, so an axis has two directions. Of the payload's axis, the
 one given makes an angle of at most 90 degrees with `goal_axis`, or, without a goal angle, with the
@@ -43,17 +43,17 @@ must fit in any direction; it starts with `room` around it, in which robots can 
 its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine, so that the last
 bits of a box's episodes are the C library's; those of a circle's depend on none.
 
-Metrics: `METRICS`, and with `goal_angle` `ANGLE_METRIC`.
+Metrics: `METRICS`.
 """
 
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
 
-from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.payload import (
     Shape,
     count_contacts,
@@ -62,123 +62,17 @@ from swarmdata.envs.payload import (
     place_row,
     shape_of,
 )
-from swarmdata.envs.spawn import SpawnPlan, place_obstacles, place_points
+from swarmdata.envs.spawn import SpawnPlan
+from swarmdata.envs.transport_spawn import draw_episodes
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
-from swarmdata.geometry import BOX, CIRCLE, nearest
-from swarmdata.seeding import STREAMS
+from swarmdata.geometry import BOX, nearest
 from swarmdata.spec import Payload, TaskSpec, TransportRules
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 
 ANY_ANGLE = 2.0
 """Largest sine of a payload's angle to the goal's where any will do."""
-
-_LAYOUT = STREAMS["layout"]
-
-
-@njit(nogil=True, cache=True)
-def _draw_direction(bits: np.uint64, out: Float) -> None:
-    """Writes a rational point of the unit circle, [2]."""
-    t = 2.0 * to_uniform(absorb(bits, 0)) - 1.0
-    sign = 1.0 if to_uniform(absorb(bits, 1)) < 0.5 else -1.0
-    out[0] = sign * (1.0 - t * t) / (1.0 + t * t)
-    out[1] = sign * 2.0 * t / (1.0 + t * t)
-
-
-@njit(nogil=True, cache=True)
-def _place(
-    state: Seeds,
-    sizes: Double,
-    half: Double,
-    radii: Double,
-    room: Double,
-    layout: Float,
-    robots: Float,
-    body: Float,
-) -> bool:
-    """Draws obstacles, the payload and its goal, then the robots; False if one found no place.
-
-    Args:
-        state: of the generator, [1].
-        sizes: obstacles to draw, from `spawn.size_table`, [M, 4].
-        half: half width and half height of the arena, m, [2].
-        radii: m, [N].
-        room: payload's bounding radius; gap between obstacles; free around the payload's start and
-            goal; smallest distance between these; clearance and separation of robots; all m, [7].
-        layout: written, [M, 8].
-        robots: written, columns `states.ROBOT`, [N, 8].
-        body: written, [7].
-    """
-    if not place_obstacles(state, sizes, half, room[1], layout):
-        return False
-    radius, start, goal = room[0:1], np.zeros((1, 2), np.float32), np.zeros((1, 2), np.float32)
-    margins = np.array([room[2], 0.0])
-    if not place_points(state, layout, half, radius, margins, start, start, 0.0):
-        return False
-    margins[0] = room[3]
-    if not place_points(state, layout, half, radius, margins, goal, start, room[4]):
-        return False
-    body[0:2] = start[0]
-    for i in range(radii.shape[0]):
-        robots[i, TX], robots[i, TY] = goal[0, 0], goal[0, 1]
-    around = np.zeros((layout.shape[0] + 1, 8), np.float32)  # the payload is in the robots' way
-    around[:-1] = layout
-    around[-1, 0], around[-1, 1], around[-1, 2] = CIRCLE, body[0], body[1]
-    around[-1, 5] = around[-1, 6] = radius[0]
-    starts = robots[:, X : Y + 1]
-    return place_points(state, around, half, radii, room[5:7], starts, starts, 0.0)
-
-
-@njit(nogil=True, cache=True)
-def draw_episodes(
-    seeds: Seeds,
-    copies: Int,
-    sizes: Double,
-    half: Double,
-    team: tuple[Double, Bool],
-    room: Double,
-    max_attempts: int,
-    layouts: Float,
-    states: Float,
-) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        sizes: obstacles to draw, [M, 4].
-        half: half width and half height of the arena, m, [2].
-        team: radii, m, and whether a heading is drawn, each [N].
-        room: see `_place`, [7].
-        max_attempts: whole layouts to try before giving up.
-        layouts: written, [E, M, 8].
-        states: written, [E, S].
-    """
-    radii, turns = team
-    n = radii.shape[0]
-    first = N_COLUMNS * n
-    generator = np.empty(1, np.uint64)
-    for k in range(copies.shape[0]):
-        state, layout = states[copies[k]], layouts[copies[k]]
-        robots, body = state[:first].reshape(n, N_COLUMNS), state[first : first + len(BODY)]
-        key = absorb(seeds[k], _LAYOUT)
-        generator[0] = key
-        for attempt in range(max_attempts + 1):
-            if attempt == max_attempts:
-                return k
-            if _place(generator, sizes, half, radii, room, layout, robots, body):
-                break
-        for i in range(n):
-            robots[i, VX] = robots[i, VY] = robots[i, UY] = 0.0
-            robots[i, UX] = 1.0
-            if turns[i]:
-                _draw_direction(absorb(key, 2 + i), robots[i, UX : UY + 1])
-        body[2] = body[3] = body[6] = 0.0
-        _draw_direction(absorb(key, 0), body[4:6])
-        if state.shape[0] > first + len(BODY):
-            _draw_direction(absorb(key, 1), state[first + len(BODY) :])
-    return copies.shape[0]
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -291,18 +185,15 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "push_share": Metric(
             "pushing", "", "neither", "share of robot steps in contact with the payload"
         ),
+        "payload_angle": Metric(
+            "payload angle",
+            "rad",
+            "lower",
+            "angle of the payload's axis to its goal's at the end; 0 where any will do",
+        ),
     }
 )
 """What this task measures besides `metrics.EPISODE_METRICS`."""
-
-ANGLE_METRIC: Mapping[str, Metric] = MappingProxyType(
-    {
-        "payload_angle": Metric(
-            "payload angle", "rad", "lower", "angle of the payload to its goal's at the end"
-        )
-    }
-)
-"""Measured too where the goal has an angle."""
 
 
 class Transport:
@@ -311,6 +202,8 @@ class Transport:
     Raises:
         SpecError: the spec is another task's, or its obstacles leave no room for the payload.
     """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules
@@ -330,7 +223,6 @@ class Transport:
         is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
         self.extras: tuple[str, ...] = ("goal_ux", "goal_uy") if is_posed else ()
         self.features = _features(is_box, is_posed)
-        self.metrics: Mapping[str, Metric] = {**METRICS, **(ANGLE_METRIC if is_posed else {})}
         self._shape = shape_of(rules.payload)
         # rounded, so that it is the same number whatever the C library's sine is
         sine = ANY_ANGLE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
@@ -373,22 +265,25 @@ class Transport:
         distance, sine = goal_error(episode.states[-1], first)
         pushes = count_pushes(positions, radii, bodies[1:], self._shape)
         steps = np.diff(bodies[:, :2].astype(np.float64), axis=0)
-        values = {
+        return {
             "payload_distance": distance,
             "payload_path": float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
             "payload_contacts": float(count_contacts(bodies, self._shape, episode.layout, half)),
             "push_share": pushes / (n * len(episode)),
+            "payload_angle": math.asin(min(sine, 1.0)),
         }
-        return values | ({"payload_angle": math.asin(min(sine, 1.0))} if self.extras else {})
 
 
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
     found = (
-        *vector("payload", "position"),
-        *vector("near", "position"),
-        *vector("payload_velocity", "velocity"),
-        *vector("payload_goal", "position"),
+        *vector("payload", "position", "the payload's centre, from the robot"),
+        *vector("payload_near", "position", "the payload's nearest point, from the robot"),
+        *vector("payload_velocity", "velocity", "velocity of the payload"),
+        *vector("payload_goal", "position", "goal, from the payload's centre"),
     )
     if is_box:
-        found += (*vector("axis", "direction"), Feature("turn", "velocity"))
-    return found + (vector("goal_axis", "direction") if is_posed else ())
+        turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
+        found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
+    if is_posed:
+        found += vector("goal_axis", "direction", "direction that the axis shall have")
+    return found
