@@ -51,14 +51,14 @@ def place_row(body: Float, shape: Shape, row: Float) -> None:
 @njit(nogil=True, cache=True)
 def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
     """Corner k of a bar of an obstacle: the bar along -y, then along -x, then along +x."""
-    a, b, t = float(row[5]), float(row[6]), float(row[7])
+    a, b, t = np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
     cx, cy, hx, hy = 0.0, 0.0, a, b
     if row[0] > BOX:
         cx, cy = (0.0, t - b) if bar == 0 else (t - a if bar == 1 else a - t, 0.0)
         hx, hy = (a, t) if bar == 0 else (t, b)
     lx, ly = cx + (hx if k % 2 == 0 else -hx), cy + (hy if k < 2 else -hy)
-    ux, uy = float(row[3]), float(row[4])
-    return float(row[1]) + lx * ux - ly * uy, float(row[2]) + lx * uy + ly * ux
+    ux, uy = np.float64(row[3]), np.float64(row[4])
+    return np.float64(row[1]) + lx * ux - ly * uy, np.float64(row[2]) + lx * uy + ly * ux
 
 
 @njit(nogil=True, cache=True)
@@ -73,10 +73,12 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
         obstacle: columns `geometry.OBSTACLE`, [8].
     """
     if row[0] == CIRCLE:
-        return max(nearest(float(row[1]), float(row[2]), obstacle)[0] - float(row[5]), 0.0)
+        return max(
+            nearest(np.float64(row[1]), np.float64(row[2]), obstacle)[0] - np.float64(row[5]), 0.0
+        )
     if obstacle[0] == CIRCLE:
-        d = nearest(float(obstacle[1]), float(obstacle[2]), row)[0]
-        return max(d - float(obstacle[5]), 0.0)
+        d = nearest(np.float64(obstacle[1]), np.float64(obstacle[2]), row)[0]
+        return max(d - np.float64(obstacle[5]), 0.0)
     gap = math.inf
     for k in range(4):
         x, y = _corner(row, 0, k)
@@ -97,7 +99,7 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
         wall: which wall, as in `geometry.wall_gap`.
     """
     if row[0] == CIRCLE:
-        return wall_gap(float(row[1]), float(row[2]), half, wall) - float(row[5])
+        return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
     gap = math.inf
     for k in range(4):
         x, y = _corner(row, 0, k)
@@ -154,6 +156,6 @@ def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -
     for t in range(bodies.shape[0]):
         place_row(bodies[t], shape, row)
         for i in range(radii.shape[0]):
-            d = nearest(float(positions[t, i, 0]), float(positions[t, i, 1]), row)[0]
+            d = nearest(np.float64(positions[t, i, 0]), np.float64(positions[t, i, 1]), row)[0]
             count += d - radii[i] <= TOUCH
     return count

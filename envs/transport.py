@@ -83,12 +83,12 @@ def goal_error(state: Float, first: int) -> tuple[float, float]:
         state: [S].
         first: where the payload begins.
     """
-    dx = float(state[TX]) - float(state[first])
-    dy = float(state[TY]) - float(state[first + 1])
+    dx = np.float64(state[TX]) - np.float64(state[first])
+    dy = np.float64(state[TY]) - np.float64(state[first + 1])
     sine = 0.0
     if state.shape[0] > first + 7:
-        ux, uy = float(state[first + 4]), float(state[first + 5])
-        sine = abs(ux * float(state[first + 8]) - uy * float(state[first + 7]))
+        ux, uy = np.float64(state[first + 4]), np.float64(state[first + 5])
+        sine = abs(ux * np.float64(state[first + 8]) - uy * np.float64(state[first + 7]))
     return math.sqrt(dx * dx + dy * dy), sine
 
 
@@ -130,9 +130,9 @@ def score_transport(
         place_row(after[b, first:], shape, new)
         for i in range(n):
             x, y = before[b, N_COLUMNS * i], before[b, N_COLUMNS * i + 1]
-            gap = nearest(float(x), float(y), old)[0]
+            gap = nearest(np.float64(x), np.float64(y), old)[0]
             x, y = after[b, N_COLUMNS * i], after[b, N_COLUMNS * i + 1]
-            gap -= nearest(float(x), float(y), new)[0]
+            gap -= nearest(np.float64(x), np.float64(y), new)[0]
             rewards[b, i] = team + weights[2] * gap
 
 
@@ -155,20 +155,27 @@ def write_transport_features(states: Float, active: Bool, shape: Shape, out: Flo
             continue
         state, body = states[b], states[b, first:]
         place_row(body, shape, row)
-        gx, gy = float(state[TX]) - float(body[0]), float(state[TY]) - float(body[1])
+        gx, gy = (
+            np.float64(state[TX]) - np.float64(body[0]),
+            np.float64(state[TY]) - np.float64(body[1]),
+        )
         is_posed = body.shape[0] > 7
-        wx, wy = (float(body[7]), float(body[8])) if is_posed else (gx, gy)
-        ux, uy = float(body[4]), float(body[5])
+        wx, wy = (np.float64(body[7]), np.float64(body[8])) if is_posed else (gx, gy)
+        ux, uy = np.float64(body[4]), np.float64(body[5])
         sign = 1.0 if ux * wx + uy * wy >= 0.0 else -1.0
         for i in range(n):
-            own, x, y = out[b, i], float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
-            own[0], own[1] = float(body[0]) - x, float(body[1]) - y
+            own, x, y = (
+                out[b, i],
+                np.float64(state[N_COLUMNS * i]),
+                np.float64(state[N_COLUMNS * i + 1]),
+            )
+            own[0], own[1] = np.float64(body[0]) - x, np.float64(body[1]) - y
             _, own[2], own[3] = nearest(x, y, row)
             own[4], own[5] = body[2], body[3]
             own[6], own[7] = gx, gy
             if is_box:
                 own[8], own[9] = sign * ux, sign * uy
-                own[10] = float(body[6]) * arm
+                own[10] = np.float64(body[6]) * arm
             if is_posed:
                 own[11], own[12] = wx, wy
 
@@ -275,7 +282,7 @@ class Transport:
 
 
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
-    found = (
+    found: tuple[Feature, ...] = (
         *vector("payload", "position", "the payload's centre, from the robot"),
         *vector("payload_near", "position", "the payload's nearest point, from the robot"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
