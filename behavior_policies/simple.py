@@ -1,11 +1,15 @@
 """Three policies without skill: stand still, move at random, drive straight at the goal."""
 
 import numpy as np
+from numba import njit
 
+from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.noise import counters
+from swarmdata.behavior_policies.tracking import command_of
+from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.seeding import uniform
 from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, Y, robots_of
+from swarmdata.states import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 
 APPROACH_RATE = 2.0
@@ -44,16 +48,18 @@ class Random:
 
 
 class Straight:
-    """Every robot drives straight at its goal and brakes near it; it avoids nothing.
+    """Every robot drives straight at its target and brakes near it; it avoids nothing.
 
-    It reads positions and goals from `step.states`, so that it is the same policy under every
-    observation model.
+    It reads positions and targets from `step.states`, so that it is the same policy under every
+    observation model. A unicycle turns towards its target while it drives.
     """
 
     uses_state = True
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._max_speeds = np.array([[robot.max_speed] for robot in spec.robots])  # [N, 1]
+        self._limits, self._dt = limits_of(spec), spec.control_dt
+        self._rates = APPROACH_RATE / scales_of(spec)[:, TIME:LENGTH]  # [N, 1]
+        self._max_speeds = self._limits[:, SPEED:ACCELERATION]  # [N, 1]
         self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -61,10 +67,32 @@ class Straight:
 
     def act(self, step: Step) -> Float:
         robots = robots_of(step.states, self._shape[0]).astype(np.float64)
-        command = APPROACH_RATE * (robots[..., TX:] - robots[..., : Y + 1]) / self._max_speeds
+        wishes = self._rates * (robots[..., TX:] - robots[..., : Y + 1]) / self._max_speeds
+        commands = clip_norm(wishes)
+        _track(robots, self._max_speeds * commands, self._limits, self._dt, commands)
         actions = np.zeros((len(robots), *self._shape), dtype=np.float32)
-        actions[..., :2] = clip_norm(command)
+        actions[..., :2] = commands
         return actions
+
+
+@njit(nogil=True, cache=True)
+def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: Double) -> None:
+    """Replaces commands of robots that are not driven by velocity in any direction.
+
+    Args:
+        robots: columns `states.ROBOT`, [E, N, 8].
+        wishes: velocities, m/s, [E, N, 2].
+        limits: `dynamics.limits_of`, [N, 5].
+        dt: control step, s.
+        commands: written, [E, N, 2].
+    """
+    nothing = np.empty((0, 4))
+    for b in range(robots.shape[0]):
+        for i in range(robots.shape[1]):
+            if limits[i, UNICYCLE] == 1.0 or limits[i, BY_VELOCITY] == 0.0:
+                robot, wish = robots[b, i], (wishes[b, i, 0], wishes[b, i, 1])
+                moving, heading = (robot[VX], robot[VY]), (robot[UX], robot[UY])
+                command_of(moving, heading, wish, limits[i], nothing, 0, dt, commands[b, i])
 
 
 def clip_norm(vectors: Double) -> Double:

@@ -26,6 +26,7 @@ from numba import njit
 
 from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
 from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.navigator import turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
@@ -44,7 +45,6 @@ from swarmdata.behavior_policies.pushing import (
     push_forces,
     stands,
 )
-from swarmdata.behavior_policies.scripted import turned_right
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError

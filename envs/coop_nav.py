@@ -1,16 +1,32 @@
-"""Cooperative navigation: N robots drive to their own goals among obstacles and each other.
+"""Cooperative navigation: N robots drive to goals among obstacles and each other.
 
-State: the robots (`states.ROBOT`); a robot's target is its goal.
+State: the robots (`states.ROBOT`). With `goals: assigned`, robot i's target is its goal, for the
+whole episode. With `goals: unassigned`, the N goals belong to nobody and follow as `goal_0_x`,
+`goal_0_y`, ... (m); robot i's target is then the nearest goal that it covers itself or no robot
+does (with equal distances, the first).
 Action: a command (`dynamics`).
-Observation: that of the observation model; the task adds nothing.
+Observation: that of the observation model, which shows the target. Unassigned goals add all goals
+to it, nearest first: `goal_k.offset` (m, goal minus own position) and `goal_k.is_taken` (1 if
+another robot covers the goal, the first if several do).
+
+A robot has reached its goal, and a goal is covered, where their distance is at most `goal_radius`.
+Goals are more than two radii apart, so a robot covers at most one.
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance to its goal before
 (d') and after the step, and [x] one if x holds, else zero:
 
-    w.progress (d' - d) - w.time [d > goal_radius]
+    assigned:    w.progress (d' - d) - w.time [d > goal_radius]
+    unassigned:  (w.progress (D' - D) - w.time * goals not covered) / N,  the same for all robots
 
-`engine.TaskEnv` adds what all tasks share. Solved: all robots within `goal_radius` of their goals
-at the same time.
+where D is the sum of distances from robots to goals under the assignment that makes it least. So
+the sum over the team is w.progress times what is less left to drive, and w.time for each goal not
+reached, in both. `engine.TaskEnv` adds what all tasks share.
+
+Solved: all robots have reached their goals at the same time, or all goals are covered.
+Metric: `reached_fraction`, the share of goals reached or covered in the last state.
+
+Layouts: `arrangement: {kind: random}` draws obstacles, starts and goals (`spawn`); the others are
+fixed hard ones (`arrangements`).
 """
 
 import math
@@ -21,11 +37,19 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from swarmdata.assignment import assignment_work
+from swarmdata.envs.arrangements import arrange
+from swarmdata.envs.coverage import (
+    goal_features,
+    score_coverage,
+    share_goals,
+    write_goal_features,
+)
 from swarmdata.envs.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
 from swarmdata.spec import NavigationRules, Payload, TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, robots_of
+from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 
 
@@ -74,7 +98,7 @@ def _goal_distance(state: Float, i: int) -> float:
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         "reached_fraction": Metric(
-            "robots at goal", "", "higher", "share of robots within the goal radius at the end"
+            "goals reached", "", "higher", "share of goals reached or covered in the last state"
         )
     }
 )
@@ -85,35 +109,76 @@ class CoopNav:
     """Implements `interfaces.Task`.
 
     Raises:
-        SpecError: the spec is another task's.
+        SpecError: the spec is another task's, or contradicts itself.
     """
 
     metrics: ClassVar[Mapping[str, Metric]] = METRICS
 
     def __init__(self, spec: TaskSpec) -> None:
-        if not isinstance(spec.rules, NavigationRules):
-            raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
+        rules, n = spec.rules, spec.n_agents
+        if not isinstance(rules, NavigationRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'coop_nav'")
         self.spec = spec
+        is_random = rules.arrangement.kind == "random"
         self._plan = SpawnPlan.of(spec)
+        self._arranged = None if is_random else arrange(spec)
         self.kinds: Int = self._plan.kinds
+        if self._arranged is not None:
+            self.kinds = self._arranged.layout[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras: tuple[str, ...] = ()
         self.features: tuple[Feature, ...] = ()
-        self._radius = spec.rules.goal_radius
-        self._weights = (spec.rules.rewards.progress, spec.rules.rewards.time)
+        self._is_shared = rules.goals == "unassigned"
+        if self._is_shared:
+            _check_separation(spec, rules.goal_radius)
+            self.extras = tuple(f"goal_{k}_{axis}" for k in range(n) for axis in "xy")
+            self.features = goal_features(n)
+        self._radius = rules.goal_radius
+        self._weights = (rules.rewards.progress, rules.rewards.time)
+        self._scratch = (np.zeros((n, n)), *assignment_work(n))
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        spawn_random(self._plan, seeds, copies, layouts, robots_of(states, self.spec.n_agents))
+        robots = robots_of(states, self.spec.n_agents)
+        if self._arranged is not None:
+            self._arranged.spawn(seeds, copies, layouts, robots)
+        else:
+            spawn_random(self._plan, seeds, copies, layouts, robots)
+        if self._is_shared:
+            share_goals(states, copies, self.spec.n_agents, self._radius)
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
-        score_navigation(
-            before.states, now.states, active, self._radius, self._weights, rewards, solved
-        )
+        if self._is_shared:
+            score_coverage(
+                before.states, now.states, active, self._radius, self._weights, self._scratch,
+                rewards, solved,
+            )  # fmt: skip
+        else:
+            score_navigation(
+                before.states, now.states, active, self._radius, self._weights, rewards, solved
+            )
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes nothing: the task adds no features."""
+        if self._is_shared:
+            write_goal_features(states, active, self.spec.n_agents, self._radius, out)
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
-        robots = robots_of(episode.states[-1], self.spec.n_agents).astype(np.float64)
-        away = np.hypot(robots[:, TX] - robots[:, 0], robots[:, TY] - robots[:, 1])
-        return {"reached_fraction": float((away <= self._radius).mean())}
+        n, last = self.spec.n_agents, episode.states[-1]
+        robots = robots_of(last, n).astype(np.float64)
+        places, goals = robots[:, [X, Y]], robots[:, [TX, TY]]
+        if self._is_shared:
+            goals = last[N_COLUMNS * n :].reshape(n, 1, 2).astype(np.float64)
+        away = np.sqrt(((goals - places) ** 2).sum(axis=-1))  # [N], or [goals, robots]
+        reached = (away <= self._radius) if away.ndim == 1 else (away <= self._radius).any(axis=1)
+        return {"reached_fraction": float(reached.mean())}
+
+
+def _check_separation(spec: TaskSpec, goal_radius: float) -> None:
+    """Raises unless no robot can cover two unassigned goals."""
+    radii = sorted(robot.radius for robot in spec.robots)
+    apart = sum(radii[:2]) + spec.spawn.goal_separation
+    if spec.n_agents > 1 and apart <= 2 * goal_radius:
+        raise SpecError(
+            f"unassigned goals can be {apart:.3f} m apart (two radii and spawn.goal_separation), "
+            f"expected more than two goal radii ({2 * goal_radius:.3f} m), so that no robot covers "
+            "two. Enlarge spawn.goal_separation or reduce rules.goal_radius."
+        )

@@ -21,7 +21,8 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds
 TRIES = 64
 """Draws of one place before the whole layout is drawn anew."""
 
-_STREAM = (STREAMS["layout"] + 1) * GOLDEN % 2**64
+LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN % 2**64
+"""What is added to an episode's seed to start the generator of its layout."""
 
 SizeTable = Double
 """One row per obstacle: kind, smallest and largest half length, half thickness, [M, 4]."""
@@ -40,7 +41,7 @@ def size_table(spec: TaskSpec) -> SizeTable:
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _next(state: Seeds) -> float:
+def next_uniform(state: Seeds) -> float:
     """Advances the generator; returns a multiple of 2**-53 in [0, 1)."""
     state[0] += np.uint64(GOLDEN)
     z = state[0]
@@ -55,11 +56,11 @@ def _shape(state: Seeds, size: Double, row: Float) -> None:
     """Draws shape and orientation; the direction is a rational point of the unit circle."""
     low, high = size[1], size[2]
     row[0] = size[0]
-    row[5] = low + (high - low) * _next(state)
-    row[6] = row[5] if size[0] == CIRCLE else low + (high - low) * _next(state)
+    row[5] = low + (high - low) * next_uniform(state)
+    row[6] = row[5] if size[0] == CIRCLE else low + (high - low) * next_uniform(state)
     row[7] = size[3]
-    t = 2.0 * _next(state) - 1.0
-    sign = 1.0 if _next(state) < 0.5 else -1.0
+    t = 2.0 * next_uniform(state) - 1.0
+    sign = 1.0 if next_uniform(state) < 0.5 else -1.0
     row[3] = sign * (1.0 - t * t) / (1.0 + t * t)
     row[4] = sign * 2.0 * t / (1.0 + t * t)
 
@@ -79,8 +80,8 @@ def place_obstacles(
         for attempt in range(TRIES + 1):
             if attempt == TRIES:
                 return False
-            row[1] = room_x * (2.0 * _next(state) - 1.0)
-            row[2] = room_y * (2.0 * _next(state) - 1.0)
+            row[1] = room_x * (2.0 * next_uniform(state) - 1.0)
+            row[2] = room_y * (2.0 * next_uniform(state) - 1.0)
             if _is_free(row, r, layout, m, gap):
                 break
     return True
@@ -126,8 +127,8 @@ def place_points(
         for attempt in range(TRIES + 1):
             if attempt == TRIES:
                 return False
-            points[i, 0] = (half[0] - radii[i]) * (2.0 * _next(state) - 1.0)
-            points[i, 1] = (half[1] - radii[i]) * (2.0 * _next(state) - 1.0)
+            points[i, 0] = (half[0] - radii[i]) * (2.0 * next_uniform(state) - 1.0)
+            points[i, 1] = (half[1] - radii[i]) * (2.0 * next_uniform(state) - 1.0)
             x, y = float(points[i, 0]), float(points[i, 1])
             dx, dy = float(far[i, 0]) - x, float(far[i, 1]) - y
             free = dx * dx + dy * dy >= min_distance * min_distance
@@ -141,10 +142,10 @@ def place_points(
 
 
 @njit(nogil=True, cache=True)
-def _heading(state: Seeds, robot: Float) -> None:
-    """Draws a heading, a rational point of the unit circle as in `_shape`."""
-    t = 2.0 * _next(state) - 1.0
-    sign = 1.0 if _next(state) < 0.5 else -1.0
+def draw_heading(state: Seeds, robot: Float) -> None:
+    """Draws a heading, a rational point of the unit circle as in `_shape`, into columns UX, UY."""
+    t = 2.0 * next_uniform(state) - 1.0
+    sign = 1.0 if next_uniform(state) < 0.5 else -1.0
     robot[UX] = sign * (1.0 - t * t) / (1.0 + t * t)
     robot[UY] = sign * 2.0 * t / (1.0 + t * t)
 
@@ -180,15 +181,13 @@ def _spawn(
     for k in range(copies.shape[0]):
         b = copies[k]
         starts, goals = robots[b, :, X : Y + 1], robots[b, :, TX : TY + 1]
-        state[0] = seeds[k] + np.uint64(_STREAM)
+        state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
         for attempt in range(max_attempts + 1):
             if attempt == max_attempts:
                 return k
             if not place_obstacles(state, sizes, half, margins[0], layouts[b]):
                 continue
-            if not place_points(
-                state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0
-            ):
+            if not place_points(state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0):
                 continue
             if place_points(
                 state, layouts[b], half, radii, margins[3:5], goals, starts, margins[5]
@@ -198,7 +197,7 @@ def _spawn(
             robots[b, i, VX] = robots[b, i, VY] = robots[b, i, UY] = 0.0
             robots[b, i, UX] = 1.0
             if turns[i]:
-                _heading(state, robots[b, i])
+                draw_heading(state, robots[b, i])
     return copies.shape[0]
 
 
@@ -241,9 +240,7 @@ class SpawnPlan:
         return self.sizes[:, 0].astype(np.int64)
 
 
-def spawn_random(
-    plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
-) -> None:
+def spawn_random(plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
     """Draws obstacles, starts, headings and targets of the episodes `seeds`.
 
     Args:

@@ -11,6 +11,7 @@ from swarmdata.spec import TaskSpec
 TASKS = {
     "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
     "transport": "swarmdata.envs.transport:Transport",
+    "warehouse": "swarmdata.envs.warehouse:Warehouse",
 }
 
 POLICIES = {
@@ -21,7 +22,11 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED = {"transport": "swarmdata.behavior_policies.transport_script:TransportScript"}
+SCRIPTED = {
+    "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
+    "transport": "swarmdata.behavior_policies.transport_script:TransportScript",
+    "warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript",
+}
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 

@@ -144,7 +144,44 @@ class Rewards(Frozen):
 class NavigationRewards(Rewards):
     """Weights of `coop_nav`."""
 
-    progress: NonNegative = 2.0  # per metre that a robot comes closer to its goal
+    progress: NonNegative = 2.0  # per metre that a robot comes closer; see `envs.coop_nav`
+
+
+class RandomArrangement(Frozen):
+    """Obstacles, starts and goals anywhere: `Obstacles` and `Spawn` say how many and how close."""
+
+    kind: Literal["random"] = "random"
+
+
+class Swap(Frozen):
+    """Robots on a circle about the origin, turned by a random angle, with goals opposite."""
+
+    kind: Literal["swap"] = "swap"
+    circle_radius: Positive = 1.5  # m
+    jitter: NonNegative = 0.1  # m, of each start in x and in y, before the turn
+
+
+class Doorway(Frozen):
+    """Two teams left and right of a wall across the arena swap sides through its one door."""
+
+    kind: Literal["doorway"] = "doorway"
+    width: Positive = 0.5  # m, of the door, in the middle of the wall
+    thickness: Positive = 0.2  # m, of the wall
+    jitter: NonNegative = 0.1  # m, of each start in x and in y
+
+
+class Corridor(Frozen):
+    """Two teams at the ends of a straight corridor swap ends."""
+
+    kind: Literal["corridor"] = "corridor"
+    width: Positive = 0.8  # m; two robots must fit side by side
+    length: Positive = 1.6  # m
+    jitter: NonNegative = 0.1  # m, of each start in x and in y
+
+
+AnyArrangement = Annotated[
+    RandomArrangement | Swap | Doorway | Corridor, Field(discriminator="kind")
+]
 
 
 class NavigationRules(Frozen):
@@ -152,7 +189,7 @@ class NavigationRules(Frozen):
 
     task: Literal["coop_nav"] = "coop_nav"
     goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
-    arrangement: Literal["random", "swap", "doorway", "corridor"] = "random"
+    arrangement: AnyArrangement = RandomArrangement()
     goal_radius: Positive = 0.15
     rewards: NavigationRewards = NavigationRewards()
 
@@ -224,18 +261,25 @@ class TransportRules(Frozen):
 class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
-    progress: NonNegative = 1.0  # per metre that a robot's way to its station gets shorter
+    progress: NonNegative = 0.5  # per metre that a robot's shortest way to its target gets shorter
     pickup: NonNegative = 1.0
     delivery: NonNegative = 2.0
+    proximity: NonNegative = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything
 
 
 class WarehouseRules(Frozen):
-    """`warehouse`: robots fetch goods from shelves and deliver them to stations."""
+    """`warehouse`: robots fetch goods from shelves and deliver them at stations.
+
+    Shelves fill what the arena leaves of aisles, lanes and front; `envs.floor_plan` has a drawing.
+    """
 
     task: Literal["warehouse"] = "warehouse"
-    aisles: Annotated[int, Field(ge=1)] = 3
-    aisle_width: Positive = 0.6  # m
-    shelf_width: Positive = 0.3  # m
+    aisles: Annotated[int, Field(ge=1)] = 3  # one above the other, each with a row of shelves below
+    blocks: Annotated[int, Field(ge=1)] = 1  # of shelves in a row
+    aisle_width: Positive = 0.65  # m; below two robots abreast, they cannot pass each other
+    lane_width: Positive = 0.7  # m, of the lanes between blocks and at both ends of the rows
+    front: Positive = 0.8  # m, depth of the free strip with the stations
+    bays: Annotated[int, Field(ge=1)] = 4  # pick places on each side of an aisle, for each block
     stations: Annotated[int, Field(ge=1)] = 4
     goal_radius: Positive = 0.15
     quota: Annotated[int, Field(ge=1)] = 8  # deliveries of the team that solve the task

@@ -41,6 +41,8 @@ def _goals(canvas: Canvas, scene: Scene) -> None:
     radius = rules.goal_radius
     is_shared = isinstance(rules, NavigationRules) and rules.goals == "unassigned"
     places, targets = scene.robots[:, [X, Y]], scene.robots[:, [TX, TY]]
+    if is_shared:  # targets are then the nearest open goals; the task's own features are all goals
+        targets = scene.extras.reshape(-1, 2)
     gaps = np.hypot(*np.moveaxis(targets[:, None] - places[None], -1, 0))  # [targets, robots]
     for i, (x, y) in enumerate(targets.tolist()):
         if is_shared:

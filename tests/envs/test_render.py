@@ -144,8 +144,9 @@ def test_a_goal_is_filled_within_the_radius_of_its_task(
 
 def test_unassigned_goals_are_neutral_and_filled_by_any_robot() -> None:
     spec = SPEC.with_updates(rules=NavigationRules(goals="unassigned"))
-    state = STATE.copy()
-    state[8:10] = [-1.0, -0.88]  # robot 1 on the goal of row 0
+    state = np.append(STATE, STATE[[6, 7, 14, 15]])  # the goals follow the robots
+    state[6:8] = state[14:16] = 0.0  # targets are not what is drawn
+    state[8:10] = [-1.0, -0.88]  # robot 1 on goal 0
     image = draw(spec, EMPTY, state)
     assert pixel(image, -1, -1.1) == ink.tint(ink.NEUTRAL, 0.5)
     assert pixel(image, 1, 1.1) == ink.tint(ink.NEUTRAL, 0.1)

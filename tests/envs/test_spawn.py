@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from swarmdata.registry import make_env
 from swarmdata.geometry import bounding_radius, clearance
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, robots_of
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import make_env
+from swarmdata.spec import NavigationRules, TaskSpec
+from swarmdata.states import N_COLUMNS, TX, robots_of
 from swarmdata.types import Bool, Double, Float
 
 
@@ -45,31 +46,44 @@ def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
         assert all(seen[cell(row[:2])] and seen[cell(row[TX:])] for row in state)
 
 
-def test_spawned_places_keep_the_distances_of_the_spec() -> None:
-    spec = TaskSpec()
-    step = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64))
+RANDOM = [
+    name
+    for name in preset_names()
+    if isinstance(rules := preset(name).rules, NavigationRules)
+    and rules.arrangement.kind == "random"
+]
+
+
+def separations(points: Double, radii: Double) -> Double:
+    """Gaps between circles, infinite on the diagonal."""
+    gaps = np.linalg.norm(points[:, None] - points, axis=-1) - radii[:, None] - radii
+    np.fill_diagonal(gaps, np.inf)
+    return gaps
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_spawned_places_keep_the_distances_of_the_spec(name: str) -> None:
+    spec = preset(name)
+    step, n = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64)), spec.n_agents
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-    radius, tolerance = spec.robots[0].radius, 1e-5
-    for layout, state in zip(step.layouts, robots_of(step.states, 4), strict=True):
-        starts, goals = state[:, :2].astype(float), state[:, TX:].astype(float)
+    radii, tolerance = np.array([robot.radius for robot in spec.robots]), 1e-5
+    for layout, state in zip(step.layouts, step.states, strict=True):
+        robots = robots_of(state, n).astype(float)
+        starts, goals = robots[:, :2], robots[:, TX:]
+        if len(state) > N_COLUMNS * n:  # unassigned goals
+            goals = state[N_COLUMNS * n :].reshape(n, 2).astype(float)
         for points, clear, apart in (
             (starts, spec.spawn.start_clearance, spec.spawn.start_separation),
             (goals, spec.spawn.goal_clearance, spec.spawn.goal_separation),
         ):
-            assert (
-                min(clearance(x, y, layout, half) for x, y in points) >= radius + clear - tolerance
-            )
-            gaps = np.linalg.norm(points[:, None] - points, axis=-1) + 9 * np.eye(4) - 2 * radius
-            assert gaps.min() >= apart - tolerance
-        assert (
-            np.linalg.norm(starts - goals, axis=-1).min()
-            >= spec.spawn.min_goal_distance - tolerance
-        )
+            room = [clearance(x, y, layout, half) for x, y in points] - radii
+            assert room.min() >= clear - tolerance
+            assert separations(points, radii).min(initial=np.inf) >= apart - tolerance
+        ways = np.linalg.norm(starts - goals, axis=-1)
+        assert ways.min() >= spec.spawn.min_goal_distance - tolerance
         sizes = np.array([bounding_radius(row) for row in layout])
-        between = np.linalg.norm(layout[:, None, 1:3] - layout[:, 1:3], axis=-1) + 9 * np.eye(
-            len(layout)
-        )
-        assert (between - sizes[:, None] - sizes).min() >= spec.obstacles.gap - tolerance
+        gaps = separations(layout[:, 1:3].astype(float), sizes)
+        assert gaps.min(initial=np.inf) >= spec.obstacles.gap - tolerance
 
 
 def test_different_seeds_give_different_layouts() -> None:

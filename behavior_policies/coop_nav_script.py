@@ -1,0 +1,106 @@
+"""The scripted controller of `coop_nav`: navigation, an assignment of goals, and turns at a door.
+
+Robots go to their goals (`navigator`). Unassigned goals are assigned once, at the reset. At a
+doorway that one robot fits through at a time, robots that meet in it would wait for each other for
+ever: so the left team goes first, and the right team stays where it is, making room, until every
+robot of the left team is through.
+"""
+
+import numpy as np
+from numba import njit
+
+from swarmdata.assignment import assign, assignment_work
+from swarmdata.behavior_policies.navigator import Navigator
+from swarmdata.behavior_policies.noise import check_noise
+from swarmdata.behavior_policies.scripted import actions_of
+from swarmdata.envs.coverage import fill_distances
+from swarmdata.errors import SpecError
+from swarmdata.spec import Doorway, NavigationRules, TaskSpec
+from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.types import Double, Float, Int, Step
+
+
+@njit(nogil=True, cache=True)
+def assign_goals(
+    states: Float, copies: Int, n: int, work: Double, places: Int, out: Double
+) -> None:
+    """Writes the goal of each robot that makes the sum of squared distances least.
+
+    Squares, so that no robot has much farther to go than the others: the last one decides when
+    all goals are covered.
+
+    Args:
+        states: [E, S].
+        copies: rows to read and write.
+        n: number of robots and goals.
+        work: memory of `assignment.assign`.
+        places: the same.
+        out: written, m, [E, N, 2].
+    """
+    costs = np.empty((n, n))
+    for b in copies:
+        fill_distances(states[b], n, costs)
+        for i in range(n):
+            for k in range(n):
+                costs[i, k] *= costs[i, k]
+        assign(costs, work, places)
+        for i in range(n):
+            first = N_COLUMNS * n + 2 * places[0, i]
+            out[b, i, 0], out[b, i, 1] = states[b, first], states[b, first + 1]
+
+
+def turns_at_door(robots: Float, through: float) -> Double:
+    """Targets of two teams that swap sides: the right one waits for the left one, [E, N, 2].
+
+    Args:
+        robots: columns `states.ROBOT`, [E, N, 8]; even robots start on the left.
+        through: x from which on a robot of the left team is through the door, m.
+    """
+    targets = robots[..., [TX, TY]].astype(np.float64)
+    waits = robots[:, ::2, X].min(axis=1) <= through
+    places = robots[:, 1::2][..., [X, Y]].astype(np.float64)
+    targets[:, 1::2] = np.where(waits[:, None, None], places, targets[:, 1::2])
+    return targets
+
+
+class CoopNavScript:
+    """Navigates; shares out unassigned goals; lets teams take turns at a doorway.
+
+    Args:
+        spec: a spec of `coop_nav`.
+        noise: standard deviation of the Gaussian noise on each command.
+
+    Raises:
+        SpecError: the spec is another task's, or `noise` is not a standard deviation.
+    """
+
+    uses_state = True
+
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+        if not isinstance(spec.rules, NavigationRules):
+            raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
+        self._noise = check_noise(noise)
+        self._n_agents, self._action_size = spec.n_agents, spec.action_size
+        self._navigator = Navigator(spec)
+        self._is_shared = spec.rules.goals == "unassigned"
+        self._targets: Double = np.zeros((0, spec.n_agents, 2))
+        self._work = assignment_work(spec.n_agents)
+        self._through: float | None = None
+        if isinstance(door := spec.rules.arrangement, Doorway):
+            self._through = door.thickness / 2 + max(robot.radius for robot in spec.robots)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Maps the layouts of `copies`, and assigns their goals if they belong to nobody."""
+        self._navigator.reset(step, copies)
+        if not self._is_shared:
+            return
+        if len(self._targets) != len(step.seeds):
+            self._targets = np.zeros((len(step.seeds), self._n_agents, 2))
+        assign_goals(step.states, copies, self._n_agents, *self._work, self._targets)
+
+    def act(self, step: Step) -> Float:
+        targets = self._targets if self._is_shared else None
+        if self._through is not None:
+            targets = turns_at_door(robots_of(step.states, self._n_agents), self._through)
+        commands = self._navigator.commands(step, targets)
+        return actions_of(commands, step, self._noise, self._action_size)

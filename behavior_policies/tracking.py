@@ -1,0 +1,123 @@
+"""From the velocity that a robot should have to the command that its drive understands.
+
+A holonomic robot takes the velocity as it is. A unicycle turns towards it, and drives along its
+heading as fast as the velocity's component along it, but only as fast as the half-planes of safe
+velocities allow along that heading. So the heading lags behind, and safety does not depend on it.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+import math
+
+from numba import njit
+
+from swarmdata.behavior_policies.orca import PARALLEL
+from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, TURN_RATE, UNICYCLE
+from swarmdata.types import Double
+
+REVERSE = 0.5
+"""Part of the maximum speed below which a unicycle backs up rather than turns round."""
+
+STILL = 0.002
+"""Part of the maximum speed below which a unicycle does not turn."""
+
+
+@njit(nogil=True, cache=True)
+def command_of(
+    moving: tuple[float, float],
+    heading: tuple[float, float],
+    wish: tuple[float, float],
+    limit: Double,
+    planes: Double,
+    n_planes: int,
+    dt: float,
+    out: Double,
+) -> None:
+    """Writes the command of one robot.
+
+    Args:
+        moving: its velocity, m/s.
+        heading: unit vector.
+        wish: the velocity that it should have, at most its maximum speed, m/s.
+        limit: row of `dynamics.limits_of`.
+        planes: half-planes of safe velocities (`orca`), most important ones first, [K, 4].
+        n_planes: how many of them count.
+        dt: control step, s.
+        out: written, in [-1, 1], [2].
+    """
+    if limit[UNICYCLE] == 1.0:
+        out[1] = turn_command(heading, wish, limit, dt)
+        half = 0.5 * limit[TURN_RATE] * out[1] * dt  # tangent of half the angle, nearly
+        scale = 1.0 / (1.0 + half * half)
+        cos, sin = (1.0 - half * half) * scale, 2.0 * half * scale
+        ux, uy = heading[0] * cos - heading[1] * sin, heading[0] * sin + heading[1] * cos
+        speed = speed_along((ux, uy), wish, limit[SPEED], planes, n_planes)
+        if limit[BY_VELOCITY] == 0.0:
+            ahead = moving[0] * heading[0] + moving[1] * heading[1]
+            out[0] = min(max((speed - ahead) / (dt * limit[ACCELERATION]), -1.0), 1.0)
+        else:
+            out[0] = speed / limit[SPEED]
+    elif limit[BY_VELOCITY] == 1.0:
+        out[0], out[1] = wish[0] / limit[SPEED], wish[1] / limit[SPEED]
+    else:
+        reach = dt * limit[ACCELERATION]
+        ax, ay = (wish[0] - moving[0]) / reach, (wish[1] - moving[1]) / reach
+        norm = max(math.sqrt(ax * ax + ay * ay), 1.0)
+        out[0], out[1] = ax / norm, ay / norm
+
+
+@njit(nogil=True, cache=True)
+def turn_command(
+    heading: tuple[float, float], wish: tuple[float, float], limit: Double, dt: float
+) -> float:
+    """Turn rate towards a velocity, or away from it to back up, in [-1, 1] of the limit.
+
+    The angle left to turn is twice the arctangent of side / (speed + ahead), and nearly twice that
+    argument while it is small; while it is not, the limit holds.
+    """
+    ahead = heading[0] * wish[0] + heading[1] * wish[1]
+    side = heading[0] * wish[1] - heading[1] * wish[0]
+    speed = math.sqrt(wish[0] * wish[0] + wish[1] * wish[1])
+    if speed < STILL * limit[SPEED]:
+        return 0.0
+    if ahead < 0.0 and speed < REVERSE * limit[SPEED]:
+        ahead, side = -ahead, -side
+    tangent = side / max(speed + ahead, 1e-9 * speed)
+    return float(min(max(2.0 * tangent / (dt * limit[TURN_RATE]), -1.0), 1.0))
+
+
+@njit(nogil=True, cache=True)
+def speed_along(
+    heading: tuple[float, float],
+    wish: tuple[float, float],
+    top: float,
+    planes: Double,
+    n_planes: int,
+) -> float:
+    """The safe speed along a heading that is nearest to a velocity's component along it, m/s.
+
+    Where none is safe, it is the one nearest to a stop that satisfies the half-planes before the
+    first that cannot be satisfied.
+    """
+    low, high = -top, top
+    wanted = heading[0] * wish[0] + heading[1] * wish[1]
+    for k in range(n_planes):
+        new_low, new_high = _narrowed(planes[k], heading, low, high)
+        if new_low > new_high:
+            return min(max(0.0, low), high)
+        low, high = new_low, new_high
+    return min(max(wanted, low), high)
+
+
+@njit(nogil=True, cache=True)
+def _narrowed(
+    plane: Double, heading: tuple[float, float], low: float, high: float
+) -> tuple[float, float]:
+    """The part of an interval of speeds along a heading that is inside a half-plane."""
+    px, py, dx, dy = plane[0], plane[1], plane[2], plane[3]
+    slope, bound = dx * heading[1] - dy * heading[0], dx * py - dy * px
+    if slope > PARALLEL:
+        return max(low, bound / slope), high
+    if slope < -PARALLEL:
+        return low, min(high, bound / slope)
+    return low, high

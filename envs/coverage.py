@@ -1,0 +1,165 @@
+"""Unassigned goals of `coop_nav`: who covers which, what is left to drive, what robots see of them.
+
+A goal is covered while a robot is within the goal radius. Goals are farther apart than two radii,
+so a robot covers at most one, and N robots cover N goals only if each covers its own.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.assignment import assign
+from swarmdata.features import Feature, numbered, vector
+from swarmdata.states import N_COLUMNS, TX, TY
+from swarmdata.types import Bool, Double, Float, Int
+
+GOAL = (
+    *vector("offset", "position", "goal minus own position, m"),
+    Feature("is_taken", "flag", meaning="1 if another robot covers it"),
+)
+"""What a robot sees of each goal."""
+
+N_FEATURES = len(GOAL)
+
+
+def goal_features(n_goals: int) -> tuple[Feature, ...]:
+    """Every goal, the nearest to the robot first."""
+    return numbered("goal", n_goals, GOAL)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def goal_distance(state: Float, n: int, i: int, k: int) -> float:
+    """Distance of robot i to goal k, m."""
+    dx = float(state[N_COLUMNS * n + 2 * k]) - float(state[N_COLUMNS * i])
+    dy = float(state[N_COLUMNS * n + 2 * k + 1]) - float(state[N_COLUMNS * i + 1])
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@njit(nogil=True, cache=True)
+def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
+    """Writes the robot that covers each goal, the first of several, or -1; counts open goals."""
+    n_open = 0
+    for k in range(n):
+        holders[k] = -1
+        for i in range(n):
+            if goal_distance(state, n, i, k) <= radius:
+                holders[k] = i
+                break
+        n_open += holders[k] < 0
+    return n_open
+
+
+@njit(nogil=True, cache=True)
+def _aim(state: Float, n: int, holders: Int) -> None:
+    """Writes each robot's target: the nearest goal that it covers itself or nobody does.
+
+    There is one: the other robots hold at most one goal each.
+    """
+    for i in range(n):
+        nearest, target = math.inf, 0
+        for k in range(n):
+            distance = goal_distance(state, n, i, k)
+            if (holders[k] < 0 or holders[k] == i) and distance < nearest:
+                nearest, target = distance, k
+        state[N_COLUMNS * i + TX] = state[N_COLUMNS * n + 2 * target]
+        state[N_COLUMNS * i + TY] = state[N_COLUMNS * n + 2 * target + 1]
+
+
+@njit(nogil=True, cache=True)
+def fill_distances(state: Float, n: int, out: Double) -> None:
+    """Writes the distance of every robot (row) to every goal (column), m, [N, N]."""
+    for i in range(n):
+        for k in range(n):
+            out[i, k] = goal_distance(state, n, i, k)
+
+
+@njit(nogil=True, cache=True)
+def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
+    """Turns targets into unassigned goals in the rows `copies` of states that were just spawned.
+
+    Args:
+        states: goals and targets are written, [E, S].
+        copies: rows to write.
+        n: number of robots and goals.
+        radius: of goals, m.
+    """
+    holders = np.empty(n, np.int64)
+    for b in copies:
+        for i in range(n):
+            states[b, N_COLUMNS * n + 2 * i] = states[b, N_COLUMNS * i + TX]
+            states[b, N_COLUMNS * n + 2 * i + 1] = states[b, N_COLUMNS * i + TY]
+        _holders(states[b], n, radius, holders)
+        _aim(states[b], n, holders)
+
+
+@njit(nogil=True, cache=True)
+def score_coverage(
+    before: Float,
+    after: Float,
+    active: Bool,
+    radius: float,
+    weights: tuple[float, float],
+    scratch: tuple[Double, Double, Int],
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Writes targets, the task's own rewards and whether all goals are covered, of active copies.
+
+    Args:
+        before: states before the step, [E, S].
+        after: states after the step; targets are written, [E, S].
+        active: [E].
+        radius: of goals, m.
+        weights: of progress and of time.
+        scratch: costs [N, N], and the memory of `assignment.assign`.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    n = rewards.shape[1]
+    costs, work, places = scratch
+    for b in range(before.shape[0]):
+        if not active[b]:
+            continue
+        fill_distances(before[b], n, costs)
+        old = assign(costs, work, places)
+        fill_distances(after[b], n, costs)
+        new = assign(costs, work, places)
+        n_open = _holders(after[b], n, radius, places[0])
+        _aim(after[b], n, places[0])
+        share = (weights[0] * (old - new) - weights[1] * n_open) / n
+        for i in range(n):
+            rewards[b, i] = share
+        solved[b] = n_open == 0
+
+
+@njit(nogil=True, cache=True)
+def write_goal_features(states: Float, active: Bool, n: int, radius: float, out: Float) -> None:
+    """Writes `goal_features` of every robot of the active copies.
+
+    Args:
+        states: [E, S].
+        active: [E].
+        n: number of robots and goals.
+        radius: of goals, m.
+        out: written, [E, N, 3 N].
+    """
+    holders, order, distances = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        state = states[b]
+        _holders(state, n, radius, holders)
+        for i in range(n):
+            for k in range(n):
+                distance, slot = goal_distance(state, n, i, k), k
+                while slot > 0 and distances[slot - 1] > distance:
+                    distances[slot], order[slot] = distances[slot - 1], order[slot - 1]
+                    slot -= 1
+                distances[slot], order[slot] = distance, k
+            for slot in range(n):
+                k, first = order[slot], N_FEATURES * slot
+                for c in range(2):
+                    goal = float(state[N_COLUMNS * n + 2 * k + c])
+                    out[b, i, first + c] = goal - float(state[N_COLUMNS * i + c])
+                out[b, i, first + 2] = 1.0 if holders[k] >= 0 and holders[k] != i else 0.0

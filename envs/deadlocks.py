@@ -1,0 +1,65 @@
+"""Deadlocks of an episode: how often robots began to stand in each other's way.
+
+A robot stands at step t if it is less than `STILL_DISTANCE` away from where it was `STILL_TIME`
+earlier. Two robots that stand with a gap of at most `NEAR_GAP` are locked. A group of locked robots
+counts once, when it forms: not again in the steps that follow, and not when other robots join it.
+"""
+
+import math
+
+import numpy as np
+
+from swarmdata.types import Bool, Double
+
+STILL_TIME = 3.0
+"""s."""
+
+STILL_DISTANCE = 0.05
+"""m."""
+
+NEAR_GAP = 0.3
+"""m, between surfaces."""
+
+
+def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
+    """Which robots are locked with which, in each step, [T+1, N, N].
+
+    Args:
+        positions: m, [T+1, N, 2].
+        radii: m, [N].
+        control_dt: s.
+    """
+    n_still = max(math.ceil(STILL_TIME / control_dt - 1e-9), 1)
+    still = np.zeros(positions.shape[:2], dtype=np.bool_)
+    moved = positions[n_still:] - positions[:-n_still]
+    still[n_still:] = (moved * moved).sum(-1) < STILL_DISTANCE**2
+    locked: Bool = still[:, :, None] & still[:, None]
+    locked &= ~np.eye(len(radii), dtype=np.bool_)
+    some = locked.any((1, 2))  # distances are needed in few steps
+    apart = np.sqrt(np.square(positions[some][:, :, None] - positions[some][:, None]).sum(-1))
+    locked[some] &= apart - radii - radii[:, None] <= NEAR_GAP
+    return locked
+
+
+def count_deadlocks(positions: Double, radii: Double, control_dt: float) -> int:
+    """How many deadlocks began in an episode; arguments as in `locked_pairs`."""
+    locked = locked_pairs(positions, radii, control_dt)
+    held: Bool = np.asarray(locked.any(-1))  # [T+1, N]
+    count = 0
+    for t in np.flatnonzero(held.any(-1)).tolist():
+        if (held[t] & ~held[t - 1]).any():  # held[0] is never true: nobody has stood long enough
+            count += sum(not held[t - 1, group].any() for group in _groups(locked[t]))
+    return count
+
+
+def _groups(pairs: Bool) -> list[list[int]]:
+    """The robots of each connected group of the symmetric relation `pairs`, [N, N]."""
+    left, groups = set(np.flatnonzero(pairs.any(1)).tolist()), []
+    while left:
+        group, edge = set[int](), {left.pop()}
+        while edge:
+            group |= edge
+            edge = {j for i in edge for j in np.flatnonzero(pairs[i]).tolist()} - group
+        left -= group
+        groups.append(sorted(group))
+    return groups

@@ -1,0 +1,216 @@
+"""The floor plan of a warehouse: where shelves, places and stations are, and how long ways are.
+
+Shelves stand in rows along x. Above each row runs an aisle, below the first the front with the
+stations; lanes along y join them, at both ends of the rows and between the blocks of a row. So a
+robot cannot drive straight from a station to a shelf. With two blocks and two aisles:
+
+    +-------------------------------+
+    |  o  o  o  o       o  o  o  o  |
+    |                               |   aisle 2
+    |  o  o  o  o       o  o  o  o  |
+    |  [ shelf  ]       [ shelf  ]  |
+    |  o  o  o  o       o  o  o  o  |   o: places where goods are picked, `bays` on each
+    |                               |      side of an aisle
+    |  o  o  o  o       o  o  o  o  |
+    |  [ shelf  ]       [ shelf  ]  |
+    |                               |   front
+    |   s        s      s       s   |   s: stations
+    +-------------------------------+
+      lane       lane           lane
+
+The length of a way here is that of the shortest way along the axes ("Manhattan") that crosses no
+shelf, for a point. Corridors (aisles and the front) meet only at lanes. So to a point of
+another corridor it is |dx| + |dy| if a lane lies between the two in x, and else twice the gap to
+the nearest lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a
+shortest way shortens it by the step's own |dx| + |dy|.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from swarmdata.errors import SpecError
+from swarmdata.geometry import BOX
+from swarmdata.spec import TaskSpec, WarehouseRules
+from swarmdata.types import Double, Float
+
+STANDOFF = 0.05
+"""Gap (m) between a shelf or wall and a robot that stands at the middle of a place."""
+
+THINNEST = 0.1
+"""Least depth and length of a shelf, m."""
+
+FIRST, PITCH, DEPTH = range(3)
+"""Columns of `FloorPlan.rows`."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPlan:
+    """Where everything is, in metres; the arena's centre is the origin."""
+
+    shelves: Float  # [M, 8] layout rows, from the front, each row from the left
+    lanes: Double  # [blocks + 1, 2] smallest and largest x of each lane
+    rows: Double  # [3] y where the first row of shelves begins, distance of rows, depth of a shelf
+    middles: Double  # [aisles + 1] y of the middle of the front and of each aisle
+    places: Double  # [P + K, 2] places where goods are picked, then stations
+    n_picks: int  # P
+
+    @classmethod
+    def of(cls, spec: TaskSpec) -> "FloorPlan":
+        """Lays out the warehouse that `spec` describes.
+
+        Raises:
+            SpecError: the spec is another task's, or leaves no room for shelves or robots.
+        """
+        rules = spec.rules
+        if not isinstance(rules, WarehouseRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+        width, height = spec.arena.width, spec.arena.height
+        pitch = (height - rules.front) / rules.aisles
+        depth = pitch - rules.aisle_width
+        length = (width - (rules.blocks + 1) * rules.lane_width) / rules.blocks
+        radius = max(robot.radius for robot in spec.robots)
+        _check_room(rules, depth, length, radius)
+        first = rules.front - height / 2
+        left = (rules.lane_width + length) * _count(rules.blocks + 1) - width / 2
+        above = first + pitch * _count(rules.aisles)
+        middles = above + (depth + rules.aisle_width / 2)
+        aside = max(rules.aisle_width / 2 - radius - STANDOFF, 0.0)
+        bays = (_count(rules.bays) + 0.5) * length / rules.bays
+        picks_x = (left[:-1, None] + rules.lane_width + bays).ravel()
+        picks_y = (middles[:, None] + [-aside, aside]).ravel()
+        stations_x = ((_count(rules.stations) + 0.5) / rules.stations - 0.5) * width
+        stations_y = np.full(rules.stations, radius + STANDOFF - height / 2)
+        picks = np.stack(np.meshgrid(picks_x, picks_y), axis=-1).reshape(-1, 2)
+        stations = np.stack([stations_x, stations_y], axis=-1)
+        return cls(
+            shelves=_shelves(left[1:] - length / 2, above + depth / 2, length, depth),
+            lanes=np.stack([left, left + rules.lane_width], axis=-1),
+            rows=np.array([first, pitch, depth]),
+            middles=np.array([(first - height / 2) / 2, *middles]),
+            places=np.concatenate([picks, stations]),
+            n_picks=len(picks),
+        )
+
+
+def _check_room(rules: WarehouseRules, depth: float, length: float, radius: float) -> None:
+    """Raises unless shelves have a size, and robots fit everywhere."""
+    for name, size in (("deep", depth), ("long", length)):
+        if size < THINNEST:
+            raise SpecError(
+                f"shelves would be {size:.3g} m {name}, expected at least {THINNEST:g} m. Enlarge "
+                "the arena, or use fewer or narrower aisles, lanes or blocks."
+            )
+    if rules.goal_radius >= radius + STANDOFF + depth:
+        raise SpecError(
+            f"goal_radius {rules.goal_radius:g} m reaches through shelves {depth:.3g} m deep. "
+            f"It must be below {radius + STANDOFF + depth:.3g} m."
+        )
+    need = 2 * (radius + STANDOFF)
+    for field in ("aisle_width", "lane_width", "front"):
+        size = getattr(rules, field)
+        if size < need:
+            raise SpecError(
+                f"{field} is {size:g} m, expected at least {need:g} m: a robot and a gap of "
+                f"{STANDOFF:g} m on both sides."
+            )
+
+
+def _count(n: int) -> Double:
+    """0, 1, ..., n - 1."""
+    return np.arange(n, dtype=np.float64)
+
+
+def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) -> Float:
+    """The boxes with every pair of these middles, row by row, [M, 8]."""
+    x, y = np.meshgrid(middle_x, middle_y)
+    shelves = np.zeros((x.size, 8), dtype=np.float32)
+    shelves[:, 0] = BOX
+    shelves[:, 1], shelves[:, 2], shelves[:, 3] = x.ravel(), y.ravel(), 1.0
+    shelves[:, 5], shelves[:, 6] = length / 2, depth / 2
+    return shelves
+
+
+@njit(nogil=True, cache=True, inline="always")
+def corridor(y: float, rows: Double) -> int:
+    """Which corridor a height is in: 0 the front, k the k-th aisle, -1 beside a row of shelves.
+
+    Args:
+        y: m.
+        rows: of the plan, [3].
+    """
+    up = y - rows[FIRST]
+    if up < 0.0:
+        return 0
+    k = int(up / rows[PITCH])
+    return k + 1 if up - k * rows[PITCH] >= rows[DEPTH] else -1
+
+
+@njit(nogil=True, cache=True, inline="always")
+def lane_gap(x: float, target_x: float, lanes: Double, k: int) -> float:
+    """How far lane k is from the interval between two x, m; 0 if they overlap."""
+    low, high = min(x, target_x), max(x, target_x)
+    return max(0.0, lanes[k, 0] - high, low - lanes[k, 1])
+
+
+@njit(nogil=True, cache=True, inline="always")
+def best_lane(x: float, target_x: float, lanes: Double) -> int:
+    """The lane with the shortest way to another corridor; of equals the one nearest to x."""
+    best, least, near = 0, np.inf, np.inf
+    for k in range(lanes.shape[0]):
+        gap = lane_gap(x, target_x, lanes, k)
+        distance = max(0.0, lanes[k, 0] - x, x - lanes[k, 1])
+        if gap < least or (gap == least and distance < near):
+            best, least, near = k, gap, distance
+    return best
+
+
+@njit(nogil=True, cache=True, inline="always")
+def way_length(
+    x: float, y: float, target_x: float, target_y: float, lanes: Double, rows: Double
+) -> float:
+    """Length of the shortest way along the axes that crosses no shelf, m.
+
+    Args:
+        x: start, m; not in a shelf.
+        y: start, m.
+        target_x: m; in a corridor, as all places are.
+        target_y: m.
+        lanes: of the plan, [L, 2].
+        rows: of the plan, [3].
+    """
+    direct = abs(target_x - x) + abs(target_y - y)
+    if corridor(y, rows) == corridor(target_y, rows):
+        return direct
+    k = best_lane(x, target_x, lanes)
+    return direct + 2.0 * lane_gap(x, target_x, lanes, k)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def next_corner(
+    x: float,
+    y: float,
+    target: tuple[float, float],
+    lanes: Double,
+    rows: Double,
+    middles: Double,
+) -> tuple[float, float]:
+    """The point to drive to next: the target, or the middle of a crossing on the way to it.
+
+    Args:
+        x: m.
+        y: m.
+        target: m; in a corridor.
+        lanes: of the plan, [L, 2].
+        rows: of the plan, [3].
+        middles: of the plan, [aisles + 1].
+    """
+    here, there = corridor(y, rows), corridor(target[1], rows)
+    if here == there:
+        return target
+    k = best_lane(x, target[0], lanes)
+    middle = 0.5 * (lanes[k, 0] + lanes[k, 1])
+    if here < 0 or (lanes[k, 0] < x < lanes[k, 1]):
+        return middle, middles[there]
+    return middle, middles[here]

@@ -1,0 +1,81 @@
+"""The assignment of least total cost, in compiled code.
+
+Source: Kuhn, "The Hungarian method for the assignment problem", Naval Research Logistics Quarterly
+2, 1955, as successive shortest paths with potentials: Jonker and Volgenant, "A shortest augmenting
+path algorithm for dense and sparse linear assignment problems", Computing 38, 1987.
+
+Float64 `+ -` and comparisons only, so that the bits are the same on every platform.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.types import Double, Int
+
+_SHIFT, _LIFT, _PATH, _IS_SETTLED = range(4)
+_COLUMN, _OWNER, _BEFORE = range(3)
+
+
+def assignment_work(n: int) -> tuple[Double, Int]:
+    """Scratch memory for `assign` of n rows."""
+    return np.zeros((4, n + 1)), np.zeros((3, n + 1), dtype=np.int64)
+
+
+@njit(nogil=True, cache=True)
+def assign(costs: Double, work: Double, places: Int) -> float:
+    """Writes the column of each row in the assignment of least total cost, and returns that cost.
+
+    Which of several assignments of equal cost it is, is a function of the input.
+
+    Args:
+        costs: finite, [n, n].
+        work: overwritten, [4, n + 1]; from `assignment_work`.
+        places: written, [3, n + 1]; row 0 then holds the column of each row.
+    """
+    n = costs.shape[0]
+    work[_SHIFT], work[_LIFT] = 0.0, 0.0
+    places[_OWNER] = -1
+    for i in range(n):
+        places[_OWNER, n] = i  # column n, which does not exist, is where the search starts
+        free = _shortest_path(costs, work, places)
+        while free != n:
+            before = places[_BEFORE, free]
+            places[_OWNER, free] = places[_OWNER, before]
+            free = before
+    total = 0.0
+    for j in range(n):
+        places[_COLUMN, places[_OWNER, j]] = j
+    for i in range(n):
+        total += costs[i, places[_COLUMN, i]]
+    return total
+
+
+@njit(nogil=True, cache=True)
+def _shortest_path(costs: Double, work: Double, places: Int) -> int:
+    """Returns the column at the end of the shortest path from column n to one without a row."""
+    n = costs.shape[0]
+    shift, lift, path, is_settled = work[_SHIFT], work[_LIFT], work[_PATH], work[_IS_SETTLED]
+    owner, before = places[_OWNER], places[_BEFORE]
+    path[:], is_settled[:] = math.inf, 0.0
+    now = n
+    while owner[now] >= 0:
+        is_settled[now] = 1.0
+        row, following, least = owner[now], -1, math.inf
+        for j in range(n):
+            if is_settled[j] == 1.0:
+                continue
+            reduced = costs[row, j] - lift[row] - shift[j]
+            if reduced < path[j]:
+                path[j], before[j] = reduced, now
+            if path[j] < least:
+                least, following = path[j], j
+        for j in range(n + 1):
+            if is_settled[j] == 1.0:
+                lift[owner[j]] += least
+                shift[j] -= least
+            else:
+                path[j] -= least
+        now = following
+    return int(now)

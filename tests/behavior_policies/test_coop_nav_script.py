@@ -1,0 +1,118 @@
+"""The scripted policy of coop_nav on every preset, its assignment of goals, its turns at a door."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from swarmdata.behavior_policies.coop_nav_script import CoopNavScript, turns_at_door
+from swarmdata.behavior_policies.scripted import Scripted
+from swarmdata.errors import SpecError
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import make_env, make_policy
+from swarmdata.spec import NavigationRules, TaskSpec, WarehouseRules
+from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.testing.policy import check_policy
+from swarmdata.types import Step
+
+PRESETS = [n for n in preset_names() if isinstance(preset(n).rules, NavigationRules)]
+
+
+def run(name: str, policy_name: str, n_episodes: int) -> Step:
+    """The last step of every episode."""
+    spec = preset(name)
+    env, policy = make_env(spec, n_episodes), make_policy(policy_name, spec)
+    step = env.reset(np.arange(500, 500 + n_episodes, dtype=np.uint64))
+    policy.reset(step, np.arange(n_episodes))
+    while not step.ended.all():
+        step = env.step(policy.act(step))
+    return step
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_is_solved(name: str) -> None:
+    assert run(name, "scripted", 16).successes.mean() >= 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_scripted_beats_those_without_skill(name: str) -> None:
+    assert run(name, "scripted", 200).successes.mean() >= 0.9
+    for policy in ("idle", "random"):
+        assert run(name, policy, 100).successes.mean() <= 0.01
+
+
+def test_driving_straight_fails_more_often_than_not() -> None:
+    for name in ("coop_nav", "coop_nav-hard", "coop_nav-doorway", "coop_nav-corridor"):
+        assert run(name, "straight", 100).successes.mean() <= 0.5, name
+
+
+def test_unassigned_goals_are_shared_out_by_least_squares() -> None:
+    spec = preset("coop_nav-unassigned")
+    env, policy = make_env(spec, 8), CoopNavScript(spec)
+    step = env.reset(np.arange(8, dtype=np.uint64))
+    policy.reset(step, np.arange(8))
+    for b in range(8):
+        places = robots_of(step.states[b], 4)[:, [X, Y]].astype(np.float64)
+        goals = step.states[b, 4 * N_COLUMNS :].reshape(4, 2).astype(np.float64)
+        costs = [
+            (((goals[list(order)] - places) ** 2).sum(), order) for order in permutations(range(4))
+        ]
+        np.testing.assert_array_equal(policy._targets[b], goals[list(min(costs)[1])])
+
+
+def test_an_assignment_stays_for_the_episode_and_other_copies() -> None:
+    spec = preset("coop_nav-unassigned")
+    env, policy = make_env(spec, 2), CoopNavScript(spec)
+    step = env.reset(np.arange(2, dtype=np.uint64))
+    policy.reset(step, np.arange(2))
+    kept = policy._targets.copy()
+    for _ in range(10):
+        step = env.step(policy.act(step))
+    step = env.reset(np.array([7], dtype=np.uint64), np.array([1]))
+    policy.reset(step, np.array([1]))
+    np.testing.assert_array_equal(policy._targets[0], kept[0])
+    assert (policy._targets[1] != kept[1]).any()
+
+
+def test_assigned_goals_are_the_generic_controllers() -> None:
+    spec = preset("coop_nav")
+    step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
+    own, generic = CoopNavScript(spec, noise=0.1), Scripted(spec, noise=0.1)
+    for policy in (own, generic):
+        policy.reset(step, np.arange(2))
+    np.testing.assert_array_equal(own.act(step), generic.act(step))
+
+
+def test_the_right_team_waits_until_the_left_one_is_through() -> None:
+    robots = np.zeros((2, 3, N_COLUMNS), dtype=np.float32)
+    robots[..., X] = [[-0.5, 1.0, 0.5], [0.4, 1.0, 0.5]]
+    robots[..., Y] = 0.25
+    robots[..., [TX, TY]] = 9.0
+    targets = turns_at_door(robots, 0.22)
+    np.testing.assert_array_equal(targets[0], [[9.0, 9.0], [1.0, 0.25], [9.0, 9.0]])
+    np.testing.assert_array_equal(targets[1], np.full((3, 2), 9.0))
+
+
+@pytest.mark.parametrize("name", ["coop_nav-unassigned", "coop_nav-doorway", "coop_nav-mixed"])
+def test_the_contract_of_policies_is_kept(name: str) -> None:
+    spec = preset(name).with_updates(horizon=25)
+    check_policy(CoopNavScript(spec, noise=0.1), spec, make_env)
+
+
+def test_other_tasks_and_noise_that_is_none_are_refused() -> None:
+    with pytest.raises(SpecError, match="expected 'coop_nav'"):
+        CoopNavScript(TaskSpec(rules=WarehouseRules()))
+    with pytest.raises(SpecError, match="noise"):
+        CoopNavScript(TaskSpec(), noise=-1.0)
+
+
+def test_the_robotarium_preset_has_the_testbeds_constants() -> None:
+    spec = preset("robotarium")
+    robot = spec.robots[0]
+    wheel_radius, base = 0.016, 0.11
+    wheel_rate = robot.max_speed / wheel_radius
+    assert robot.max_turn_rate == pytest.approx(2 * wheel_radius * wheel_rate / base, abs=5e-3)
+    assert 2 * robot.radius == pytest.approx(0.11)
+    assert (spec.arena.width, spec.arena.height) == (3.2, 2.0)
+    assert (spec.control_dt, robot.max_speed, robot.dynamics) == (0.033, 0.2, "unicycle")
