@@ -10,6 +10,7 @@ from swarmdata.spec import TaskSpec
 
 TASKS = {
     "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
+    "transport": "swarmdata.envs.transport:Transport",
     "warehouse": "swarmdata.envs.warehouse:Warehouse",
     "formation": "swarmdata.envs.formation:Formation",
 }
@@ -24,6 +25,7 @@ POLICIES = {
 
 SCRIPTED = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
+    "transport": "swarmdata.behavior_policies.transport_script:TransportScript",
     "warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript",
     "formation": "swarmdata.behavior_policies.formation_script:FormationScript",
 }

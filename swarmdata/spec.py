@@ -7,6 +7,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -222,10 +223,10 @@ class FormationRules(Frozen):
 class Payload(Frozen):
     """A rigid body that slides on the floor and turns."""
 
-    shape: Literal["box", "circle"] = "box"
+    shape: Literal["circle", "box"] = "circle"
     half_length: Positive = 0.35  # radius of a circle
-    half_width: Positive = 0.2
-    mass: Positive = 2.0  # kg
+    half_width: Positive = 0.25
+    mass: Positive = 4.0  # kg
     friction: Positive = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
 
 
@@ -233,7 +234,11 @@ class TransportRewards(Rewards):
     """Weights of `transport`."""
 
     progress: NonNegative = 4.0  # per metre that the payload comes closer to its goal
-    turn_progress: NonNegative = 0.5  # per radian that it turns towards its goal's direction
+    turn_progress: NonNegative = 1.0  # per unit of the sine of its angle to the goal's direction
+    approach: NonNegative = 0.5  # per metre that a robot comes closer to the payload
+    robot_contact: NonNegative = 0.05  # pushing side by side, robots brush against each other
+    robot_collision: NonNegative = 0.2
+    proximity: NonNegative = 0.05
 
 
 class TransportRules(Frozen):
@@ -242,8 +247,20 @@ class TransportRules(Frozen):
     task: Literal["transport"] = "transport"
     payload: Payload = Payload()
     goal_radius: Positive = 0.15  # m, of the payload's centre
-    goal_angle: Positive | None = None  # rad; None: any direction of the payload will do
+    goal_angle: Positive | None = None  # rad, of a box; None: any direction will do
+    room: NonNegative = 0.35  # m free around the payload's bounding circle at the start
     rewards: TransportRewards = TransportRewards()
+
+    @model_validator(mode="after")
+    def _check_angle(self) -> Self:
+        if self.goal_angle is not None and self.payload.shape == "circle":
+            raise ValueError("goal_angle needs a box: a circle looks the same in every direction")
+        if self.goal_angle is not None and self.goal_angle > math.pi / 2:
+            raise ValueError(
+                f"goal_angle is {self.goal_angle:g} rad, expected at most pi / 2: a box looks the "
+                "same after half a turn"
+            )
+        return self
 
 
 class WarehouseRewards(Rewards):

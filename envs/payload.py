@@ -1,0 +1,161 @@
+"""Where a payload is and what it is near to: gaps to robots, obstacles and walls, from states.
+
+A payload in a state is a moving obstacle, so its row of a layout (`geometry.OBSTACLE`) makes the
+distances of `geometry` those of a payload. Float64 `+ - * /` and `sqrt` only.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from swarmdata.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
+from swarmdata.spec import Payload
+from swarmdata.types import Double, Float
+
+Shape = tuple[float, float, float]
+"""Shape code, and half length and half width (m; twice the radius of a circle)."""
+
+TOUCH = 0.01
+"""Gaps (m) up to this count as contact: what a resting contact jitters by, as for robots."""
+
+
+def shape_of(payload: Payload) -> Shape:
+    """The payload's shape as numbers, for kernels."""
+    if payload.shape == "circle":
+        return CIRCLE, payload.half_length, payload.half_length
+    return BOX, payload.half_length, payload.half_width
+
+
+def payload_radius(payload: Payload) -> float:
+    """Radius (m) of the smallest circle about the payload's centre that holds it."""
+    if payload.shape == "circle":
+        return payload.half_length
+    return math.sqrt(payload.half_length**2 + payload.half_width**2)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def place_row(body: Float, shape: Shape, row: Float) -> None:
+    """Writes the payload as a row of a layout.
+
+    Args:
+        body: columns `states.BODY`, [7].
+        shape: of the payload.
+        row: written, columns `geometry.OBSTACLE`, [8].
+    """
+    row[0] = shape[0]
+    row[1], row[2], row[3], row[4] = body[0], body[1], body[4], body[5]
+    row[5], row[6], row[7] = shape[1], shape[2], 0.0
+
+
+@njit(nogil=True, cache=True)
+def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
+    """Corner k of a bar of an obstacle: the bar along -y, then along -x, then along +x."""
+    a, b, t = np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
+    cx, cy, hx, hy = 0.0, 0.0, a, b
+    if row[0] > BOX:
+        cx, cy = (0.0, t - b) if bar == 0 else (t - a if bar == 1 else a - t, 0.0)
+        hx, hy = (a, t) if bar == 0 else (t, b)
+    lx, ly = cx + (hx if k % 2 == 0 else -hx), cy + (hy if k < 2 else -hy)
+    ux, uy = np.float64(row[3]), np.float64(row[4])
+    return np.float64(row[1]) + lx * ux - ly * uy, np.float64(row[2]) + lx * uy + ly * ux
+
+
+@njit(nogil=True, cache=True)
+def obstacle_gap(row: Float, obstacle: Float) -> float:
+    """Gap (m) between a payload and an obstacle, 0 where they overlap.
+
+    Exact while the overlap is shallow: of two convex shapes that are apart, or just touch, one of
+    the nearest points is a corner (or the centre of a circle stands for its surface).
+
+    Args:
+        row: the payload, from `place_row`, [8].
+        obstacle: columns `geometry.OBSTACLE`, [8].
+    """
+    if row[0] == CIRCLE:
+        return max(
+            nearest(np.float64(row[1]), np.float64(row[2]), obstacle)[0] - np.float64(row[5]), 0.0
+        )
+    if obstacle[0] == CIRCLE:
+        d = nearest(np.float64(obstacle[1]), np.float64(obstacle[2]), row)[0]
+        return max(d - np.float64(obstacle[5]), 0.0)
+    gap = math.inf
+    for k in range(4):
+        x, y = _corner(row, 0, k)
+        gap = min(gap, nearest(x, y, obstacle)[0])
+        for bar in range(int(obstacle[0])):  # shape codes count bars
+            x, y = _corner(obstacle, bar, k)
+            gap = min(gap, nearest(x, y, row)[0])
+    return gap
+
+
+@njit(nogil=True, cache=True)
+def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
+    """Gap (m) between a payload and a wall; negative where it is in the wall.
+
+    Args:
+        row: the payload, from `place_row`, [8].
+        half: half width and half height of the arena, m, [2].
+        wall: which wall, as in `geometry.wall_gap`.
+    """
+    if row[0] == CIRCLE:
+        return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
+    gap = math.inf
+    for k in range(4):
+        x, y = _corner(row, 0, k)
+        gap = min(gap, wall_gap(x, y, half, wall))
+    return gap
+
+
+@njit(nogil=True, cache=True)
+def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
+    """Counts the contacts with obstacles and walls that begin in an episode.
+
+    A contact begins at a gap of at most `TOUCH` and ends beyond twice that.
+
+    Args:
+        bodies: the payload in every state, columns `states.BODY`, [T + 1, 7].
+        shape: of the payload.
+        layout: obstacles, [M, 8].
+        half: half width and half height of the arena, m, [2].
+    """
+    n_obstacles = layout.shape[0]
+    touching = np.zeros(n_obstacles + 4, dtype=np.bool_)
+    row = np.empty(8, dtype=np.float32)
+    count = 0
+    for t in range(bodies.shape[0]):
+        place_row(bodies[t], shape, row)
+        for m in range(n_obstacles + 4):
+            if m < n_obstacles:
+                dx, dy = layout[m, 1] - row[1], layout[m, 2] - row[2]
+                reach = bounding_radius(layout[m]) + bounding_radius(row) + 2.0 * TOUCH
+                far = dx * dx + dy * dy > reach * reach
+                gap = math.inf if far else obstacle_gap(row, layout[m])
+            else:
+                gap = payload_wall_gap(row, half, m - n_obstacles)
+            if not touching[m] and gap <= TOUCH:
+                touching[m] = True
+                count += 1
+            elif gap > 2.0 * TOUCH:
+                touching[m] = False
+    return count
+
+
+@njit(nogil=True, cache=True)
+def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
+    """Counts the robots in contact with the payload, over all states given.
+
+    Args:
+        positions: m, [T, N, 2].
+        radii: m, [N].
+        bodies: columns `states.BODY`, [T, 7].
+        shape: of the payload.
+    """
+    row = np.empty(8, dtype=np.float32)
+    count = 0
+    for t in range(bodies.shape[0]):
+        place_row(bodies[t], shape, row)
+        for i in range(radii.shape[0]):
+            d = nearest(np.float64(positions[t, i, 0]), np.float64(positions[t, i, 1]), row)[0]
+            count += d - radii[i] <= TOUCH
+    return count

@@ -1,0 +1,296 @@
+"""Transport: robots push a payload that none can move alone to a goal.
+
+A payload lies on the floor, whose dry friction (`Payload.friction`, N) holds it. A robot of mass
+1 kg pushes with at most its `max_acceleration`; by default 1.5 N against 2.5 N, so one robot pushes
+in vain (a run-up moves the payload 2 cm) and two move it. Robots cannot grip or pull: a payload
+comes off a wall only by pushing it along. Contacts with the payload are no collisions.
+
+State: the robots (`states.ROBOT`); a robot's target is the goal of the payload's centre (m), the
+same for all and in every step. Then the payload (`states.BODY`). With `goal_angle`, then the
+direction its local x axis shall have, a unit vector (`goal_ux`, `goal_uy`).
+
+Action: a command (`dynamics`).
+
+Observation: that of the observation model, then, in the world's frame, all relative to the robot
+or the payload:
+
+    payload_x, _y             payload's centre minus the robot's, m
+    payload_near_x, _y        the payload's nearest point minus the robot's centre, m
+    payload_velocity_x, _y    velocity of the payload, m/s
+    payload_goal_x, _y        goal minus the payload's centre, m
+    payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
+    payload_turn              turn rate times the distance of a corner, m/s (a box only)
+    goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
+
+A box looks the same after half a turn, so an axis has two directions. Of the payload's axis, the
+one given makes an angle of at most 90 degrees with `goal_axis`, or, without a goal angle, with the
+way to the goal.
+
+Own reward of robot i, with weights w from `spec.rules.rewards`, before (') and after the step: d
+the distance of the payload's centre to its goal, g_i the distance of the robot's centre to the
+payload's nearest point, s the sine of the angle between the payload's axis and the wanted one (0
+without `goal_angle`), and [x] one if x holds, else zero:
+
+    w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
+
+The first three are differences of potentials: going back and forth earns nothing, and the whole
+episode's sum is bounded by where things started. `engine.TaskEnv` adds what all tasks share.
+Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
+within that angle of the wanted one.
+
+Episodes: obstacles keep `obstacles.gap` from each other and from the walls, in which the payload
+must fit in any direction; it starts with `room` around it, in which robots can get behind it, and
+its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine, so that the last
+bits of a box's episodes are the C library's; those of a circle's depend on none.
+
+Metrics: `METRICS`.
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from swarmdata.envs.payload import (
+    Shape,
+    count_contacts,
+    count_pushes,
+    payload_radius,
+    place_row,
+    shape_of,
+)
+from swarmdata.envs.spawn import SpawnPlan
+from swarmdata.envs.transport_spawn import draw_episodes
+from swarmdata.errors import SpawnError, SpecError
+from swarmdata.features import Feature, vector
+from swarmdata.geometry import BOX, nearest
+from swarmdata.spec import Payload, TaskSpec, TransportRules
+from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, robots_of
+from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+
+ANY_ANGLE = 2.0
+"""Largest sine of a payload's angle to the goal's where any will do."""
+
+
+@njit(nogil=True, cache=True, inline="always")
+def goal_error(state: Float, first: int) -> tuple[float, float]:
+    """Distance of the payload's centre to its goal (m), and the sine of its angle to the goal's.
+
+    Args:
+        state: [S].
+        first: where the payload begins.
+    """
+    dx = np.float64(state[TX]) - np.float64(state[first])
+    dy = np.float64(state[TY]) - np.float64(state[first + 1])
+    sine = 0.0
+    if state.shape[0] > first + 7:
+        ux, uy = np.float64(state[first + 4]), np.float64(state[first + 5])
+        sine = abs(ux * np.float64(state[first + 8]) - uy * np.float64(state[first + 7]))
+    return math.sqrt(dx * dx + dy * dy), sine
+
+
+@njit(nogil=True, cache=True)
+def score_transport(
+    before: Float,
+    after: Float,
+    active: Bool,
+    shape: Shape,
+    goal: tuple[float, float],
+    weights: tuple[float, float, float, float],
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Writes the task's own rewards of the active copies, and whether they are solved.
+
+    Args:
+        before: states before the step, [E, S].
+        after: states after the step, [E, S].
+        active: [E].
+        shape: of the payload.
+        goal: radius, m, and largest sine of the angle.
+        weights: of progress, of turn progress, of approach and of time.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    n = rewards.shape[1]
+    first = N_COLUMNS * n
+    old, new = np.empty(8, np.float32), np.empty(8, np.float32)
+    for b in range(before.shape[0]):
+        if not active[b]:
+            continue
+        old_d, old_s = goal_error(before[b], first)
+        d, s = goal_error(after[b], first)
+        solved[b] = d <= goal[0] and s <= goal[1]
+        team = weights[0] * (old_d - d) + weights[1] * (old_s - s)
+        team -= 0.0 if solved[b] else weights[3]
+        place_row(before[b, first:], shape, old)
+        place_row(after[b, first:], shape, new)
+        for i in range(n):
+            x, y = before[b, N_COLUMNS * i], before[b, N_COLUMNS * i + 1]
+            gap = nearest(np.float64(x), np.float64(y), old)[0]
+            x, y = after[b, N_COLUMNS * i], after[b, N_COLUMNS * i + 1]
+            gap -= nearest(np.float64(x), np.float64(y), new)[0]
+            rewards[b, i] = team + weights[2] * gap
+
+
+@njit(nogil=True, cache=True)
+def write_transport_features(states: Float, active: Bool, shape: Shape, out: Float) -> None:
+    """Writes what the task adds to every robot's observation, as the module says.
+
+    Args:
+        states: [E, S].
+        active: [E].
+        shape: of the payload.
+        out: written, [E, N, F].
+    """
+    n, is_box = out.shape[1], shape[0] == BOX
+    first = N_COLUMNS * n
+    arm = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
+    row = np.empty(8, np.float32)
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        state, body = states[b], states[b, first:]
+        place_row(body, shape, row)
+        gx, gy = (
+            np.float64(state[TX]) - np.float64(body[0]),
+            np.float64(state[TY]) - np.float64(body[1]),
+        )
+        is_posed = body.shape[0] > 7
+        wx, wy = (np.float64(body[7]), np.float64(body[8])) if is_posed else (gx, gy)
+        ux, uy = np.float64(body[4]), np.float64(body[5])
+        sign = 1.0 if ux * wx + uy * wy >= 0.0 else -1.0
+        for i in range(n):
+            own, x, y = (
+                out[b, i],
+                np.float64(state[N_COLUMNS * i]),
+                np.float64(state[N_COLUMNS * i + 1]),
+            )
+            own[0], own[1] = np.float64(body[0]) - x, np.float64(body[1]) - y
+            _, own[2], own[3] = nearest(x, y, row)
+            own[4], own[5] = body[2], body[3]
+            own[6], own[7] = gx, gy
+            if is_box:
+                own[8], own[9] = sign * ux, sign * uy
+                own[10] = np.float64(body[6]) * arm
+            if is_posed:
+                own[11], own[12] = wx, wy
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "payload_distance": Metric(
+            "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
+        ),
+        "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
+        "payload_contacts": Metric(
+            "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
+        ),
+        "push_share": Metric(
+            "pushing", "", "neither", "share of robot steps in contact with the payload"
+        ),
+        "payload_angle": Metric(
+            "payload angle",
+            "rad",
+            "lower",
+            "angle of the payload's axis to its goal's at the end; 0 where any will do",
+        ),
+    }
+)
+"""What this task measures besides `metrics.EPISODE_METRICS`."""
+
+
+class Transport:
+    """Implements `interfaces.Task`.
+
+    Raises:
+        SpecError: the spec is another task's, or its obstacles leave no room for the payload.
+    """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
+    def __init__(self, spec: TaskSpec) -> None:
+        rules = spec.rules
+        if not isinstance(rules, TransportRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+        radius = payload_radius(rules.payload)
+        if spec.obstacles.gap < 2.0 * radius:
+            raise SpecError(
+                f"obstacles.gap is {spec.obstacles.gap:g} m, and the payload needs "
+                f"{2.0 * radius:.2f} m to pass in any direction. Make the gap wider or the payload "
+                "smaller."
+            )
+        self.spec = spec
+        self._plan = SpawnPlan.of(spec)
+        self.kinds: Int = self._plan.kinds
+        self.movables: tuple[Payload, ...] = (rules.payload,)
+        is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
+        self.extras: tuple[str, ...] = ("goal_ux", "goal_uy") if is_posed else ()
+        self.features = _features(is_box, is_posed)
+        self._shape = shape_of(rules.payload)
+        # rounded, so that it is the same number whatever the C library's sine is
+        sine = ANY_ANGLE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
+        self._goal = (rules.goal_radius, sine)
+        w, s = rules.rewards, spec.spawn
+        self._weights = (w.progress, w.turn_progress, w.approach, w.time)
+        self._room = np.array(
+            [
+                radius, spec.obstacles.gap, rules.room, s.goal_clearance,
+                s.min_goal_distance, s.start_clearance, s.start_separation,
+            ]
+        )  # fmt: skip
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        plan, attempts = self._plan, self.spec.spawn.max_attempts
+        drawn = draw_episodes(
+            seeds, copies, plan.sizes, plan.half, plan.team, self._room, attempts, layouts, states
+        )
+        if drawn < len(copies):
+            raise SpawnError(
+                f"no layout found for seed {seeds[drawn]} in {attempts} attempts: the payload "
+                f"needs {self._room[0] + self._room[2]:.2f} m around its start, obstacles gaps of "
+                f"{self._room[1]:g} m. Use fewer or smaller obstacles, or a larger arena."
+            )
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        score_transport(
+            before.states, now.states, active, self._shape, self._goal, self._weights, rewards,
+            solved,
+        )  # fmt: skip
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        write_transport_features(states, active, self._shape, out)
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        n, first = self.spec.n_agents, N_COLUMNS * self.spec.n_agents
+        bodies = np.ascontiguousarray(episode.states[:, first : first + len(BODY)])
+        positions = np.ascontiguousarray(robots_of(episode.states[1:], n)[..., : Y + 1])
+        radii, half = self._plan.team[0], self._plan.half
+        distance, sine = goal_error(episode.states[-1], first)
+        pushes = count_pushes(positions, radii, bodies[1:], self._shape)
+        steps = np.diff(bodies[:, :2].astype(np.float64), axis=0)
+        return {
+            "payload_distance": distance,
+            "payload_path": float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+            "payload_contacts": float(count_contacts(bodies, self._shape, episode.layout, half)),
+            "push_share": pushes / (n * len(episode)),
+            "payload_angle": math.asin(min(sine, 1.0)),
+        }
+
+
+def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
+    found: tuple[Feature, ...] = (
+        *vector("payload", "position", "the payload's centre, from the robot"),
+        *vector("payload_near", "position", "the payload's nearest point, from the robot"),
+        *vector("payload_velocity", "velocity", "velocity of the payload"),
+        *vector("payload_goal", "position", "goal, from the payload's centre"),
+    )
+    if is_box:
+        turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
+        found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
+    if is_posed:
+        found += vector("goal_axis", "direction", "direction that the axis shall have")
+    return found

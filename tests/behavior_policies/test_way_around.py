@@ -1,0 +1,139 @@
+"""Ways around a payload: they never cross it, and lead to the other side."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from swarmdata.behavior_policies.way_around import (
+    N_POINTS,
+    N_RING,
+    RING_GAPS,
+    crosses,
+    fill_rings,
+    way_around,
+)
+from swarmdata.envs.payload import Shape, place_row
+from swarmdata.geometry import BOX, CIRCLE, nearest
+from swarmdata.types import Bool, Double, Float
+
+RADIUS = 0.12
+BOX_SHAPE: Shape = (BOX, 0.35, 0.25)
+DISC: Shape = (CIRCLE, 0.35, 0.35)
+HALF = np.array([3.0, 3.0])
+FREE: Float = np.full((121, 121), 0.9, dtype=np.float32)
+
+angles = st.floats(-math.pi, math.pi)
+places = st.floats(-1.2, 1.2)
+shapes = st.sampled_from([BOX_SHAPE, DISC])
+
+
+def body(angle: float = 0.0) -> Double:
+    return np.array([0.1, -0.1, 0.0, 0.0, math.cos(angle), math.sin(angle), 0.0])
+
+
+def gap(shape: Shape, pose: Double, x: float, y: float) -> float:
+    row = np.empty(8, dtype=np.float32)
+    place_row(pose, shape, row)
+    return float(nearest(x, y, row)[0])
+
+
+def rings(shape: Shape, pose: Double, grid: Float = FREE) -> tuple[Double, Bool]:
+    points, free = np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_)
+    fill_rings(pose, shape, RADIUS, (grid, HALF), points, free)
+    return points, free
+
+
+@settings(deadline=None)
+@given(shapes, angles)
+def test_rings_keep_their_gaps(shape: Shape, angle: float) -> None:
+    pose = body(angle)
+    points, free = rings(shape, pose)
+    assert free.all()
+    for k, (x, y) in enumerate(points):
+        least = RADIUS + RING_GAPS[k // N_RING]
+        assert least - 1e-6 <= gap(shape, pose, x, y) <= math.sqrt(2) * least + 1e-6
+
+
+@settings(deadline=None, max_examples=200)
+@given(shapes, angles, places, places, places, places)
+def test_a_line_crosses_where_its_points_come_near(
+    shape: Shape, angle: float, x: float, y: float, u: float, v: float
+) -> None:
+    pose, margin = body(angle), 0.1
+    assume(gap(shape, pose, x, y) > 0.15)
+    assume(gap(shape, pose, u, v) > 0.15)
+    share = np.linspace(0, 1, 300)[:, None]
+    line = np.array([x, y]) + share * np.array([u - x, v - y])
+    least = min(gap(shape, pose, *point) for point in line)
+    found = crosses(pose, shape, (x, y), (u, v), margin)
+    if least < 0.09:
+        assert found
+    if least > math.sqrt(2) * margin + 0.01:  # a box grows with its corners
+        assert not found
+
+
+def walk(
+    shape: Shape, pose: Double, start: tuple[float, float], end: tuple[float, float], grid: Float
+) -> Double:
+    """Where a robot that follows the way is, every 0.05 m."""
+    robots, nobody = np.array([[*start]]), np.zeros(1, np.bool_)
+    graph = rings(shape, pose, grid)
+    path = [robots[0].copy()]
+    for _ in range(200):
+        found, x, y = way_around(pose, shape, 0, end, RADIUS, (grid, HALF), graph, (robots, nobody))
+        assert found
+        step = np.array([x, y]) - robots[0]
+        robots[0] += step * min(1.0, 0.05 / max(np.hypot(*step), 1e-9))
+        path.append(robots[0].copy())
+        if np.hypot(*(robots[0] - end)) < 1e-6:
+            return np.array(path)
+    raise AssertionError(f"did not arrive: {path[-1]}")
+
+
+@settings(deadline=None, max_examples=40)
+@given(shapes, angles, angles)
+def test_it_leads_around_without_touching(shape: Shape, angle: float, side: float) -> None:
+    pose = body(angle)
+    away = np.array([math.cos(side), math.sin(side)])
+    start, end = pose[:2] + 1.2 * away, pose[:2] - 0.6 * away
+    path = walk(shape, pose, (start[0], start[1]), (end[0], end[1]), FREE)
+    assert min(gap(shape, pose, *point) for point in path) > RADIUS + 0.005
+    assert 0.05 * len(path) < 1.8 + 1.0  # not much longer than straight through
+
+
+def test_it_takes_the_free_side() -> None:
+    grid = FREE.copy()
+    grid[65:, :] = 0.0  # solid above y = 0.25: only below there is room
+    path = walk(BOX_SHAPE, body(), (-1.0, 0.0), (0.9, -0.1), grid)
+    assert path[:, 1].min() < -0.4
+    assert path[:, 1].max() < 0.3
+
+
+def test_it_passes_behind_robots_that_stand_at_the_payload() -> None:
+    pose = body()
+    robots = np.array([[-0.9, -0.6], [-0.05, -0.47], [0.25, -0.47]])
+    standing = np.array([False, True, True])
+    end = (0.75, -0.1)
+    found, x, y = way_around(
+        pose, BOX_SHAPE, 0, end, RADIUS, (FREE, HALF), rings(BOX_SHAPE, pose), (robots, standing)
+    )
+    assert found
+    way = np.array([x, y]) - robots[0, :2]
+    for other in robots[1:]:
+        t = np.clip((other - robots[0]) @ way / (way @ way), 0, 1)
+        assert np.hypot(*(robots[0] + t * way - other)) >= 2 * RADIUS
+
+
+def test_without_room_there_is_no_way() -> None:
+    pose, solid = body(), np.zeros((121, 121), dtype=np.float32)
+    robots, nobody = np.array([[-1.0, 0.0]]), np.zeros(1, np.bool_)
+    graph = rings(BOX_SHAPE, pose, solid)
+    assert not graph[1].any()
+    found, x, y = way_around(
+        pose, BOX_SHAPE, 0, (0.9, 0.0), RADIUS, (solid, HALF), graph, (robots, nobody)
+    )
+    assert not found
+    assert (x, y) == pytest.approx((-1.0, 0.0))
