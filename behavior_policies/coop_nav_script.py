@@ -15,7 +15,8 @@ from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
-from swarmdata.spec import Doorway, NavigationRules, TaskSpec
+from swarmdata.rules import Doorway, NavigationRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 

@@ -15,8 +15,9 @@ from typing import Annotated
 from pydantic import Field, RootModel
 
 from swarmdata.errors import UnknownNameError
+from swarmdata.frozen import Frozen
 from swarmdata.presets import preset
-from swarmdata.spec import Frozen, PolicySource, Recipe
+from swarmdata.spec import PolicySource, Recipe
 
 VERSION = 0
 """Version of the ids without one: the newest."""

@@ -50,7 +50,8 @@ from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
 from swarmdata.registry import make_task
-from swarmdata.spec import TaskSpec, TransportRules
+from swarmdata.rules import TransportRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 

@@ -13,7 +13,8 @@ from numba import njit
 
 from swarmdata.envs.floor_plan import STANDOFF, best_lane, corridor
 from swarmdata.errors import SpecError
-from swarmdata.spec import TaskSpec, WarehouseRules
+from swarmdata.rules import WarehouseRules
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Double
 
 AHEAD = 0.4

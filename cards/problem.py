@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
 from swarmdata.cards.markdown import plain, table
 from swarmdata.errors import SchemaError
+from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
-from swarmdata.spec import Frozen, TaskSpec
+from swarmdata.spec import TaskSpec
 from swarmdata.states import state_size
 from swarmdata.store import Manifest
 from swarmdata.types import EVENTS
@@ -82,7 +83,11 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     spec, rows = task.spec, observation_rows(task)
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     _expect("observation features", shapes["observations"][2], len(Observer(task, 1).features))
-    _expect("state features", shapes["states"][1], state_size(spec.n_agents, len(task.movables), len(task.extras)))
+    _expect(
+        "state features",
+        shapes["states"][1],
+        state_size(spec.n_agents, len(task.movables), len(task.extras)),
+    )
     arrays = [
         (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
         for name, entry in sorted(manifest.arrays.items())

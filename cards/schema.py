@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from swarmdata.spec import Frozen
+from swarmdata.frozen import Frozen
 from swarmdata.store import Manifest
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]

@@ -21,7 +21,8 @@ from numba import njit
 from swarmdata.envs.spawn import LAYOUT_OFFSET, draw_heading, next_uniform
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
-from swarmdata.spec import Corridor, Doorway, NavigationRules, Swap, TaskSpec
+from swarmdata.rules import Corridor, Doorway, NavigationRules, Swap
+from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 

@@ -4,7 +4,8 @@ from typing import NamedTuple, Protocol
 
 from numba import njit
 
-from swarmdata.spec import Payload, TaskSpec
+from swarmdata.rules import Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int
 

@@ -48,7 +48,8 @@ from swarmdata.envs.coverage import (
 from swarmdata.envs.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
-from swarmdata.spec import NavigationRules, Payload, TaskSpec
+from swarmdata.rules import NavigationRules, Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 

@@ -42,16 +42,15 @@ class TaskEnv:
         backend: builds the physics.
     """
 
-    def __init__(
-        self, task: Task, n_copies: int = 1, backend: MakeBackend = make_backend
-    ) -> None:
+    def __init__(self, task: Task, n_copies: int = 1, backend: MakeBackend = make_backend) -> None:
         self.task, self.spec, self.n_copies = task, task.spec, n_copies
         spec, rewards = task.spec, task.spec.rules.rewards
         self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
         self._observer = Observer(task, n_copies)
         self.features = self._observer.features
-        self.action_size, self.state_size = spec.action_size, state_size(
-            spec.n_agents, len(task.movables), len(task.extras)
+        self.action_size, self.state_size = (
+            spec.action_size,
+            state_size(spec.n_agents, len(task.movables), len(task.extras)),
         )
         self.observation_size = len(self.features)
         self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))

@@ -32,7 +32,8 @@ from numba import njit
 
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
-from swarmdata.spec import TaskSpec, WarehouseRules
+from swarmdata.rules import WarehouseRules
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
 
 STANDOFF = 0.05

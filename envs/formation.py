@@ -59,7 +59,8 @@ from swarmdata.envs.slots import (
 )
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, vector
-from swarmdata.spec import FormationRules, Payload, TaskSpec
+from swarmdata.rules import FormationRules, Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 

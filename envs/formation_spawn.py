@@ -32,7 +32,8 @@ from swarmdata.envs.spawn import (
 )
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance, nearest
-from swarmdata.spec import FormationRules, TaskSpec
+from swarmdata.rules import FormationRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 

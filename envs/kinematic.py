@@ -51,6 +51,4 @@ class KinematicBackend:
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        _advance(
-            active, commands, self._limits, self._timing, self._robots, self._bodies, states
-        )
+        _advance(active, commands, self._limits, self._timing, self._robots, self._bodies, states)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from swarmdata.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
-from swarmdata.spec import Payload
+from swarmdata.rules import Payload
 from swarmdata.types import Double, Float
 
 Shape = tuple[float, float, float]

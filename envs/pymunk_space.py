@@ -15,7 +15,8 @@ from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.geometry import CIRCLE
-from swarmdata.spec import Payload, TaskSpec
+from swarmdata.rules import Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SLOP = 0.002

@@ -67,7 +67,8 @@ from swarmdata.envs.transport_spawn import draw_episodes
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.geometry import BOX, nearest
-from swarmdata.spec import Payload, TaskSpec, TransportRules
+from swarmdata.rules import Payload, TransportRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 

@@ -39,8 +39,9 @@ from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
 from swarmdata.envs.spawn import draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
+from swarmdata.rules import Payload, WarehouseRules
 from swarmdata.seeding import STREAMS
-from swarmdata.spec import Payload, TaskSpec, WarehouseRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, UX, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 

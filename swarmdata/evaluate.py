@@ -16,12 +16,13 @@ from tqdm import tqdm
 
 from swarmdata import __version__
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
+from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Policy
 from swarmdata.metrics import episode_metrics, metrics_of
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import Frozen, TaskSpec
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, EvalResult
 
 FORMAT = "swarmdata-evaluation"

@@ -21,7 +21,6 @@ class Feature(NamedTuple):
     axis: Literal["", "x", "y"] = ""  # a y always follows its x
     meaning: str = ""  # for cards
 
-
     @property
     def is_mask(self) -> bool:
         """Whether this says if the rest of its slot holds something."""

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from swarmdata.features import Feature
-from swarmdata.spec import Payload, TaskSpec
+from swarmdata.rules import Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Batch, Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 
 

@@ -6,10 +6,9 @@ that a bootstrap is one call on a leading axis of resamples. The definitions fol
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from statistics import NormalDist
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 

@@ -8,8 +8,10 @@ from typing import Any
 from swarmdata.comms.names import communication_model
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
+from swarmdata.frozen import Frozen
+from swarmdata.senses import AnyCommunicationModel, AnyObservationModel
 from swarmdata.sensing.names import observation_model
-from swarmdata.spec import AnyCommunicationModel, AnyObservationModel, Frozen, TaskSpec
+from swarmdata.spec import TaskSpec
 
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""

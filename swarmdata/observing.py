@@ -5,8 +5,8 @@ import numpy as np
 from swarmdata.comms import Channel
 from swarmdata.features import Feature
 from swarmdata.interfaces import Task
+from swarmdata.senses import Broadcast
 from swarmdata.sensing import Sensor
-from swarmdata.spec import Broadcast
 from swarmdata.types import Bool, Double, Float, Int, Step
 
 

@@ -18,7 +18,8 @@ from swarmdata.interfaces import Task
 from swarmdata.models import describe, models_json
 from swarmdata.observing import Observer
 from swarmdata.registry import make_task
-from swarmdata.spec import Broadcast, TaskSpec
+from swarmdata.senses import Broadcast
+from swarmdata.spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.statistics import Moments
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step

@@ -1,8 +1,8 @@
 """The values that flow from worlds to reports.
 
 Axis letters, always in this order: E copies of a task or B batch, T time, N agents, then features:
-O observation, S state, A action, P values of a message. M obstacles of a layout. Without a channel P
-is 0, and so is the sender axis of `delivered` and `ages`.
+O observation, S state, A action, P values of a message. M obstacles of a layout. Without a channel
+P is 0, and so is the sender axis of `delivered` and `ages`.
 """
 
 from collections.abc import Mapping

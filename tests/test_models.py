@@ -17,7 +17,8 @@ from swarmdata.models import (
 )
 from swarmdata.observing import features_of
 from swarmdata.registry import make_task
-from swarmdata.spec import Broadcast, LidarModel, TaskSpec
+from swarmdata.senses import Broadcast, LidarModel
+from swarmdata.spec import TaskSpec
 
 OBSERVATIONS = st.sampled_from(
     ["state", "lidar-8", "bearing", "occupancy+delay-1", "lidar+stack-2"]

@@ -15,7 +15,7 @@ from swarmdata.envs.render.colors import (
 )
 from swarmdata.envs.render.scene import Scene
 from swarmdata.envs.render.targets import payload_outline
-from swarmdata.spec import TransportRules
+from swarmdata.rules import TransportRules
 from swarmdata.states import X, Y
 from swarmdata.types import Double
 

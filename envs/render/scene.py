@@ -7,7 +7,9 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import OBSTACLE
-from swarmdata.spec import LidarModel, TaskSpec, TransportRules
+from swarmdata.rules import TransportRules
+from swarmdata.senses import LidarModel
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
 from swarmdata.types import EVENTS, Bool, Counts, Double, Float
 

@@ -15,13 +15,7 @@ from swarmdata.envs.render.colors import (
     tint,
 )
 from swarmdata.envs.render.scene import Scene
-from swarmdata.spec import (
-    FormationRules,
-    NavigationRules,
-    Payload,
-    TransportRules,
-    WarehouseRules,
-)
+from swarmdata.rules import FormationRules, NavigationRules, Payload, TransportRules, WarehouseRules
 from swarmdata.states import TX, TY, X, Y
 from swarmdata.types import Double
 

@@ -15,7 +15,8 @@ from swarmdata.comms.payloads import (
 from swarmdata.comms.transmission import Constants, Memory, transmit_all
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
-from swarmdata.spec import Broadcast, TaskSpec
+from swarmdata.senses import Broadcast
+from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, TY, X, Y
 from swarmdata.types import NEVER, Bool, Double, Float, Int, Step
 

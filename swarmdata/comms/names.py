@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.spec import AnyCommunicationModel, Broadcast, NoCommunication
+from swarmdata.senses import AnyCommunicationModel, Broadcast, NoCommunication
 
 MEAN_BURST = 4
 """Steps that a burst of `bursty-<percent>` lasts on average."""

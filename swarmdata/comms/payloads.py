@@ -10,7 +10,8 @@ from numba import njit
 
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, numbered, vector
-from swarmdata.spec import Broadcast, Robot, TaskSpec
+from swarmdata.senses import Broadcast
+from swarmdata.spec import Robot, TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int
 
@@ -26,7 +27,9 @@ VECTORS = {
     X: vector("position", "position", "the sender's position when it sent, minus the own now"),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
-    TX: vector("target", "position", "the sender's target when it sent, minus the own position now"),
+    TX: vector(
+        "target", "position", "the sender's target when it sent, minus the own position now"
+    ),
 }
 """Features of the vector that starts at a column."""
 
@@ -62,7 +65,10 @@ def message_fields(model: Broadcast) -> tuple[Feature, ...]:
     Positions are relative to the receiver's own present position.
     """
     if model.payload == "learned":
-        return tuple(Feature(f"value_{c}", "flag", "", "value of a learned message") for c in range(model.message_size))
+        return tuple(
+            Feature(f"value_{c}", "flag", "", "value of a learned message")
+            for c in range(model.message_size)
+        )
     columns = COLUMNS[model.payload]
     return tuple(field for column in columns[::2] for field in VECTORS[column])
 

@@ -21,12 +21,13 @@ from torch import Tensor
 
 from swarmdata import __version__
 from swarmdata.errors import CheckpointError
+from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
-from swarmdata.spec import Frozen, TaskSpec
+from swarmdata.spec import TaskSpec
 
 CONFIG, LOSSES, CURVE, CHECKPOINT = (
     "config.json",

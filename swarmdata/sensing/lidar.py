@@ -16,8 +16,8 @@ from numba import njit
 
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import CIRCLE, bounding_radius
+from swarmdata.senses import LidarModel
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
-from swarmdata.spec import LidarModel
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 

@@ -17,7 +17,7 @@ from numba import njit
 from swarmdata.counters import absorb, to_normal, to_uniform
 from swarmdata.features import Feature
 from swarmdata.seeding import STREAMS, normal_table
-from swarmdata.spec import ObservationModel, SensorNoise
+from swarmdata.senses import ObservationModel, SensorNoise
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["sensor"]

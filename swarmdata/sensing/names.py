@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.spec import (
+from swarmdata.senses import (
     AnyObservationModel,
     BearingModel,
     LidarModel,

@@ -10,8 +10,8 @@ from numba import njit
 
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.senses import OccupancyModel
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, gather, write_polar
-from swarmdata.spec import OccupancyModel
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 

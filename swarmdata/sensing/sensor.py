@@ -8,20 +8,14 @@ from numba import njit
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
 from swarmdata.interfaces import Task
+from swarmdata.senses import BearingModel, LidarModel, ObservationModel, OccupancyModel, StateModel
 from swarmdata.sensing.bearing import Bearing
 from swarmdata.sensing.lidar import Lidar
 from swarmdata.sensing.modifiers import History, Worsening
 from swarmdata.sensing.occupancy import Occupancy
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.state import State
-from swarmdata.spec import (
-    BearingModel,
-    LidarModel,
-    ObservationModel,
-    OccupancyModel,
-    StateModel,
-    TaskSpec,
-)
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, UX, UY
 from swarmdata.types import Bool, Double, Float, Int, Step
 

@@ -11,8 +11,8 @@ from numba import njit
 
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.senses import StateModel
 from swarmdata.sensing.scene import Scene
-from swarmdata.spec import StateModel
 from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float
 

@@ -128,7 +128,12 @@ def make_large_dataset(
     parts = [out.parent / f"{out.name}.parts" / f"part-{k:04d}" for k in range(n_parts)]
     for k, part in enumerate(parts):
         seeds = range(k * per_part, (k + 1) * per_part)
-        sizes = {"n_agents": n_agents, "n_features": n_features, "n_states": 8 * n_agents, "n_values": 0}
+        sizes = {
+            "n_agents": n_agents,
+            "n_features": n_features,
+            "n_states": 8 * n_agents,
+            "n_values": 0,
+        }
         write_part(part, [make_episode(length, seed, **sizes) for seed in seeds])
     recipe = make_recipe(n_steps)
     order = merge_order(recipe, [[length] * (n_parts * per_part)]).order

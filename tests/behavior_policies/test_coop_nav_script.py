@@ -10,7 +10,8 @@ from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SpecError
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy
-from swarmdata.spec import NavigationRules, TaskSpec, WarehouseRules
+from swarmdata.rules import NavigationRules, WarehouseRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Step

@@ -25,9 +25,8 @@ from swarmdata.behavior_policies.planner import (
     waypoint,
 )
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, clearance, nearest
-from swarmdata.registry import make_env
+from swarmdata.registry import make_env, make_task
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.registry import make_task
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
 
@@ -140,6 +139,8 @@ def test_primitives_are_the_same_obstacle(kind: float) -> None:
 
 
 def test_the_spec_tells_the_number_of_primitives() -> None:
-    assert len(primitives_of(layout_of(0))) == n_primitives(make_task(SPEC).kinds) == 2 + 1 + 2 + 2 * 3
+    assert (
+        len(primitives_of(layout_of(0))) == n_primitives(make_task(SPEC).kinds) == 2 + 1 + 2 + 2 * 3
+    )
     empty = np.zeros((0, 8), dtype=np.float32)
     assert primitives_of(empty).shape == (0, 8)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from swarmdata.comms import Channel, communication_model
 from swarmdata.comms.payloads import quantizer
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.spec import Broadcast, TaskSpec
+from swarmdata.senses import Broadcast
+from swarmdata.spec import TaskSpec
 from swarmdata.states import robots_of
 from swarmdata.types import NEVER, Seeds
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.seeding import STREAMS, derive, uniform
-from swarmdata.spec import Broadcast, TaskSpec
+from swarmdata.senses import Broadcast
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Float
 
 DROP, BURST, TIME_SLOT = 0, 1, 2

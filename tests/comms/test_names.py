@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.comms import communication_model
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.spec import Broadcast, Bursts, NoCommunication
+from swarmdata.senses import Broadcast, Bursts, NoCommunication
 
 PARTS: dict[str, dict[str, Any]] = {
     "goal": {"payload": "pose_and_goal"},

@@ -11,8 +11,20 @@ from swarmdata.sensing.names import observation_model
 from swarmdata.spec import Role, TaskSpec
 from swarmdata.testing.task import check_task
 
-OBSERVATIONS = ("state", "lidar", "bearing", "occupancy", "lidar+noise-0.05+dropout-0.1+delay-2+stack-3")
-CHANNELS = ("none", "perfect", "lossy-30+delayed-2+range-1.5", "bursty-30+bits-6+learned-3", "ring+aloha-4")
+OBSERVATIONS = (
+    "state",
+    "lidar",
+    "bearing",
+    "occupancy",
+    "lidar+noise-0.05+dropout-0.1+delay-2+stack-3",
+)
+CHANNELS = (
+    "none",
+    "perfect",
+    "lossy-30+delayed-2+range-1.5",
+    "bursty-30+bits-6+learned-3",
+    "ring+aloha-4",
+)
 ROBOTS: dict[str, dict[str, Any]] = {
     "holonomic": {},
     "unicycle": {"dynamics": "unicycle"},

@@ -17,7 +17,8 @@ from swarmdata.metrics import episode_metrics
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec, WarehouseRules
+from swarmdata.rules import WarehouseRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.testing.task import check_task
 from swarmdata.types import Bool, Double, Float, Seeds, Step

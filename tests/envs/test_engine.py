@@ -95,7 +95,9 @@ def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
         for copy in (0, 2):
             np.testing.assert_array_equal(getattr(before, name)[copy], getattr(after, name)[copy])
     assert (after.seeds[1], after.times[1]) == (9, 0)
-    np.testing.assert_array_equal(after.states[1], make_env(TaskSpec(), 1).reset(seeds(9)).states[0])
+    np.testing.assert_array_equal(
+        after.states[1], make_env(TaskSpec(), 1).reset(seeds(9)).states[0]
+    )
 
 
 def test_an_ended_copy_stays_put_without_reward() -> None:

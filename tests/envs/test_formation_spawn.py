@@ -12,7 +12,8 @@ from swarmdata.envs.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.presets import preset
-from swarmdata.spec import FormationRules, TaskSpec
+from swarmdata.rules import FormationRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import UX, UY, VX, VY, X, Y, robots_of, state_size
 from swarmdata.types import Double, Float, Seeds
 

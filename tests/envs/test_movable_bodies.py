@@ -8,8 +8,9 @@ import pytest
 from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.world import make_backend
+from swarmdata.rules import Payload
 from swarmdata.seeding import derive, uniform
-from swarmdata.spec import Arena, Payload, Role, TaskSpec
+from swarmdata.spec import Arena, Role, TaskSpec
 from swarmdata.states import N_COLUMNS
 from swarmdata.types import Double, Float
 

@@ -14,18 +14,9 @@ from swarmdata.envs.render import ROBOT_COLORS, Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.geometry import BOX, CIRCLE, POCKET
-from swarmdata.spec import (
-    Arena,
-    FormationRules,
-    LidarModel,
-    NavigationRules,
-    Payload,
-    Robot,
-    Role,
-    TaskSpec,
-    TransportRules,
-    WarehouseRules,
-)
+from swarmdata.rules import FormationRules, NavigationRules, Payload, TransportRules, WarehouseRules
+from swarmdata.senses import LidarModel
+from swarmdata.spec import Arena, Robot, Role, TaskSpec
 from swarmdata.types import Float
 
 pytest.importorskip("PIL.Image")

@@ -10,7 +10,8 @@ from swarmdata.envs.render import ROBOT_COLORS, Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import CIRCLE
-from swarmdata.spec import LidarModel, Robot, Role, TaskSpec
+from swarmdata.senses import LidarModel
+from swarmdata.spec import Robot, Role, TaskSpec
 from swarmdata.types import Float
 
 pytest.importorskip("PIL.Image")

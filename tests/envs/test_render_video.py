@@ -11,7 +11,8 @@ import pytest
 from swarmdata.envs.render import Picture, animate, draw, play, save_png, show
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import ProgramError, SchemaError
-from swarmdata.spec import LidarModel, Role, TaskSpec
+from swarmdata.senses import LidarModel
+from swarmdata.spec import Role, TaskSpec
 from swarmdata.types import Episode
 
 PIL = pytest.importorskip("PIL.Image")

@@ -6,7 +6,8 @@ import pytest
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env
-from swarmdata.spec import NavigationRules, TaskSpec
+from swarmdata.rules import NavigationRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, robots_of
 from swarmdata.types import Bool, Double, Float
 

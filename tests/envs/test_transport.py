@@ -18,7 +18,8 @@ from swarmdata.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
-from swarmdata.spec import NavigationRules, TaskSpec, TransportRules
+from swarmdata.rules import NavigationRules, TransportRules
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, X, Y, robots_of
 from swarmdata.testing.task import check_task
 from swarmdata.types import Double, Episode, Float, Int, Seeds, Step

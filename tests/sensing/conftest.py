@@ -9,7 +9,8 @@ import pytest
 
 from swarmdata.features import Feature
 from swarmdata.interfaces import Task
-from swarmdata.spec import Payload, TaskSpec
+from swarmdata.rules import Payload
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, robots_of
 from swarmdata.types import Bool, Double, Float, Step
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.interfaces import Task
 from swarmdata.seeding import STREAMS, derive, normal, uniform
+from swarmdata.senses import ObservationModel, SensorNoise
 from swarmdata.sensing import Sensor
 from swarmdata.sensing.modifiers import History, deviations, lost_values, returns_of
-from swarmdata.spec import ObservationModel, SensorNoise
 from swarmdata.types import Float, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")

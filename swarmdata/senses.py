@@ -1,0 +1,108 @@
+"""What robots sense and hear, as data: observation models and communication models."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmdata.frozen import Frozen, NonNegative, Positive, Probability
+
+
+class SensorNoise(Frozen):
+    """Standard deviations of the Gaussian noise on each kind of feature, anew in each step."""
+
+    position: NonNegative = 0.0  # m, of positions and displacements
+    velocity: NonNegative = 0.0  # m/s
+    direction: NonNegative = 0.0  # of the components of unit vectors
+    range: NonNegative = 0.0  # m, of distances
+
+
+class ObservationModel(Frozen):
+    """What every observation model has: how its returns are worsened, in this order.
+
+    Noise is added to what is sensed; each return (a slot, a beam) is lost with probability
+    `dropout`; robots see `delay` steps late; the last `stack` frames are concatenated, newest
+    first. Before the first frame there is nothing but that frame. All of it is a function of the
+    episode's seed and the step.
+    """
+
+    noise: SensorNoise = SensorNoise()
+    dropout: Probability = 0.0
+    delay: Annotated[int, Field(ge=0)] = 0  # control steps
+    stack: Annotated[int, Field(ge=1)] = 1  # frames
+
+
+class StateModel(ObservationModel):
+    """Low-dimensional state in the world's frame: self, nearest robots, nearest obstacles."""
+
+    kind: Literal["state"] = "state"
+    n_neighbors: Annotated[int, Field(ge=0)] = 3
+    n_obstacles: Annotated[int, Field(ge=0)] = 3
+    range: Positive = 1.0  # m, gap at which closeness features reach 0
+    limit: Positive | None = None  # m, gap beyond which nothing is seen; None: no limit
+
+
+class LidarModel(ObservationModel):
+    """A range scan with hit types in the body's frame, and the target in polar form."""
+
+    kind: Literal["lidar"] = "lidar"
+    n_rays: Annotated[int, Field(ge=1)] = 16
+    range: Positive = 2.0  # m from the robot's centre
+
+
+class BearingModel(ObservationModel):
+    """Bearings and ranges of visible neighbours in the body's frame, occluded ones missing."""
+
+    kind: Literal["bearing"] = "bearing"
+    n_neighbors: Annotated[int, Field(ge=0)] = 3
+    range: Positive = 2.0  # m between centres
+
+
+class OccupancyModel(ObservationModel):
+    """A coarse egocentric grid in the body's frame: which cells hold what."""
+
+    kind: Literal["occupancy"] = "occupancy"
+    cells: Annotated[int, Field(ge=1)] = 9  # in each direction
+    cell_size: Positive = 0.3  # m
+
+
+AnyObservationModel = Annotated[
+    StateModel | LidarModel | BearingModel | OccupancyModel, Field(discriminator="kind")
+]
+
+
+class NoCommunication(Frozen):
+    """Robots do not talk."""
+
+    kind: Literal["none"] = "none"
+
+
+class Bursts(Frozen):
+    """A link's two states after Gilbert (1960) and Elliott (1963): good ones, and bad bursts."""
+
+    enter: Probability = 0.05  # chance per step that a good link turns bad
+    leave: Probability = 0.25  # chance per step that a bad link turns good
+    drop_probability: Probability = 1.0  # while a link is bad
+
+
+class Broadcast(Frozen):
+    """Each robot broadcasts one message in every step; this says who hears it, and when.
+
+    The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,
+    drop, delay.
+    """
+
+    kind: Literal["broadcast"] = "broadcast"
+    payload: Literal["pose", "pose_and_goal", "state", "learned"] = "pose"
+    message_size: Annotated[int, Field(ge=1)] = 4  # values of a learned message
+    topology: Literal["full", "nearest", "ring", "star"] = "full"
+    n_nearest: Annotated[int, Field(ge=1)] = 2  # of topology "nearest"
+    range: Positive | None = None  # m between centres; None: no limit
+    drop_probability: Probability = 0.0
+    bursts: Bursts | None = None
+    delay: Annotated[int, Field(ge=0)] = 0  # control steps
+    messages_per_step: Annotated[int, Field(ge=1)] | None = None  # that a robot can receive
+    bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
+    slots_in_step: Annotated[int, Field(ge=1)] | None = None  # of time; see `comms`
+
+
+AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]
