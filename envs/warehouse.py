@@ -29,6 +29,7 @@ Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
@@ -223,7 +224,7 @@ class Warehouse:
         SpecError: the spec is another task's, or its floor has no room for shelves or robots.
     """
 
-    metrics: Mapping[str, Metric] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, robots = spec.rules, spec.robots

@@ -1,7 +1,7 @@
 """What a world, a policy and an algorithm must be able to do. Nothing else is assumed of them."""
 
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from swarmdata.features import Feature
 from swarmdata.rules import Payload
@@ -24,7 +24,7 @@ class Task(Protocol):
     movables: tuple[Payload, ...]  # bodies that robots can push
     extras: tuple[str, ...]  # names of the task's own state features, with units in its docstring
     features: tuple[Feature, ...]  # what the task adds to every robot's observation
-    metrics: Mapping[str, Metric]  # what the task adds to `metrics.EPISODE_METRICS`
+    metrics: ClassVar[Mapping[str, Metric]]  # what the task adds to `metrics.EPISODE_METRICS`
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         """Draws the episodes `seeds` into the rows `copies` of layouts [E, M, 8], states [E, S].

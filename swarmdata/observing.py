@@ -7,7 +7,7 @@ from swarmdata.features import Feature
 from swarmdata.interfaces import Task
 from swarmdata.senses import Broadcast
 from swarmdata.sensing import Sensor
-from swarmdata.types import Bool, Double, Float, Int, Step
+from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Step
 
 
 class Observer:
@@ -53,14 +53,14 @@ class Observer:
                 self._channel.forget(fresh)
             self._channel.transmit(now, actions, active, now.observations[..., cut:])
 
-    def allocate(self, shape: tuple[int, ...], n_agents: int) -> tuple[Float, ...]:
+    def allocate(self, shape: tuple[int, ...], n_agents: int) -> tuple[Float, Float, Bool, Counts]:
         """Zeroed arrays (observations, sent, delivered, ages) with leading axes `shape`."""
         n = n_agents
         return (
             np.zeros((*shape, n, len(self.features)), dtype=np.float32),
             np.zeros((*shape, n, self.message_size), dtype=np.float32),
             np.zeros((*shape, n, self.n_senders), dtype=np.bool_),
-            np.full((*shape, n, self.n_senders), 255, dtype=np.uint8),
+            np.full((*shape, n, self.n_senders), NEVER, dtype=np.uint8),
         )
 
 

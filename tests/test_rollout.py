@@ -29,6 +29,7 @@ class Counting:
     def __init__(self, n_copies: int, *, endless: bool = False) -> None:
         self.n_copies = n_copies
         self.endless = endless
+        self.task, self.features = make_task(self.spec), ()
         self.seeds: Seeds = np.zeros(n_copies, np.uint64)
         self.times: Int = np.zeros(n_copies, np.int64)
         self.sums: Float = np.zeros(n_copies, np.float32)

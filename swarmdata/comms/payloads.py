@@ -27,9 +27,7 @@ VECTORS = {
     X: vector("position", "position", "the sender's position when it sent, minus the own now"),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
-    TX: vector(
-        "target", "position", "the sender's target when it sent, minus the own position now"
-    ),
+    TX: vector("target", "position", "its target when it sent, minus the own position now"),
 }
 """Features of the vector that starts at a column."""
 

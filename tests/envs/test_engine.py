@@ -1,5 +1,7 @@
 """The engine: an episode is one pure function of its seed, on every backend, for every task."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_task
+from swarmdata.rules import NavigationRules
 from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.types import Double, Seeds, Step
@@ -148,8 +151,9 @@ def test_shared_rewards_follow_their_formula() -> None:
     spec = TaskSpec.parse({"rules": {"task": "coop_nav", "rewards": {"team_share": 0.25}}})
     env = TaskEnv(make_task(spec), 4)
     steps = play(env, seeds(1, 2, 3, 4), 60)
-    w, half = spec.rules.rewards, np.array([2.0, 2.0])
-    for before, step in zip(steps[:-1], steps[1:], strict=True):
+    rules, half = NavigationRules.model_validate(spec.rules), np.array([2.0, 2.0])
+    w = rules.rewards
+    for before, step in pairwise(steps):
         for b in np.flatnonzero(~before.ended):
             old = robots_of(before.states[b], 4).astype(float)
             new = robots_of(step.states[b], 4).astype(float)
@@ -162,7 +166,7 @@ def test_shared_rewards_follow_their_formula() -> None:
             costs = step.events[b] @ np.array(
                 [w.robot_contact, w.obstacle_contact, w.robot_collision, w.obstacle_collision]
             )
-            own = w.progress * (d_old - d_new) - w.time * (d_new > spec.rules.goal_radius)
+            own = w.progress * (d_old - d_new) - w.time * (d_new > rules.goal_radius)
             own += w.success * step.successes[b] - costs
             own -= w.proximity * np.clip(1 - gaps / PROXIMITY, 0, 1)
             expected = 0.75 * own + 0.25 * own.mean()
