@@ -11,6 +11,7 @@ from pettingzoo import ParallelEnv
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.sensing.scans import scan_of
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Float, Step
 
@@ -60,11 +61,11 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         self.state_space = gymnasium.spaces.Box(-wide, wide)
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
-        """The space of one agent's observations, Box [O], metres and metres per second."""
+        """The space of one agent's observations, Box [O]; the environment's features say what."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.Space[Any]:
-        """The space of one agent's actions, Box(-1, 1) [A]."""
+        """The space of one agent's actions, Box(-1, 1) [A], those of a learned message last."""
         return self.action_spaces[agent]
 
     def reset(
@@ -127,13 +128,24 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         return self._require_step().states[0].copy()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the world, [H, W, 3], or None without a render mode."""
+        """A picture of the world, [H, W, 3], or None without a render mode.
+
+        It shows the rays of a lidar, and the messages that arrived in this step.
+        """
         if self.render_mode is None:
             return None
         from swarmdata.envs.render import draw  # noqa: PLC0415  (drawing is an extra)
 
         step = self._require_step()
-        return draw(self.spec, step.layouts[0], step.states[0], events=step.events[0])
+        talks = step.delivered.shape[-1] > 0
+        return draw(
+            self.spec,
+            step.layouts[0],
+            step.states[0],
+            events=step.events[0],
+            scan=scan_of(self._env.features, step.observations[0]),
+            messages=(step.delivered[0], None) if talks else None,
+        )
 
     def close(self) -> None:
         """Does nothing: there is no window."""

@@ -15,7 +15,9 @@ from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import Published, TaskReferences, published, references_of
 from swarmdata.dataset import Dataset
 from swarmdata.metrics import Reference
+from swarmdata.models import Source, with_models
 from swarmdata.recipes import build, is_finished
+from swarmdata.reobserve import check_messages
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store.reading import Verify
 
@@ -76,6 +78,8 @@ def _info(recipe: Recipe) -> DatasetInfo:
 def load(
     dataset_id: str,
     *,
+    observation: Source | None = None,
+    communication: Source | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     workers: int | None = None,
@@ -88,17 +92,23 @@ def load(
 
     Args:
         dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v0`.
+        observation: what the robots shall have sensed, such as `lidar`; see `Dataset.reobserve`.
+            None: what was recorded.
+        communication: what they shall have heard, such as `lossy-30`; the same.
         path: the dataset's folder, if not the one in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         workers: processes that build; by default one for each core.
         progress: whether to show a bar while building.
 
     Raises:
-        UnknownNameError: no such dataset; the message has the nearest id.
+        UnknownNameError: no such dataset or model; the message has the nearest name.
+        SpecError: a malformed model, or learned messages that were not recorded.
         BuildError: it could not be built.
         DatasetError: the files cannot be used.
     """
     recipe = find_recipe(dataset_id)
+    seen = with_models(recipe.spec, observation, communication)
+    check_messages(seen, recipe.spec)  # before building, which may take minutes
     folder = Path(path) if path is not None else dataset_folder(recipe)
     source = "cache" if path is None else "folder"
     if not is_finished(folder, recipe):
@@ -108,7 +118,7 @@ def load(
     entry = published().get(recipe.id)
     if entry is not None and entry.digest != dataset.digest:
         warnings.warn(_differs(dataset, entry), RebuiltDifferentlyWarning, stacklevel=2)
-    return dataset
+    return dataset.reobserve(seen.observation, seen.communication, progress=progress)
 
 
 def known_references(spec: TaskSpec) -> Reference | None:

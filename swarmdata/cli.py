@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from swarmdata import __version__
 from swarmdata.errors import SwarmdataError
+from swarmdata.task_commands import Communication, Observation, task_app
 
 
 class _Group(TyperGroup):
@@ -33,12 +34,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Offline multi-agent RL datasets for multi-robot tasks.",
 )
+app.add_typer(task_app, name="task")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
 IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
 Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
 Episodes = Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")]
-Task = Annotated[str, typer.Option(help="of policies and tiers")]
+Task = Annotated[str, typer.Option(help="of policies and tiers: a preset, or a spec's file")]
 
 
 def main() -> None:
@@ -159,7 +161,7 @@ def card(
 @app.command()
 def train(
     algorithm: Annotated[str, typer.Argument(help="bc or maddpg_bc offline, mappo online")],
-    data: Annotated[str, typer.Argument(metavar="ID", help="a dataset; a task for mappo")],
+    data: Annotated[str, typer.Argument(metavar="ID", help="a dataset; for mappo a task")],
     out: Annotated[Path, typer.Option(help="the run's folder")],
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 3,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
@@ -167,9 +169,14 @@ def train(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    observation: Observation = None,
+    communication: Communication = None,
     device: Annotated[str, typer.Option(help="of torch")] = "cpu",
 ) -> None:
-    """Train an algorithm, offline on a train split or online in a task; run again to go on."""
+    """Train an algorithm, offline on a train split or online in a task; run again to go on.
+
+    With other models than the recorded ones, the dataset is observed again from its states.
+    """
     from swarmdata.registry import ONLINE_ALGORITHMS
     from swarmdata.targets import require
 
@@ -179,18 +186,16 @@ def train(
     require("torch", "torch", "training")
     from swarmdata.training import train_offline, train_online
 
+    common: dict[str, Any] = {
+        "n_seeds": seeds,
+        "changes": changes,
+        "observation": observation,
+        "communication": communication,
+    }
     if algorithm in ONLINE_ALGORITHMS:
-        train_online(algorithm, data, out, n_seeds=seeds, changes=changes)
+        train_online(algorithm, data, out, **common)
     else:
-        train_offline(
-            algorithm,
-            data,
-            out,
-            n_seeds=seeds,
-            changes=changes,
-            curve_every=curve_every,
-            device=device,
-        )
+        train_offline(algorithm, data, out, curve_every=curve_every, device=device, **common)
     typer.echo(out)
 
 
@@ -202,12 +207,13 @@ def ship(
     expert: Annotated[list[Path], typer.Option(help="finished online run to take an expert from")],
 ) -> None:
     """Put the mediums and experts of online runs into the package."""
-    from swarmdata.targets import require, task_spec
+    from swarmdata.presets import find_spec
+    from swarmdata.targets import require
 
     require("torch", "torch", "reading online runs")
     from swarmdata.online_algos.training import ship as ship_runs
 
-    entry = ship_runs(medium, expert, task_spec(task), out)
+    entry = ship_runs(medium, expert, find_spec(task), out)
     typer.echo(json.dumps(entry, indent=1))
 
 
@@ -227,12 +233,14 @@ def evaluate(
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for the results")] = None,
     task: Task = "coop_nav",
+    observation: Observation = None,
+    communication: Communication = None,
 ) -> None:
     """Evaluate policies on the reserved seeds and print a table."""
     from swarmdata.reporting import compare
     from swarmdata.targets import evaluate_target, find_target
 
-    found = [find_target(name, task) for name in targets]
+    found = [find_target(name, task, observation, communication) for name in targets]
     results = {target.label: evaluate_target(target, episodes, out) for target in found}
     typer.echo(compare(results, found[0].spec).to_text(), nl=False)
 
@@ -266,20 +274,22 @@ def curves(
 @app.command()
 def render(
     target: Annotated[str, typer.Argument(help="a policy, tier, run folder or dataset id")],
-    out: Annotated[Path, typer.Option(help="the .gif file")],
+    out: Annotated[Path, typer.Option(help="the .gif, .mp4 or .png file")],
     episode: Annotated[int, typer.Option(min=0, help="evaluation seed, or recorded episode")] = 0,
     task: Task = "coop_nav",
+    observation: Observation = None,
+    communication: Communication = None,
 ) -> None:
-    """Animate one episode: a fresh one of a policy, or a recorded one of a dataset."""
-    from swarmdata.reporting import animate_target
+    """Draw one episode: a fresh one of a policy, or a recorded one of a dataset."""
+    from swarmdata.reporting import draw_target
 
-    animate_target(target, out, episode, task)
+    draw_target(target, out, episode, task, observation, communication)
     typer.echo(out)
 
 
 @app.command()
 def references(
-    task: Annotated[str, typer.Argument(help="such as coop_nav")],
+    task: Annotated[str, typer.Argument(help="a preset such as coop_nav, or a spec's file")],
     episodes: Episodes = 1000,
     out: Annotated[
         Path | None, typer.Option(help="JSON file in which to replace this task")
@@ -289,7 +299,7 @@ def references(
     from swarmdata.targets import measure_references
 
     table = measure_references(task, episodes)
-    _update(out, {task: table.model_dump(mode="json")})
+    _update(out, {Path(task).stem: table.model_dump(mode="json")})
 
 
 @app.command()

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.metrics import Reference, normalized_score
+from swarmdata.models import Source, describe, with_models
 from swarmdata.registry import make_env
+from swarmdata.reobserve import View, reobserve
 from swarmdata.sampling import Rows, Sampler, gather_transitions
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.splits import outcome_mask, policy_mask, split_mask
@@ -39,19 +41,21 @@ class Statistics:
 class Dataset:
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
-    Every array is a read-only view of a memory map.
+    Every array is a read-only view of a memory map, but for what `reobserve` computed.
 
     Attributes:
-        stored: the open files.
+        stored: the open files; of a re-observation, with what it computed in their place.
         selection: stored episodes of this view, int64 [n].
         references: anchors of the normalized score, if known.
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
+        seen: the re-observation that this is, if it is one.
     """
 
     stored: StoredDataset
     selection: Int
     references: Reference | None = None
     source: str = "folder"
+    seen: View | None = None
 
     @classmethod
     def open(
@@ -98,31 +102,42 @@ class Dataset:
 
     @property
     def spec(self) -> TaskSpec:
-        """The task that was recorded."""
-        return self.recipe.spec
+        """The task that was recorded; of a re-observation, with its models."""
+        return self.recipe.spec if self.seen is None else self.seen.spec
+
+    @property
+    def view(self) -> str | None:
+        """Canonical JSON of a re-observation's two models, None for what was recorded.
+
+        Together with `digest` it names the content.
+        """
+        return None if self.seen is None else self.seen.identity
 
     @property
     def card(self) -> str:
-        """Text of the dataset's card, Markdown.
+        """Text of the dataset's card, Markdown; of a re-observation, below a note that says so.
 
         Raises:
             MissingFileError: the dataset has no card.
         """
         try:
-            return (self.path / CARD).read_text(encoding="utf-8")
+            text = (self.path / CARD).read_text(encoding="utf-8")
         except FileNotFoundError as error:
             raise MissingFileError(
                 f"{self.path / CARD} is absent: this dataset has no card yet. "
                 f"`swarmdata generate {self.id}` writes one."
             ) from error
+        return text if self.seen is None else f"{self.seen.note}\n{text}"
 
     @property
     def statistics(self) -> Statistics:
         """Normalization statistics of the train split, the same in every view."""
         entry = self.stored.manifest.statistics
+        recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
+        mean, std = recorded if self.seen is None else self.seen.moments
         return Statistics(
-            observation_mean=np.array(entry.observation_mean),
-            observation_std=np.array(entry.observation_std),
+            observation_mean=mean,
+            observation_std=std,
             reward_mean=entry.reward_mean,
             reward_std=entry.reward_std,
         )
@@ -147,11 +162,14 @@ class Dataset:
         return len(self.selection)
 
     def __repr__(self) -> str:
-        """Shows identity and size."""
+        """Shows identity and size, and of a re-observation who saw what."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
+        seen = ""
+        if self.seen is not None:
+            seen = f" seen with {describe(self.spec)}; acted on {describe(self.recipe.spec)};"
         return (
-            f"<Dataset {self.id}: {len(self):,}{part} episodes, {self.n_steps:,} steps, "
+            f"<Dataset {self.id}:{seen} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
         )
 
@@ -217,6 +235,42 @@ class Dataset:
         if split is not None:
             mask &= split_mask(table, split)
         return replace(self, selection=self.selection[mask])
+
+    def reobserve(
+        self,
+        observation: Source | None = None,
+        communication: Source | None = None,
+        *,
+        progress: bool = True,
+    ) -> "Dataset":
+        """Returns the same episodes as robots with other sensors and radios would have seen them.
+
+        Observations, `sent`, `delivered` and `ages` are computed anew from the recorded states, for
+        the whole dataset whatever is selected here, by what a live world runs. Rewards, states and
+        the digest stay those of the recording, and so do the actions: they came from policies that
+        saw something else, as `card` says. `statistics`, `spec` and `make_env` are the new models'.
+
+        The new arrays are held in memory: 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a
+        channel only), 1.1 GB for a million states of four robots with 16 lidar rays.
+
+        Args:
+            observation: the new model: a name such as `lidar`, `lidar-32+noise-0.05`, `bearing` or
+                `occupancy`, its fields, or a file; None keeps this dataset's.
+            communication: the same of a channel, such as `perfect`, `lossy-30+range-1.5` or `none`.
+            progress: whether to show a bar (on standard error, if that is a terminal).
+
+        Raises:
+            UnknownNameError: no such model.
+            SpecError: a malformed model, or learned messages that were not recorded.
+        """
+        spec = with_models(self.spec, observation, communication)
+        if spec == self.spec:
+            return self
+        recorded = self.stored if self.seen is None else self.seen.recorded
+        if spec == self.recipe.spec:
+            return replace(self, stored=recorded, seen=None)
+        seen = reobserve(recorded, spec, progress=progress)
+        return replace(self, stored=replace(recorded, arrays=dict(seen.arrays)), seen=seen)
 
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this view into memory, row-aligned.

@@ -3,6 +3,7 @@
 import numpy as np
 
 from swarmdata.comms import Channel
+from swarmdata.features import Feature
 from swarmdata.interfaces import Task
 from swarmdata.sensing import Sensor
 from swarmdata.spec import Broadcast
@@ -61,3 +62,8 @@ class Observer:
             np.zeros((*shape, n, self.n_senders), dtype=np.bool_),
             np.full((*shape, n, self.n_senders), 255, dtype=np.uint8),
         )
+
+
+def features_of(task: Task) -> tuple[Feature, ...]:
+    """What each number of one robot's observation is, received messages included."""
+    return Observer(task, 1).features

@@ -4,10 +4,13 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.spec import TaskSpec
 
 FOLDER = "presets"
+
+SUFFIXES = (".yaml", ".yml", ".json")
+"""Endings of a spec's file."""
 
 
 @cache
@@ -24,20 +27,40 @@ def preset(name: str) -> TaskSpec:
     Raises:
         UnknownNameError: with the nearest known name.
     """
+    return TaskSpec.from_text(_read(name), f"preset {name}")
+
+
+@cache
+def preset_summary(name: str) -> str:
+    """What a preset is, in the words of the first comment of its file; empty if it has none.
+
+    Raises:
+        UnknownNameError: with the nearest known name.
+    """
+    lines = _read(name).splitlines()
+    return next((line.lstrip("# ").rstrip() for line in lines if line.startswith("#")), "")
+
+
+def _read(name: str) -> str:
     if name not in preset_names():
         raise UnknownNameError("task", name, preset_names())
-    file = files("swarmdata.envs") / FOLDER / f"{name}.yaml"
-    return TaskSpec.from_text(file.read_text(encoding="utf-8"), f"preset {name}")
+    return (files("swarmdata.envs") / FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def find_spec(name_or_path: str) -> TaskSpec:
     """A preset by name, or the spec in a `.yaml` or `.json` file.
 
     Raises:
-        UnknownNameError: neither.
-        SpecError: the file is not a spec.
+        UnknownNameError: no such preset.
+        SpecError: the file cannot be read, or is not a spec.
     """
     path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml", ".json") and path.exists():
+    if path.suffix not in SUFFIXES:
+        return preset(name_or_path)
+    try:
         return TaskSpec.from_file(path)
-    return preset(name_or_path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise SpecError(
+            f"cannot read a spec from {path}: {error}. Give a YAML or JSON file, or one of the "
+            f"presets {', '.join(preset_names())}."
+        ) from error

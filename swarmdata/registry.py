@@ -12,6 +12,7 @@ TASKS = {
     "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
     "transport": "swarmdata.envs.transport:Transport",
     "warehouse": "swarmdata.envs.warehouse:Warehouse",
+    "formation": "swarmdata.envs.formation:Formation",
 }
 
 POLICIES = {
@@ -26,6 +27,7 @@ SCRIPTED = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_script:CoopNavScript",
     "transport": "swarmdata.behavior_policies.transport_script:TransportScript",
     "warehouse": "swarmdata.behavior_policies.warehouse_script:WarehouseScript",
+    "formation": "swarmdata.behavior_policies.formation_script:FormationScript",
 }
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""

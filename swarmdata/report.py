@@ -15,6 +15,7 @@ from swarmdata import metrics
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.evaluate import check_comparable
 from swarmdata.metrics import Estimate, Reference, normalized_score
+from swarmdata.models import describe
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, EvalResult
 
@@ -244,9 +245,9 @@ def _caption(
         else ""
     )
     return (
-        f"{what}; {len(flat[0].seeds)} episodes of {spec.task} on the evaluation seeds, spec "
-        f"{spec.hash()[:12]}. Collisions are contacts that began, per episode. Time to goal counts "
-        f"an unsolved episode as {limit:g} s."
+        f"{what}; {len(flat[0].seeds)} episodes of {spec.task} on the evaluation seeds, "
+        f"{describe(spec)}, spec {spec.hash()[:12]}. Collisions are contacts that began, per "
+        f"episode. Time to goal counts an unsolved episode as {limit:g} s."
     )
 
 

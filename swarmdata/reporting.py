@@ -4,28 +4,42 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import SPECS, is_dataset
-from swarmdata.cards.schema import references_of
+from swarmdata.cards.schema import TaskReferences, references_of
 from swarmdata.catalog import load as load_dataset
-from swarmdata.envs.render import animate
-from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.evaluate import load
+from swarmdata.clips import check_clip, write_clip
+from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.evaluate import load, load_metadata
 from swarmdata.metrics import Reference
+from swarmdata.models import Source, is_same_world, with_models
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
+from swarmdata.presets import find_spec
 from swarmdata.registry import make_env
+from swarmdata.reobserve import seen_again
 from swarmdata.report import Table, results_table
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 from swarmdata.targets import find_target
-from swarmdata.types import EvalResult
+from swarmdata.types import Episode, EvalResult
 
 
 def compare(results: Mapping[str, Sequence[EvalResult]], spec: TaskSpec) -> Table:
-    """Returns the results as a table, with scores where the spec has measured references."""
-    known = references_of(spec.hash())
+    """Returns the results as a table, with scores where the world has measured references.
+
+    Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
+    the headline spec: the loss shows.
+    """
+    known = _references(spec)
     if known is None or known.no_skill is None or known.expert is None:
         return results_table(results, spec)
     return results_table(results, spec, reference=Reference(known.no_skill, known.expert))
+
+
+def _references(spec: TaskSpec) -> TaskReferences | None:
+    """Those of the spec itself, else of the headline spec of the same world."""
+    worlds = [known for known in SPECS.values() if is_same_world(known, spec)]
+    found = (references_of(each.hash()) for each in (spec, *worlds))
+    return next((references for references in found if references is not None), None)
 
 
 def write_report(results: Path, out: Path, runs: Sequence[Path], task: str) -> Table:
@@ -35,15 +49,17 @@ def write_report(results: Path, out: Path, runs: Sequence[Path], task: str) -> T
         results: folder of result files, as `evaluate` saves them.
         out: folder to write to.
         runs: training runs whose learning curves are drawn together.
-        task: that the results are of.
+        task: that the results are of: a preset's name, or a spec's file; the models that the
+            results were measured under are read from their files.
 
     Raises:
         DatasetNotFoundError: there are no results.
         SchemaError: results that cannot be compared.
     """
-    if task not in SPECS:
-        raise UnknownNameError("task", task, SPECS)
-    table = compare(_read(results), SPECS[task])
+    spec = find_spec(task)
+    files = _files(results)
+    models = load_metadata(files[0]).get("models", {})
+    table = compare(_read(files), with_models(spec, **models))
     out.mkdir(parents=True, exist_ok=True)
     (out / "table.md").write_text(table.to_markdown(), encoding="utf-8")
     (out / "table.csv").write_text(table.to_csv(), encoding="utf-8")
@@ -58,13 +74,17 @@ def write_report(results: Path, out: Path, runs: Sequence[Path], task: str) -> T
     return table
 
 
-def _read(folder: Path) -> dict[str, list[EvalResult]]:
-    """Results by policy label; the order of labels is that of their returns, lowest first."""
+def _files(folder: Path) -> list[Path]:
     files = sorted(folder.glob("*.json"))
     if not files:
         raise DatasetNotFoundError(
             f"{folder} holds no results. Write some with: swarmdata evaluate ... --out {folder}"
         )
+    return files
+
+
+def _read(files: Sequence[Path]) -> dict[str, list[EvalResult]]:
+    """Results by policy label; the order of labels is that of their returns, lowest first."""
     groups: dict[str, list[EvalResult]] = {}
     for file in files:
         result = load(file)
@@ -95,23 +115,37 @@ def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
     )
 
 
-def animate_target(name: str, out: Path, index: int, task: str) -> None:
-    """Writes an episode as a GIF.
+def draw_target(
+    name: str,
+    out: Path,
+    index: int,
+    task: str,
+    observation: Source | None = None,
+    communication: Source | None = None,
+) -> Episode:
+    """Draws an episode, with lidar rays and messages where there are any; returns it.
 
     Args:
         name: a dataset's id for a recorded episode, else as `targets.find_target`.
-        out: the `.gif` file.
+        out: the `.gif`, `.mp4` or `.png` file.
         index: of the recorded episode, or of the reserved evaluation seed.
-        task: of policies and tiers.
+        task: of policies and tiers: a preset's name, or a spec's file.
+        observation: what the robots sense; a recorded episode is observed again.
+        communication: what they hear; the same.
+
+    Raises:
+        SchemaError: another kind of file, or no such episode.
     """
-    out.parent.mkdir(parents=True, exist_ok=True)
+    check_clip(out)
     if is_dataset(name):
         dataset = load_dataset(name)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
-        animate(dataset[index], dataset.spec, out)
-        return
-    target = find_target(name, task)
-    seeds = evaluation_seeds(index + 1)[index:]
-    (episode,) = rollout(make_env(target.spec), target.policies[0], seeds)
-    animate(episode, target.spec, out)
+        spec = with_models(dataset.spec, observation, communication)
+        episode = seen_again(dataset[index], dataset.spec, spec)
+    else:
+        target = find_target(name, task, observation, communication)
+        spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]
+        (episode,) = rollout(make_env(spec), target.policies[0], seeds)
+    write_clip(episode, spec, out)
+    return episode

@@ -197,8 +197,8 @@ class NavigationRules(Frozen):
 class FormationRewards(Rewards):
     """Weights of `formation`."""
 
-    deviation: NonNegative = 0.5  # per step and metre of distance to the own slot, up to 1 m
-    velocity: NonNegative = 0.1  # per step and m/s of difference to the reference's velocity
+    deviation: NonNegative = 0.05  # per step and metre of distance to the own slot, up to 1 m
+    velocity: NonNegative = 0.01  # per step in the slot and m/s of difference to its velocity
 
 
 class FormationRules(Frozen):
@@ -208,10 +208,15 @@ class FormationRules(Frozen):
     shape: Literal["line", "circle", "wedge", "column"] = "wedge"
     spacing: Positive = 0.5  # m between neighbouring slots
     slots: Literal["fixed", "assigned"] = "assigned"  # assigned: the best assignment in each step
-    reference_speed: Positive = 0.2  # m/s
-    preview: tuple[Positive, ...] = (1.0, 2.0)  # s ahead at which robots see the reference
-    tolerance: Positive = 0.15  # m, root mean square deviation that counts as in formation
-    hold_fraction: Probability = 0.5  # of the horizon in formation that solves the task
+    reference_speed: Positive = 0.28  # m/s, never exceeded
+    segment_time: Positive = 4.0  # s between the control points of the path
+    max_turn: Annotated[float, Field(ge=0, le=1.2)] = 0.8  # rad from one control edge to the next
+    path_clearance: NonNegative = 0.3  # m, from the reference's path to every obstacle
+    blocked: tuple[Probability, Probability] = (0.1, 0.3)  # share of time with a slot in obstacles
+    start_spread: NonNegative = 1.0  # m beyond the slots in which robots start
+    preview: tuple[Positive, ...] = (1.0, 2.0)  # s ahead at which robots see their slots
+    tolerance: Positive = 0.12  # m, root mean square deviation that counts as in formation
+    hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
     rewards: FormationRewards = FormationRewards()
 
 

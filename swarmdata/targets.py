@@ -3,14 +3,13 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
+from importlib.util import find_spec as find_module
 from pathlib import Path
 from typing import Any
 
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.behavior_policies.tiers import (
     MIXTURES,
-    SPECS,
     find_recipe,
     is_dataset,
     shipped_recipes,
@@ -21,8 +20,11 @@ from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import CheckpointError, MissingExtraError, UnknownNameError
 from swarmdata.evaluate import evaluate, save
 from swarmdata.interfaces import Policy
+from swarmdata.models import Source, check_senses, models_of, with_models
+from swarmdata.observing import features_of
+from swarmdata.presets import find_spec
 from swarmdata.recipes import make_source_policy
-from swarmdata.registry import ONLINE_ALGORITHMS, POLICIES, make_policy
+from swarmdata.registry import ONLINE_ALGORITHMS, POLICIES, make_policy, make_task
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
 
@@ -43,7 +45,37 @@ class Target:
     metadata: dict[str, Any]  # JSON values: where the policies come from
 
 
-def find_target(name: str, task: str = "coop_nav") -> Target:
+@dataclass(frozen=True)
+class Models:
+    """Models to evaluate under; None keeps those that a policy's spec has."""
+
+    observation: Source | None = None
+    communication: Source | None = None
+
+    def offered_to(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
+        """The spec that a policy acts in.
+
+        Args:
+            policy: its name, for messages.
+            trained: the spec that it was made for.
+            is_fixed: whether it reads observations and so needs the features it was trained on.
+
+        Raises:
+            SchemaError: it needs other features than there are.
+        """
+        spec = with_models(trained, self.observation, self.communication)
+        if is_fixed and spec != trained:
+            features = (features_of(make_task(each)) for each in (trained, spec))
+            check_senses(policy, trained, spec, *features)
+        return spec
+
+
+def find_target(
+    name: str,
+    task: str = "coop_nav",
+    observation: Source | None = None,
+    communication: Source | None = None,
+) -> Target:
     """Returns what a name means.
 
     Args:
@@ -51,71 +83,70 @@ def find_target(name: str, task: str = "coop_nav") -> Target:
             its checkpoints without noise; a dataset's id, which means its behavior policies as
             recorded; or a run folder, which means its policies, one per seed (the last actor of an
             online run).
-        task: of a policy or tier.
+        task: of a policy or tier: a preset's name, or a spec's file.
+        observation: what the robots sense, such as `lidar`; None: what the task, the dataset or
+            the training had.
+        communication: what they hear, such as `lossy-30`; the same.
 
     Raises:
         UnknownNameError: nothing has that name.
+        SchemaError: a trained policy does not have the inputs that these models give.
         MissingExtraError: a run folder without torch.
     """
+    models = Models(observation, communication)
     if (Path(name) / RUN_FILE).exists():
-        return _run_target(Path(name))
-    spec = task_spec(task)
+        return _run_target(Path(name), models)
     if name in POLICIES and name != "learned":
+        spec = models.offered_to(name, find_spec(task), is_fixed=False)
         return Target(name, spec, (make_policy(name, spec),), {"policy": name})
     if name in MIXTURES and MIXTURES[name][0] == (name,) and (found := sources(task, name, 0.0)):
+        spec = models.offered_to(name, find_spec(task), is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
         digests = [source.sha256 for source in found]
         return Target(name, spec, policies, {"policy": name, "checkpoints": digests})
-    return _dataset_target(name, task)
+    return _dataset_target(name, task, models)
 
 
-def task_spec(task: str) -> TaskSpec:
-    """The headline spec of a task.
-
-    Raises:
-        UnknownNameError: no such task.
-    """
-    if task not in SPECS:
-        raise UnknownNameError("task", task, SPECS)
-    return SPECS[task]
-
-
-def _dataset_target(name: str, task: str) -> Target:
+def _dataset_target(name: str, task: str, models: Models) -> Target:
     if not is_dataset(name):
         tiers = {tier for tier, (parts, _) in MIXTURES.items() if parts == (tier,)}
         trained = {tier for tier in tiers if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)
-    policies = tuple(make_source_policy(source, recipe.spec) for source in recipe.policies)
-    return Target(name, recipe.spec, policies, {"recipe": recipe.hash()})
+    is_fixed = any(source.name == "learned" for source in recipe.policies)
+    spec = models.offered_to(name, recipe.spec, is_fixed=is_fixed)
+    policies = tuple(make_source_policy(source, spec) for source in recipe.policies)
+    return Target(name, spec, policies, {"recipe": recipe.hash()})
 
 
-def _online_target(folder: Path, document: dict[str, Any]) -> Target:
+def _online_target(folder: Path, document: dict[str, Any], models: Models) -> Target:
     """The last actor of an online run, so far."""
-    spec = TaskSpec.parse(document["spec"], str(folder / RUN_FILE))
+    trained = TaskSpec.parse(document["spec"], str(folder / RUN_FILE))
     actors = sorted((folder / "actors").glob("*.safetensors"))
     if not actors:
         raise CheckpointError(f"{folder} has no actors yet; wait for the run's first checkpoint")
     metadata = {"run": {**document, "frames": int(actors[-1].stem)}}
+    spec = models.offered_to(str(folder), trained, is_fixed=True)
     return Target(folder.resolve().name, spec, (own_actor(actors[-1], spec),), metadata)
 
 
-def _run_target(folder: Path) -> Target:
+def _run_target(folder: Path, models: Models) -> Target:
     document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
     if document.get("algorithm") in ONLINE_ALGORITHMS:
-        return _online_target(folder, document)
+        return _online_target(folder, document, models)
     require("torch", "torch", f"loading the run {folder}")
     from swarmdata.learn.run import load_run, read_run  # noqa: PLC0415  (torch is an extra)
 
     run = read_run(folder)
     metadata = {"run": run.model_dump(mode="json", exclude={"spec"})}
-    return Target(folder.resolve().name, run.spec, tuple(load_run(folder)), metadata)
+    spec = models.offered_to(str(folder), run.spec, is_fixed=True)
+    return Target(folder.resolve().name, spec, tuple(load_run(folder)), metadata)
 
 
 def require(package: str, extra: str, purpose: str) -> None:
     """Raises MissingExtraError unless the package is installed; imports nothing."""
-    if find_spec(package) is None:
+    if find_module(package) is None:
         raise MissingExtraError(package, extra, purpose)
 
 
@@ -127,7 +158,8 @@ def evaluate_target(
     Args:
         target: the team.
         n_episodes: first so many reserved seeds.
-        out: a folder that gets one file per policy, `<label>-<index>.json`.
+        out: a folder that gets one file per policy, `<label>-<index>.json`; its metadata say where
+            the policy comes from and under which models it was measured.
         progress: whether to show bars.
     """
     results = []
@@ -137,7 +169,11 @@ def evaluate_target(
         )
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-            metadata = {**target.metadata, "index": index}
+            metadata = {
+                **target.metadata,
+                "models": models_of(target.spec),
+                "index": index,
+            }
             save(result, out / f"{target.label}-{index}.json", metadata=metadata)
         results.append(result)
     return results
@@ -148,10 +184,17 @@ def measure_references(
 ) -> TaskReferences:
     """Evaluates the reference policies of a task; tiers without checkpoints are left out.
 
+    Args:
+        task: a preset's name, or a spec's file.
+        n_episodes: first so many reserved seeds.
+        names: of the policies and tiers.
+        progress: whether to show bars.
+
     Raises:
         UnknownNameError: no such task.
+        SpecError: the file is not a spec.
     """
-    task_spec(task)
+    find_spec(task)
     there = [name for name in names if name not in MIXTURES or sources(task, name)]
     targets = [find_target(name, task) for name in there]
     return summarize({t.label: evaluate_target(t, n_episodes, progress=progress) for t in targets})

@@ -10,10 +10,11 @@ from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Schedule, train
+from swarmdata.models import Source, with_models
 from swarmdata.online_algos.mappo import Config as OnlineConfig
+from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.spec import TaskSpec
-from swarmdata.targets import task_spec
 
 CURVE_EPISODES = 64
 """Evaluation episodes of each point of a learning curve."""
@@ -29,6 +30,8 @@ def train_offline(
     *,
     n_seeds: int = 3,
     changes: Mapping[str, str] | None = None,
+    observation: Source | None = None,
+    communication: Source | None = None,
     curve_every: int = 1000,
     device: str = "cpu",
     progress: bool = True,
@@ -41,6 +44,8 @@ def train_offline(
         out: the run's folder.
         n_seeds: how many.
         changes: settings of the algorithm as text.
+        observation: trains on, and evaluates under, another model than the recorded one.
+        communication: the same.
         curve_every: updates between two points of the learning curve.
         device: of torch.
         progress: whether to show bars.
@@ -51,7 +56,9 @@ def train_offline(
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
-    dataset = load(dataset_id, progress=progress).split("train")
+    dataset = load(
+        dataset_id, observation=observation, communication=communication, progress=progress
+    ).split("train")
     spec = dataset.spec
     return train(
         algorithm,
@@ -73,15 +80,19 @@ def train_online(
     *,
     n_seeds: int = 3,
     changes: Mapping[str, str] | None = None,
+    observation: Source | None = None,
+    communication: Source | None = None,
 ) -> None:
     """Trains seeds 0, 1, ... one after the other, each in its own folder `out/seed-<k>`.
 
     Args:
         algorithm: registered online algorithm.
-        task: whose headline spec to train in.
+        task: to train in: a preset's name, or a spec's file.
         out: folder of the runs.
         n_seeds: how many.
         changes: settings of the algorithm as text.
+        observation: what the robots sense, if not what the task says.
+        communication: what they hear, the same.
 
     Raises:
         UnknownNameError: no such algorithm, task or setting.
@@ -89,8 +100,9 @@ def train_online(
     """
     run = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
     config = override(OnlineConfig(), changes or {})
+    spec = with_models(find_spec(task), observation, communication)
     for seed in range(n_seeds):
-        run(task_spec(task), config, seed, out / f"seed-{seed}")
+        run(spec, config, seed, out / f"seed-{seed}")
 
 
 def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:

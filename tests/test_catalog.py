@@ -9,7 +9,7 @@ import pytest
 from swarmdata import catalog
 from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
 from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.errors import MissingManifestError, UnknownNameError
+from swarmdata.errors import MissingManifestError, SpecError, UnknownNameError
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
@@ -64,6 +64,24 @@ def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> N
     assert dataset.path == tmp_path / "mine"
     assert load("coop_nav-tiny", path=tmp_path / "mine").source == "folder"
     assert not list(cache_folder.iterdir())
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_through_other_models(cache_folder: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
+        load("coop_nav-tiny", observation="lidra")
+    with pytest.raises(SpecError, match="learned messages of 2 values"):
+        load("coop_nav-tiny", communication="learned-2")
+    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
+    seen = load(
+        "coop_nav-tiny", observation="lidar", communication="lossy-30", workers=1, progress=False
+    )
+    recorded = load("coop_nav-tiny")
+
+    assert seen.spec.observation.kind == "lidar"
+    assert (seen.digest, seen.source) == (recorded.digest, "rebuilt")
+    assert (seen.view is None, recorded.view is None) == (False, True)
+    assert load("coop_nav-tiny", observation="state", communication="none").view is None
 
 
 @pytest.mark.usefixtures("tiny")

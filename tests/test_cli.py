@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.cli import app
+from swarmdata.presets import preset_names
 from swarmdata.recipes import build_folder
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
@@ -107,6 +108,81 @@ def test_evaluate_and_report(tmp_path: Path) -> None:
     assert "4 episodes of coop_nav" in run("report", results, "--out", out)
     assert {path.name for path in out.iterdir()} == {"table.md", "table.csv", "table.png"}
     assert "holds no results" in run("report", out / "no", "--out", out, code=1)
+
+
+def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the report has pictures")
+    results, out = tmp_path / "results", tmp_path / "out"
+    models = ("--observation", "lidar-8", "--communication", "lossy-30")
+    title = "observation lidar (n_rays 8), communication broadcast (drop_probability 0.3)"
+
+    assert title in run("evaluate", "idle", "--episodes", "2", "--out", results, *models)
+    metadata = json.loads((results / "idle-0.json").read_text())["metadata"]
+    assert metadata["models"]["observation"]["n_rays"] == 8
+    assert metadata["models"]["communication"]["drop_probability"] == 0.3
+    assert title in run("report", results, "--out", out)
+    assert title in (out / "table.md").read_text()
+
+    run("evaluate", "random", "--episodes", "2", "--out", results)
+    assert "of different specs" in run("report", results, "--out", out, code=1)
+
+
+def test_tasks_are_presets_or_files(tmp_path: Path) -> None:
+    file = tmp_path / "short.yaml"
+    file.write_text("horizon: 12")
+
+    assert "unsolved episode as 1.2 s" in run("evaluate", "idle", "--episodes", "2", "--task", file)
+    assert list(json.loads(run("references", file, "--episodes", "2"))) == ["short"]
+    assert "unknown task 'coop_nv'" in run("evaluate", "idle", "--task", "coop_nv", code=1)
+
+
+def test_task_list_shows_every_preset() -> None:
+    lines = run("task", "list").splitlines()
+
+    assert [line.split()[0] for line in lines] == ["name", *preset_names()]
+    (headline,) = (line for line in lines if line.startswith("coop_nav "))
+    assert "4 x 4" in headline
+    assert "headline task" in headline
+
+
+def test_task_show_prints_a_spec_that_validates(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(run("task", "show", "coop_nav"))
+
+    assert TaskSpec.from_file(file) == TaskSpec()
+    assert run("task", "validate", file).startswith("OK: coop_nav with 4 robots, observation state")
+    assert run("task", "validate", "coop_nav").startswith("OK")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("horizn: 3", "unknown key. Did you mean 'horizon'"),
+        ("horizon: 0", "greater than or equal to 1 (got 0)"),
+        ("horizon: [", "neither YAML nor JSON"),
+        ("arena: {width: 0.3, height: 0.3}", "Error: "),
+        (None, "cannot read a spec from"),
+    ],
+)
+def test_task_validate_gives_the_one_error(tmp_path: Path, text: str | None, message: str) -> None:
+    file = tmp_path / "bad.yaml"
+    if text is not None:
+        file.write_text(text)
+    output = run("task", "validate", file, code=1)
+
+    assert message in output
+    assert "Traceback" not in output
+
+
+def test_task_play_draws(tmp_path: Path) -> None:
+    pytest.importorskip("PIL", reason="Pillow draws")
+    models = ("--observation", "lidar", "--communication", "lossy-30")
+    for name, options in {"a.png": (), "b.png": models, "c.gif": models}.items():
+        output = run("task", "play", "coop_nav", "--out", tmp_path / name, *options)
+        assert "ended by success" in output
+        assert (tmp_path / name).stat().st_size > 2000
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+    assert "ends in" in run("task", "play", "coop_nav", "--out", tmp_path / "x.bmp", code=1)
 
 
 def test_render_writes_a_gif(tmp_path: Path) -> None:

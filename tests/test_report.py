@@ -11,7 +11,7 @@ import pytest
 
 from swarmdata import metrics
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.metrics import metrics_of, Estimate, Reference
+from swarmdata.metrics import Estimate, Reference, metrics_of
 from swarmdata.report import Column, Row, Table, format_estimate, format_number, results_table
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
@@ -52,6 +52,12 @@ def test_one_run_is_averaged_over_episodes() -> None:
     assert row["success"] == metrics.wilson_interval(30, 40)
     assert row["clean_success"] == metrics.wilson_interval(10, 40)
     assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
+
+
+def test_the_title_says_the_models() -> None:
+    title = results_table({"bc": [result()]}, SPEC).caption
+    assert "40 episodes of coop_nav on the evaluation seeds" in title
+    assert "observation state, communication none" in title
 
 
 def test_several_runs_give_the_iqm_over_runs() -> None:

@@ -46,6 +46,7 @@ class Run(Frozen):
     config: dict[str, Any]  # of the algorithm, every default written out
     dataset: str
     digest: str  # of the dataset
+    view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
     n_episodes: Count  # of the view that was trained on
     spec: TaskSpec
     spec_hash: str

@@ -135,6 +135,7 @@ def _describe(
         config=dataclasses.asdict(config),
         dataset=dataset.id,
         digest=dataset.digest,
+        view=dataset.view,
         n_episodes=len(dataset),
         spec=dataset.spec,
         spec_hash=dataset.spec.hash(),

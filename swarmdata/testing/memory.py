@@ -31,12 +31,14 @@ class MemoryDataset:
         spec: the task.
         id: name of the dataset.
         digest: stands for the content.
+        view: models of a re-observation as JSON.
     """
 
     episodes: Sequence[Episode]
     spec: TaskSpec = field(default_factory=TaskSpec)
     id: str = "memory-v0"
     digest: str = "0" * 64
+    view: str | None = None
 
     def __len__(self) -> int:
         """Number of episodes."""

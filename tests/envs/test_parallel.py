@@ -5,9 +5,11 @@ import warnings
 import numpy as np
 import pytest
 
-from swarmdata.registry import make_env
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.models import with_models
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import TASKS, make_env
 from swarmdata.spec import TaskSpec
 
 with warnings.catch_warnings():
@@ -16,12 +18,40 @@ with warnings.catch_warnings():
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 
-def test_passes_pettingzoo_api_test() -> None:
-    parallel_api_test(ParallelWorld(TaskSpec(horizon=30)), num_cycles=100)
+MODELS = [
+    ("state", "none"),
+    ("state+noise-0.1+dropout-0.2", "perfect"),
+    ("lidar", "lossy-30+delayed-2"),
+    ("bearing", "goal+nearest-2+bits-6"),
+    ("occupancy+stack-2+delay-1", "bursty-20+range-1.5"),
+    ("lidar", "learned-3+aloha-4"),
+]
 
 
-def test_passes_pettingzoo_seed_test() -> None:
-    parallel_seed_test(lambda: ParallelWorld(TaskSpec()), num_cycles=60)
+@pytest.mark.parametrize("models", MODELS)
+@pytest.mark.parametrize("world", [name for name in preset_names() if name in TASKS])
+def test_passes_pettingzoo_api_test(world: str, models: tuple[str, str]) -> None:
+    spec = with_models(preset(world).with_updates(horizon=25), *models)
+    parallel_api_test(ParallelWorld(spec), num_cycles=60)
+
+
+@pytest.mark.parametrize("models", MODELS)
+@pytest.mark.parametrize("world", [name for name in preset_names() if name in TASKS])
+def test_passes_pettingzoo_seed_test(world: str, models: tuple[str, str]) -> None:
+    spec = with_models(preset(world), *models)
+    parallel_seed_test(lambda: ParallelWorld(spec), num_cycles=30)
+
+
+def test_pictures_show_rays_and_messages() -> None:
+    pytest.importorskip("PIL", reason="Pillow draws")
+    pictures = []
+    for models in (("state", "none"), ("lidar", "none"), ("lidar", "perfect")):
+        view = ParallelWorld(with_models(TaskSpec(), *models), render_mode="rgb_array")
+        view.reset(seed=3)
+        pictures.append(np.asarray(view.render()))
+    assert np.any(pictures[0] != pictures[1])
+    assert np.any(pictures[1] != pictures[2])
+    assert ParallelWorld(TaskSpec()).render() is None
 
 
 def test_an_episode_equals_the_vectorised_one() -> None:

@@ -1,0 +1,64 @@
+"""Shapes of a formation: where the slots are in the frame of its centre, which faces along +x."""
+
+import math
+
+import numpy as np
+
+from swarmdata.errors import SpecError
+from swarmdata.spec import FormationRules
+from swarmdata.types import Double
+
+_GRID = 2.0**20
+"""Sines and cosines are rounded to its inverse, so that they are the same on every platform."""
+
+SLACK = 0.05
+"""Gap (m) that is left at least between robots in neighbouring slots."""
+
+
+def slot_offsets(rules: FormationRules, n: int) -> Double:
+    """Slots of `n` robots, m, [n, 2]; their mean is the origin.
+
+    line: abreast. column: one behind the other. wedge: a V, its tip ahead, its arms at 45 degrees.
+    circle: a regular polygon. Neighbours are `spacing` apart in all of them.
+    """
+    k = np.arange(n, dtype=np.float64)
+    if rules.shape == "line":
+        offsets = np.stack([0.0 * k, k], axis=1)
+    elif rules.shape == "column":
+        offsets = np.stack([-k, 0.0 * k], axis=1)
+    elif rules.shape == "wedge":
+        row = np.ceil(k / 2) * math.sqrt(0.5)
+        offsets = np.stack([-row, np.where(k % 2 == 1, row, -row)], axis=1)
+    else:
+        radius = 0.0 if n == 1 else 0.5 / _on_grid(math.sin(math.pi / n))
+        turns = [2.0 * math.pi * i / n for i in range(n)]
+        unit = [(_on_grid(math.cos(turn)), _on_grid(math.sin(turn))) for turn in turns]
+        offsets = radius * np.array(unit)
+    offsets = rules.spacing * offsets
+    total = np.zeros(2)
+    for offset in offsets:  # in this order: NumPy's sums are in another on other machines
+        total += offset
+    return offsets - total / n
+
+
+def check_slots(rules: FormationRules, radii: Double) -> None:
+    """Raises unless robots of these radii [N], m, can be in the slots at once.
+
+    Raises:
+        SpecError: they touch.
+    """
+    need = float(np.sort(radii)[-2:].sum()) + SLACK
+    if len(radii) > 1 and rules.spacing < need:
+        raise SpecError(
+            f"rules.spacing is {rules.spacing:g} m, expected at least {need:g} m: two robots of "
+            f"the largest radii, and {SLACK:g} m. Enlarge the spacing or take smaller robots."
+        )
+
+
+def reach_of(offsets: Double) -> float:
+    """Distance of the farthest slot from the centre, m."""
+    return float(np.sqrt((offsets * offsets).sum(axis=1)).max())
+
+
+def _on_grid(value: float) -> float:
+    return round(value * _GRID) / _GRID

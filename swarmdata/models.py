@@ -1,0 +1,104 @@
+"""The two models through which robots see and talk: chosen by name, put into a spec, described."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmdata.comms.names import communication_model
+from swarmdata.errors import SchemaError
+from swarmdata.features import Feature
+from swarmdata.sensing.names import observation_model
+from swarmdata.spec import AnyCommunicationModel, AnyObservationModel, Frozen, TaskSpec
+
+Source = str | Path | Mapping[str, Any] | Frozen
+"""A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
+
+
+def with_models(
+    spec: TaskSpec, observation: Source | None = None, communication: Source | None = None
+) -> TaskSpec:
+    """Returns the same task seen and talked about through other models; None keeps the spec's.
+
+    Raises:
+        UnknownNameError: no such model, with the nearest known name.
+        SpecError: a value out of its range, or a text or file that is no model.
+    """
+    changes: dict[str, AnyObservationModel | AnyCommunicationModel] = {}
+    if observation is not None:
+        changes["observation"] = observation_model(observation)  # type: ignore[arg-type]
+    if communication is not None:
+        changes["communication"] = communication_model(communication)  # type: ignore[arg-type]
+    return spec.with_updates(**changes) if changes else spec
+
+
+def is_same_world(first: TaskSpec, second: TaskSpec) -> bool:
+    """Whether two specs differ in their models only: states, rewards and returns are the same."""
+    return with_models(first, second.observation, second.communication) == second
+
+
+def models_of(spec: TaskSpec) -> dict[str, Any]:
+    """Both models as JSON values, every default written out."""
+    return {
+        "communication": spec.communication.model_dump(mode="json"),
+        "observation": spec.observation.model_dump(mode="json"),
+    }
+
+
+def models_json(spec: TaskSpec) -> str:
+    """Canonical JSON of both models: sorted keys, no spaces, every default written out."""
+    return json.dumps(models_of(spec), sort_keys=True, separators=(",", ":"))
+
+
+def describe(spec: TaskSpec) -> str:
+    """Both models in words, with what is not a default, for titles and messages."""
+    seen, told = _describe(spec.observation), _describe(spec.communication)
+    return f"observation {seen}, communication {told}"
+
+
+def _describe(model: Frozen) -> str:
+    given = model.model_dump(mode="json", exclude_defaults=True)
+    given.pop("kind", None)
+    kind = str(getattr(model, "kind", type(model).__name__))
+    text = ", ".join(f"{name} {_plain(value)}" for name, value in given.items())
+    return f"{kind} ({text})" if text else kind
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return " ".join(f"{name} {_plain(inner)}" for name, inner in value.items())
+    return format(value, "g") if isinstance(value, float) else str(value)
+
+
+def check_senses(
+    policy: str, trained: TaskSpec, offered: TaskSpec, *features: tuple[Feature, ...]
+) -> None:
+    """Refuses to evaluate a policy whose inputs or messages a pair of models does not give.
+
+    The same features with other noise, range or losses are accepted: that is what is measured.
+
+    Args:
+        policy: its name, for the message.
+        trained: the spec it was trained on.
+        offered: the spec it would act in.
+        features: of one robot's observation, trained and offered.
+
+    Raises:
+        SchemaError: the features or the lengths of actions differ.
+    """
+    known, seen = ([feature.name for feature in side] for side in features)
+    if (known, trained.action_size) == (seen, offered.action_size):
+        return
+    raise SchemaError(
+        f"{policy} was trained with {describe(trained)}: {len(known)} numbers per robot, actions "
+        f"of {trained.action_size}. It cannot act with {describe(offered)}: {len(seen)} numbers, "
+        f"actions of {offered.action_size}{_first_difference(known, seen)}. Evaluate it with "
+        "models that give the same features (other noise, ranges and losses are fine), or train "
+        "on these."
+    )
+
+
+def _first_difference(known: list[str], seen: list[str]) -> str:
+    pairs = zip([*known, "nothing"], [*seen, "nothing"], strict=False)
+    found = next(((k, a, b) for k, (a, b) in enumerate(pairs) if a != b), None)
+    return "" if found is None else f"; number {found[0]} is {found[2]}, not {found[1]}"

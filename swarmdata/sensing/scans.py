@@ -1,0 +1,27 @@
+"""The lidar's distances inside observations, found by the names of the features."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from swarmdata.features import Feature
+from swarmdata.types import Float
+
+_BEAM = re.compile(r"beam_(\d+)\.distance")  # of the newest frame: older ones end with their age
+
+
+def scan_of(features: Sequence[Feature], observations: Float) -> Float | None:
+    """Returns the distances that the robots' beams measured, as shares of the lidar's range.
+
+    Noise, losses and delay included: what is drawn is what the robots believe.
+
+    Args:
+        features: of one robot's observation, O.
+        observations: [..., N, O].
+
+    Returns:
+        [..., N, K], the first beam along the heading, then counter-clockwise; None without beams.
+    """
+    columns = [k for k, feature in enumerate(features) if _BEAM.fullmatch(feature.name)]
+    return observations[..., np.array(columns)] if columns else None

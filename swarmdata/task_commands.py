@@ -1,0 +1,90 @@
+"""`swarmdata task ...`: the worlds there are, what they consist of, and how they look in motion."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Observation = Annotated[
+    str | None,
+    typer.Option(
+        help="what robots sense: a name such as lidar or lidar-32+noise-0.05, or a YAML file",
+        show_default="as in the task, the dataset or the training",
+    ),
+]
+Communication = Annotated[
+    str | None,
+    typer.Option(
+        help="what robots hear: a name such as none, perfect or lossy-30, or a YAML file",
+        show_default="as in the task, the dataset or the training",
+    ),
+]
+NameOrFile = Annotated[
+    str, typer.Argument(metavar="NAME_OR_FILE", help="a preset, or a spec's YAML or JSON file")
+]
+
+task_app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Show, check and play the worlds: presets of the package, or specs in files.",
+)
+
+
+@task_app.command("list")
+def list_command() -> None:
+    """Show every preset."""
+    from swarmdata.presets import preset, preset_names, preset_summary
+
+    line = "{:22} {:11} {:>6}  {:>11}  {:>7}  {}"
+    typer.echo(line.format("name", "task", "robots", "arena (m)", "horizon", "what"))
+    for name in preset_names():
+        spec = preset(name)
+        arena = f"{spec.arena.width:g} x {spec.arena.height:g}"
+        row = (name, spec.task, spec.n_agents, arena, spec.horizon, preset_summary(name))
+        typer.echo(line.format(*row))
+
+
+@task_app.command()
+def show(name: NameOrFile) -> None:
+    """Print a whole spec as YAML, every default written out."""
+    from swarmdata.presets import find_spec
+
+    typer.echo(find_spec(name).to_yaml(), nl=False)
+
+
+@task_app.command()
+def validate(name: NameOrFile) -> None:
+    """Check a spec: read it, build its world, and begin one episode."""
+    from swarmdata.models import describe
+    from swarmdata.presets import find_spec
+    from swarmdata.registry import make_env
+    from swarmdata.seeding import evaluation_seeds
+
+    spec = find_spec(name)
+    env = make_env(spec)
+    env.reset(evaluation_seeds(1))
+    typer.echo(
+        f"OK: {spec.task} with {spec.n_agents} robots, {describe(spec)}; per robot "
+        f"{env.observation_size} numbers observed and {env.action_size} commanded; spec "
+        f"{spec.hash()[:12]}"
+    )
+
+
+@task_app.command()
+def play(
+    name: NameOrFile,
+    out: Annotated[Path, typer.Option(help="the .gif, .mp4 or .png file")],
+    policy: Annotated[str, typer.Option(help="a policy, tier or run folder")] = "scripted",
+    episode: Annotated[int, typer.Option(min=0, help="number of the evaluation seed")] = 0,
+    observation: Observation = None,
+    communication: Communication = None,
+) -> None:
+    """Run a policy for one episode and draw it, with lidar rays and messages if there are any."""
+    from swarmdata.reporting import draw_target
+    from swarmdata.types import END_REASONS
+
+    played = draw_target(policy, out, episode, name, observation, communication)
+    typer.echo(
+        f"{out}: {len(played)} steps, ended by {END_REASONS[played.end_reason]}, return "
+        f"{played.team_return:.2f}"
+    )

@@ -1,0 +1,123 @@
+"""The scripted controller of `formation`: where it aims, and that it gets there."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.behavior_policies.formation_script import (
+    LOOK,
+    MARGIN,
+    FormationScript,
+    aim_at_slots,
+    next_free_place,
+)
+from swarmdata.envs.formation import Formation
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.geometry import CIRCLE, clearance
+from swarmdata.presets import preset
+from swarmdata.registry import make_env, make_policy
+from swarmdata.rollout import rollout
+from swarmdata.spec import TaskSpec
+from swarmdata.states import N_COLUMNS, TX, TY, robots_of
+from swarmdata.testing.policy import check_policy
+from swarmdata.types import Double, Step
+
+HALF = np.array([2.5, 2.5])
+
+
+def path_of(task: Formation) -> tuple[int, float, float]:
+    points = N_COLUMNS * task.spec.n_agents + task.extras.index("control_0_x")
+    return points, task.spec.control_dt * task.segment_rate, LOOK * task.segment_rate
+
+
+def aims(step: Step, task: Formation) -> tuple[Double, Double]:
+    targets, drifts = np.zeros((2, len(step.states), task.spec.n_agents, 2))
+    radii = np.array([robot.radius for robot in task.spec.robots])
+    path = path_of(task)
+    aim_at_slots(step.states, step.times, step.layouts, (radii, HALF), path, targets, drifts)
+    return targets, drifts
+
+
+def a_step(spec: TaskSpec, seed: int, n_steps: int) -> tuple[Formation, Step]:
+    env = make_env(spec, 2)
+    step = env.reset(np.array([seed, seed + 1], dtype=np.uint64))
+    for _ in range(n_steps):
+        step = env.step(np.zeros((2, spec.n_agents, 2), dtype=np.float32))
+    task = env.task
+    assert isinstance(task, Formation)
+    return task, step
+
+
+@given(seed=st.integers(0, 10_000), n_steps=st.integers(0, 60))
+def test_free_slots_are_followed_and_blocked_ones_awaited(seed: int, n_steps: int) -> None:
+    task, step = a_step(preset("formation"), seed, n_steps)
+    targets, drifts = aims(step, task)
+    slots = robots_of(step.states, 4)[..., [TX, TY]].astype(np.float64)
+    for b in range(2):
+        for i in range(4):
+            is_free = clearance(*slots[b, i], step.layouts[b], HALF) >= 0.12 + MARGIN
+            if is_free:
+                np.testing.assert_array_equal(targets[b, i], slots[b, i])
+                assert np.linalg.norm(drifts[b, i]) > 0.0
+            elif (targets[b, i] != slots[b, i]).any():
+                assert clearance(*targets[b, i], step.layouts[b], HALF) >= 0.12 + MARGIN
+                np.testing.assert_array_equal(drifts[b, i], 0.0)
+
+
+def test_a_blocked_slot_is_awaited_where_it_comes_out() -> None:
+    task, step = a_step(preset("formation"), 3, 0)
+    states, layouts = step.states.copy(), step.layouts.copy()
+    layouts[:, :, 1:3] = 30.0  # out of the way, but for one circle around robot 0's slot
+    slot = states[0, [TX, TY]].astype(np.float64)
+    layouts[0, 0] = (CIRCLE, *slot, 1.0, 0.0, 0.2, 0.2, 0.0)
+    targets, drifts = aims(step._replace(states=states, layouts=layouts), task)
+    away = np.linalg.norm(targets[0, 0] - slot)
+    assert 0.2 + 0.12 + MARGIN - 1e-6 <= away <= 0.5
+    np.testing.assert_array_equal(drifts[0, 0], 0.0)
+    ahead = states[0, N_COLUMNS * 4 + 2 : N_COLUMNS * 4 + 4] @ (targets[0, 0] - slot)
+    assert ahead > 0.0, "it waits where the slot comes from"
+
+
+def test_a_slot_that_stays_blocked_has_no_free_place() -> None:
+    task, step = a_step(preset("formation"), 3, 0)
+    layout = np.array([[CIRCLE, 0, 0, 1, 0, 9, 9, 0]], dtype=np.float32)
+    first, _, per_look = path_of(task)
+    found = next_free_place(step.states[0], (0.0, 0.0), first, (0.0, per_look), 0.14, layout, HALF)
+    assert not found[0]
+
+
+@pytest.mark.parametrize("name", ["formation", "formation-n8", "formation-unicycle"])
+def test_the_team_forms_and_bends_around_obstacles(name: str) -> None:
+    spec = preset(name)
+    env, policy = make_env(spec, 10), make_policy("scripted", spec)
+    assert isinstance(policy, FormationScript)
+    episodes = list(rollout(env, policy, np.arange(20, dtype=np.uint64)))
+    assert sum(episode.success for episode in episodes) >= 16
+    touched = sum(bool(episode.events.any()) for episode in episodes)
+    assert touched <= 2
+
+
+def test_driving_straight_fails_more_often_than_not() -> None:
+    spec = preset("formation")
+    episodes = rollout(
+        make_env(spec, 20), make_policy("straight", spec), np.arange(40, dtype=np.uint64)
+    )
+    assert sum(episode.success for episode in episodes) <= 20
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_the_policy_contract(noise: float) -> None:
+    spec = preset("formation").with_updates(horizon=25)
+    check_policy(FormationScript(spec, noise=noise), spec, make_env, n_episodes=5, n_steps=10)
+
+
+def test_wrong_use_is_refused() -> None:
+    spec = preset("formation")
+    with pytest.raises(SpecError, match="expected 'formation'"):
+        FormationScript(preset("coop_nav"))
+    with pytest.raises(SpecError, match="noise"):
+        FormationScript(spec, noise=-1.0)
+    _, step = a_step(spec, 1, 0)
+    with pytest.raises(SchemaError, match="no map"):
+        FormationScript(spec).act(step)

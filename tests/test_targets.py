@@ -1,0 +1,116 @@
+"""Names become teams under any models; trained teams refuse what they cannot read."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata import catalog, targets
+from swarmdata.cards.schema import Interval, TaskReferences
+from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.models import with_models
+from swarmdata.presets import preset
+from swarmdata.reporting import compare
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.targets import evaluate_target, find_target
+
+HEADLINE = preset("coop_nav")
+
+
+@pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
+@pytest.mark.parametrize("communication", ["none", "lossy-30", "learned-3"])
+def test_scripted_policies_act_under_any_models(name: str, communication: str) -> None:
+    target = find_target(name, "coop_nav", "lidar", communication)
+    plain = find_target(name)
+    assert target.spec == with_models(HEADLINE, "lidar", communication)
+    (seen,) = evaluate_target(target, 2, progress=False)
+    (base,) = evaluate_target(plain, 2, progress=False)
+    if name != "random":  # whose messages use up random numbers
+        assert seen.metrics["return"].tolist() == base.metrics["return"].tolist()
+
+
+def test_a_tier_accepts_noise_and_refuses_other_features() -> None:
+    target = find_target("expert", "coop_nav", "state+noise-0.1")
+    assert len(target.policies) == 3
+    assert target.spec.observation.noise.position == 0.1
+    for models in (("lidar", None), (None, "perfect")):
+        with pytest.raises(SchemaError, match="expert was trained with observation state, comm"):
+            find_target("expert", "coop_nav", *models)
+
+
+def test_a_dataset_is_its_policies_under_the_models_given() -> None:
+    assert find_target("coop_nav-random", observation="bearing").spec.observation.kind == "bearing"
+    with pytest.raises(SchemaError, match="coop_nav-medium was trained with"):
+        find_target("coop_nav-medium", observation="bearing")
+
+
+def test_unknown_names() -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
+        find_target("idle", observation="lidr")
+    with pytest.raises(UnknownNameError, match="unknown task 'coop_nv'"):
+        find_target("idle", "coop_nv")
+
+
+def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    def references_of(spec_hash: str) -> TaskReferences | None:
+        if spec_hash != HEADLINE.hash():
+            return None
+        returns = {"idle": -12.0, "random": -13.0, "expert": 6.0}
+        return TaskReferences(
+            spec_hash=spec_hash,
+            n_episodes=10,
+            made_with={},
+            policies={
+                name: {"return": Interval(value=value, low=value, high=value)}
+                for name, value in returns.items()
+            },
+        )
+
+    monkeypatch.setattr("swarmdata.reporting.references_of", references_of)
+    for task, has_score in ((HEADLINE, True), (TaskSpec(horizon=20), False)):
+        spec = with_models(task, "lidar", "lossy-30")
+        monkeypatch.setattr(targets, "find_spec", lambda _, spec=spec: spec)
+        target = find_target("idle")
+        table = compare({"idle": evaluate_target(target, 2, progress=False)}, target.spec)
+        assert ("score" in [column.key for column in table.columns]) == has_score
+
+
+def test_a_run_on_a_view_is_evaluated_under_its_models(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    from swarmdata.errors import CheckpointError
+    from swarmdata.learn.run import read_run
+    from swarmdata.training import train_offline
+
+    tiny = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="random",
+        spec=TaskSpec(horizon=15),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=8,
+    )
+    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    models = {"observation": "lidar", "communication": "lossy-30"}
+    settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
+
+    def train(**chosen: Any) -> None:
+        train_offline(
+            "bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen
+        )
+
+    train(**models)
+    run = read_run(tmp_path / "run")
+    assert run.view is not None
+    assert run.spec == with_models(tiny.spec, **models)
+    with pytest.raises(CheckpointError, match="differs in: view is"):
+        train()
+
+    target = find_target(str(tmp_path / "run"))
+    assert target.spec == run.spec
+    assert target.metadata["run"]["view"] == run.view
+    harder = find_target(str(tmp_path / "run"), "coop_nav", None, "bursty-40")
+    assert evaluate_target(harder, 2, progress=False)[0].spec_hash == harder.spec.hash()
+    with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
+        find_target(str(tmp_path / "run"), communication="none")
