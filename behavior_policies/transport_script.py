@@ -50,7 +50,7 @@ from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
 from swarmdata.registry import make_task
-from swarmdata.rules import TransportRules
+from swarmdata.rules import Payload, TransportRules
 from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
@@ -226,6 +226,30 @@ def act_copies(
             out[b, i, 0], out[b, i, 1] = solve(planes, n, n_hard, limits[i, 1], aim)
 
 
+def _payload_of(spec: TaskSpec) -> Payload:
+    """The payload of a spec that this controller can serve.
+
+    Raises:
+        SpecError: it cannot, and why.
+    """
+    rules = spec.rules
+    if not isinstance(rules, TransportRules):
+        raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+    if rules.goal_angle is not None:
+        raise SpecError(
+            f"rules.goal_angle is {rules.goal_angle:g}; the scripted policy of transport "
+            "brings the payload to a position only. Leave goal_angle out."
+        )
+    for name, robot in zip(spec.agent_names, spec.robots, strict=True):
+        if robot.dynamics != "holonomic":
+            raise SpecError(
+                f"{name} has {robot.dynamics} dynamics; the scripted policy of transport "
+                "pushes with holonomic robots only, since it corrects their places sideways. "
+                "Use dynamics: holonomic."
+            )
+    return rules.payload
+
+
 class TransportScript:
     """Robots that push a payload together, for holonomic robots.
 
@@ -243,24 +267,10 @@ class TransportScript:
     uses_state = True
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        rules = spec.rules
-        if not isinstance(rules, TransportRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
-        if rules.goal_angle is not None:
-            raise SpecError(
-                f"rules.goal_angle is {rules.goal_angle:g}; the scripted policy of transport "
-                "brings the payload to a position only. Leave goal_angle out."
-            )
-        for name, robot in zip(spec.agent_names, spec.robots, strict=True):
-            if robot.dynamics != "holonomic":
-                raise SpecError(
-                    f"{name} has {robot.dynamics} dynamics; the scripted policy of transport "
-                    "pushes with holonomic robots only, since it corrects their places sideways. "
-                    "Use dynamics: holonomic."
-                )
+        payload = _payload_of(spec)
         self._noise = check_noise(noise)
         self._size, self._dt = spec.action_size, spec.control_dt
-        self._shape, self._grid_shape = shape_of(rules.payload), grid_shape(spec)
+        self._shape, self._grid_shape = shape_of(payload), grid_shape(spec)
         self._n_primitives = n_primitives(make_task(spec).kinds)
         self._half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
         radii = np.array([robot.radius for robot in spec.robots])
@@ -271,14 +281,14 @@ class TransportScript:
             ]
         )
         self._by_velocity = np.array([r.command == "velocity" for r in spec.robots])
-        need = 1.05 * rules.payload.friction / self._limits[:, 2].min()
-        reach = payload_radius(rules.payload)
+        need = 1.05 * payload.friction / self._limits[:, 2].min()
+        reach = payload_radius(payload)
         self._payload = np.array(
             [
-                rules.payload.mass + spec.n_agents,
-                rules.payload.friction,
+                payload.mass + spec.n_agents,
+                payload.friction,
                 self._limits[:, 2].min(),
-                rules.payload.friction * reach / 2.0,
+                payload.friction * reach / 2.0,
                 need,
                 reach + SIDE_ROOM,
             ]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SchemaError
+from swarmdata.registry import make_task
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
 from swarmdata.spec import TaskSpec
