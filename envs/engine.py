@@ -87,7 +87,7 @@ class TaskEnv:
         before = self._now
         if before is None:
             raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
-        actions = np.asarray(actions, order="C")
+        actions = np.ascontiguousarray(actions)  # type: ignore[assignment]  # the kind is checked
         if actions.shape != self._shape or actions.dtype.kind != "f":
             raise SchemaError(
                 f"actions are {actions.dtype} {list(actions.shape)}, expected floats "

@@ -49,6 +49,7 @@ Metrics: `METRICS`.
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
@@ -210,7 +211,7 @@ class Transport:
         SpecError: the spec is another task's, or its obstacles leave no room for the payload.
     """
 
-    metrics: Mapping[str, Metric] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules

@@ -114,8 +114,9 @@ class TaskSpec(Frozen):
     def action_size(self) -> int:
         """Length A of one robot's action: two for driving, then those of a learned message."""
         channel = self.communication
-        is_learned = isinstance(channel, Broadcast) and channel.payload == "learned"
-        return 2 + (channel.message_size if is_learned else 0)
+        if isinstance(channel, Broadcast) and channel.payload == "learned":
+            return 2 + channel.message_size
+        return 2
 
     @property
     def n_agents(self) -> int:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SchemaError
+from swarmdata.features import Feature
+from swarmdata.interfaces import Task
 from swarmdata.registry import make_task
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
@@ -30,7 +32,8 @@ class Counting:
     def __init__(self, n_copies: int, *, endless: bool = False) -> None:
         self.n_copies = n_copies
         self.endless = endless
-        self.task, self.features = make_task(self.spec), ()
+        self.task: Task = make_task(self.spec)
+        self.features: tuple[Feature, ...] = ()
         self.seeds: Seeds = np.zeros(n_copies, np.uint64)
         self.times: Int = np.zeros(n_copies, np.int64)
         self.sums: Float = np.zeros(n_copies, np.float32)
