@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.metrics import Reference, normalized_score
 from swarmdata.models import Source, describe, with_models
 from swarmdata.registry import make_env
-from swarmdata.reobserve import View, reobserve
 from swarmdata.sampling import Rows, Sampler, gather_transitions
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.splits import outcome_mask, policy_mask, split_mask
@@ -22,6 +21,9 @@ from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD
 from swarmdata.store.reading import Verify
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Double, Episode, Int
+
+if TYPE_CHECKING:
+    from swarmdata.reobserve import View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,7 @@ class Dataset:
     selection: Int
     references: Reference | None = None
     source: str = "folder"
-    seen: View | None = None
+    seen: "View | None" = None
 
     @classmethod
     def open(
@@ -269,6 +271,8 @@ class Dataset:
         recorded = self.stored if self.seen is None else self.seen.recorded
         if spec == self.recipe.spec:
             return replace(self, stored=recorded, seen=None)
+        from swarmdata.reobserve import reobserve  # noqa: PLC0415  (compiled code, rarely needed)
+
         seen = reobserve(recorded, spec, progress=progress)
         return replace(self, stored=replace(recorded, arrays=dict(seen.arrays)), seen=seen)
 

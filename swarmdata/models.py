@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.comms.names import communication_model
+from swarmdata.communication_names import communication_model
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
 from swarmdata.frozen import Frozen
+from swarmdata.observation_names import observation_model
 from swarmdata.senses import AnyCommunicationModel, AnyObservationModel
-from swarmdata.sensing.names import observation_model
 from swarmdata.spec import TaskSpec
 
 Source = str | Path | Mapping[str, Any] | Frozen

@@ -3,7 +3,6 @@
 The live environment and the re-observation of recorded data use the same `Sensor`.
 """
 
-from swarmdata.sensing.names import observation_model
 from swarmdata.sensing.sensor import Sensor
 
-__all__ = ["Sensor", "observation_model"]
+__all__ = ["Sensor"]

@@ -10,13 +10,13 @@ import yaml
 from swarmdata.cards.fields import observation_rows
 from swarmdata.cards.render import Facts, check, histogram, render
 from swarmdata.cards.schema import Interval, TaskReferences
-from swarmdata.comms import communication_model
+from swarmdata.communication_names import communication_model
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.features import Feature
 from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.observation_names import observation_model
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.sensing import observation_model
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry

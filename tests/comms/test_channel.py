@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.comms import Channel, communication_model
+from swarmdata.comms import Channel
 from swarmdata.comms.payloads import quantizer
+from swarmdata.communication_names import communication_model
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.senses import Broadcast
 from swarmdata.spec import TaskSpec

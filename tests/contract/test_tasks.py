@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from swarmdata.comms.names import communication_model
+from swarmdata.communication_names import communication_model
+from swarmdata.observation_names import observation_model
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env
-from swarmdata.sensing.names import observation_model
 from swarmdata.spec import Role, TaskSpec
 from swarmdata.testing.task import check_task
 

@@ -162,6 +162,7 @@ def test_formation_slots_are_crosses_that_light_up_when_held() -> None:
     assert 0.2 < np.mean([red < 180 for red, _, _ in column]) < 0.8  # a dashed tie to the robot
 
 
+BRICK = Payload(shape="box", half_length=0.35, half_width=0.2)
 BODY = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 GOAL = (1.0, -1.0)
 
@@ -173,12 +174,12 @@ def transport(rules: TransportRules, body: tuple[float, ...], *extras: float) ->
 
 
 def test_a_payload_is_solid_with_its_shape_and_direction() -> None:
-    image = transport(TransportRules(), BODY)
+    image = transport(TransportRules(payload=BRICK), BODY)
     assert pixel(image, -0.28, 0.12) == pixel(image, 0.3, -0.15) == ink.PAYLOAD
     assert pixel(image, 0.1, 0.25) == pixel(image, 0.42, 0.1) == ink.FLOOR
     assert pixel(image, 0.1, 0) == ink.PAYLOAD_EDGE  # the arrow
     assert pixel(image, -0.28, 0) == ink.PAYLOAD
-    turned = transport(TransportRules(), (*BODY[:4], 0.0, 1.0, 0.0))
+    turned = transport(TransportRules(payload=BRICK), (*BODY[:4], 0.0, 1.0, 0.0))
     assert pixel(turned, 0, 0.3) == ink.PAYLOAD
     assert pixel(turned, 0.28, 0.1) == ink.FLOOR
     disc = transport(TransportRules(payload=Payload(shape="circle")), BODY)
@@ -187,18 +188,22 @@ def test_a_payload_is_solid_with_its_shape_and_direction() -> None:
 
 
 def test_the_payload_goal_has_the_pose_that_the_task_asks_for() -> None:
-    any_pose = transport(TransportRules(), BODY, 0.0, 1.0)
+    any_pose = transport(TransportRules(payload=BRICK), BODY, 0.0, 1.0)
     assert pixel(any_pose, 1.28, -1.1) != ink.FLOOR  # as the payload is turned now
     assert pixel(any_pose, 1.1, -0.72) == ink.FLOOR
-    upright = transport(TransportRules(goal_angle=0.2), BODY, 0.0, 1.0)
+    upright = transport(TransportRules(payload=BRICK, goal_angle=0.2), BODY, 0.0, 1.0)
     assert pixel(upright, 1.28, -1.1) == ink.FLOOR
     assert pixel(upright, 1.1, -0.72) != ink.FLOOR
 
 
 def test_a_delivered_payload_lights_its_goal() -> None:
-    there = transport(TransportRules(payload=Payload(half_length=0.1, half_width=0.1)), BODY)
+    there = transport(
+        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), BODY
+    )
     near = (1.0, -1.13, *BODY[2:])
-    here = transport(TransportRules(payload=Payload(half_length=0.1, half_width=0.1)), near)
+    here = transport(
+        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), near
+    )
     assert sum(pixel(here, 1, -0.87)) < sum(pixel(there, 1, -0.87))
 
 

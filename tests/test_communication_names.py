@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.comms import communication_model
+from swarmdata.communication_names import communication_model
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.senses import Broadcast, Bursts, NoCommunication
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.observation_names import observation_model
 from swarmdata.senses import BearingModel, LidarModel, OccupancyModel, SensorNoise, StateModel
-from swarmdata.sensing import observation_model
 
 NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05)
 
