@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.spawn import LAYOUT_OFFSET, draw_heading, next_uniform
+from swarmdata.envs.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
 from swarmdata.rules import Corridor, Doorway, NavigationRules, Swap
@@ -106,12 +106,7 @@ def arrange(spec: TaskSpec) -> Arranged:
             f"rules.goals is {rules.goals!r} with arrangement {kind.kind!r}: robots that swap "
             "places start on goals. Use goals: assigned, or arrangement: {kind: random}."
         )
-    counts = {name: getattr(spec.obstacles, name) for name in _SHAPES}
-    if any(counts.values()):
-        raise SpecError(
-            f"obstacles are {counts} with arrangement {kind.kind!r}, whose layout is fixed. "
-            f"Write obstacles: {{{', '.join(f'{name}: 0' for name in _SHAPES)}}}."
-        )
+    check_fixed_layout(spec, f"arrangement {kind.kind!r}")
     if isinstance(kind, Swap):
         layout, anchors = np.zeros((0, 8), np.float32), _ring(spec, kind)
     elif isinstance(kind, Doorway):
@@ -137,9 +132,6 @@ def arrange(spec: TaskSpec) -> Arranged:
         is_turned=isinstance(kind, Swap),
         has_heading=np.array([robot.dynamics == "unicycle" for robot in spec.robots]),
     )
-
-
-_SHAPES = ("circles", "boxes", "corners", "pockets")
 
 
 def _margins(spec: TaskSpec) -> tuple[float, float, float]:

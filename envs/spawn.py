@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from swarmdata.errors import SpawnError
+from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
 from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
+
+SHAPES = ("circles", "boxes", "corners", "pockets")
+"""Fields of `spec.Obstacles` that count obstacles."""
 
 TRIES = 64
 """Draws of one place before the whole layout is drawn anew."""
@@ -38,6 +41,20 @@ def size_table(spec: TaskSpec) -> SizeTable:
         + [(CIRCLE, *o.circle_radius, 0.0)] * o.circles
     )
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def check_fixed_layout(spec: TaskSpec, what: str) -> None:
+    """Refuses drawn obstacles where the layout is fixed; nothing in a spec is ever ignored.
+
+    Raises:
+        SpecError: the spec asks for obstacles.
+    """
+    counts = {name: getattr(spec.obstacles, name) for name in SHAPES}
+    if any(counts.values()):
+        raise SpecError(
+            f"obstacles are {counts} in a spec with {what}, whose layout is fixed. Write "
+            f"obstacles: {{{', '.join(f'{name}: 0' for name in SHAPES)}}}."
+        )
 
 
 @njit(nogil=True, cache=True, inline="always")

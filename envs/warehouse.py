@@ -1,6 +1,6 @@
 """Warehouse: N robots fetch goods between shelves and deliver them at stations, order after order.
 
-The floor is that of `floor_plan`, the same in every episode; `obstacles` of the spec are not used.
+The floor is that of `floor_plan`, the same in every episode; the spec has no other obstacles.
 Robots start at rest anywhere on it (`spawn.start_clearance`, `spawn.start_separation`). Order q of
 robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i
 and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
@@ -37,7 +37,7 @@ from numba import njit
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
-from swarmdata.envs.spawn import draw_heading, place_points
+from swarmdata.envs.spawn import check_fixed_layout, draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.rules import Payload, WarehouseRules
@@ -221,7 +221,8 @@ class Warehouse:
     """Implements `interfaces.Task`.
 
     Raises:
-        SpecError: the spec is another task's, or its floor has no room for shelves or robots.
+        SpecError: the spec is another task's, its floor has no room for shelves or robots, or
+            it asks for drawn obstacles.
     """
 
     metrics: ClassVar[Mapping[str, Metric]] = METRICS
@@ -230,6 +231,7 @@ class Warehouse:
         rules, robots = spec.rules, spec.robots
         if not isinstance(rules, WarehouseRules):
             raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+        check_fixed_layout(spec, "task 'warehouse'")
         self.spec, self.plan = spec, FloorPlan.of(spec)
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()

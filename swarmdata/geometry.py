@@ -1,6 +1,7 @@
 """Distances between circular robots, obstacles and walls: numba kernels over plain arrays.
 
-All arithmetic is float64 with `+ - * /` and `sqrt`, each correctly rounded by IEEE 754, so that the
+All arithmetic is `+ - * /` and `sqrt` in float64 or float32 (the wider of the operands, as in
+NumPy; numba's `float()` does not widen), each operation correctly rounded by IEEE 754, so that the
 bits are the same on every platform. No fast-math, no library transcendental function.
 """
 

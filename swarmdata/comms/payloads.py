@@ -1,6 +1,6 @@
 """What a message says: its columns, its quantiser, and what a receiver's observation shows of it.
 
-Arithmetic is float64 with correctly rounded operations, then one rounding to float32.
+Arithmetic as in `geometry`.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The `bearing` model: ranges and bearings of the neighbours that a robot can see.
 
 A neighbour is seen if the segment between the two centres crosses no obstacle, no movable body and
-no third robot. Arithmetic as in `geometry`: float64, then one rounding to float32.
+no third robot. Arithmetic as in `geometry`.
 """
 
 import math

@@ -1,6 +1,6 @@
 """The `occupancy` model: a coarse grid in the body's frame, and the target in polar form.
 
-Arithmetic as in `geometry`: float64, and flags are what is stored.
+Arithmetic as in `geometry`; flags are what is stored.
 """
 
 import math

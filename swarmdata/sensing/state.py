@@ -1,7 +1,6 @@
 """The `state` model: low-dimensional features in the world's frame, for robots that localise.
 
-Arithmetic as in `geometry`: float64, correctly rounded operations only, then one rounding to
-float32.
+Arithmetic as in `geometry`.
 """
 
 import math

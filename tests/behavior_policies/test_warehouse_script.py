@@ -120,7 +120,7 @@ def test_lanes_are_found_by_where_they_are() -> None:
     ],
 )
 def test_tracks_need_room_for_two(rules: Any, aside: list[float], narrow: float) -> None:
-    spec = TaskSpec.parse({"rules": {"task": "warehouse", **rules}})
+    spec = preset("warehouse").with_updates(rules={"task": "warehouse", **rules})
     np.testing.assert_allclose(tracks_of(spec), [*aside, narrow])
 
 

@@ -12,6 +12,7 @@ from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.floor_plan import FloorPlan, way_length
 from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.pymunk_space import PublicBackend
+from swarmdata.envs.spawn import SHAPES
 from swarmdata.envs.warehouse import METRICS, OWN, Warehouse
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import clearance
@@ -40,7 +41,9 @@ NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
 
 def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
     team = [{"count": n_agents, "robot": robot or {}}]
-    return TaskSpec.parse({"rules": {"task": "warehouse", **rules}, "team": team, "horizon": 400})
+    rules = {"task": "warehouse", **rules}
+    nothing = dict.fromkeys(SHAPES, 0)
+    return TaskSpec.parse({"rules": rules, "team": team, "horizon": 400, "obstacles": nothing})
 
 
 def seeds(*values: int) -> Seeds:
@@ -298,3 +301,8 @@ def cut(episode: Episode, states: Float) -> Episode:
     rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
     rows |= {name: getattr(episode, name)[: len(states) - 1] for name in STEP_FIELDS}
     return replace(episode, **rows | {"states": states})
+
+
+def test_drawn_obstacles_are_refused() -> None:
+    with pytest.raises(SpecError, match=r"'circles': 1.* task 'warehouse', whose layout is fixed"):
+        Warehouse(preset("warehouse").with_updates(obstacles={"circles": 1, "boxes": 0}))
