@@ -289,17 +289,20 @@ def render(
 
 @app.command()
 def references(
-    task: Annotated[str, typer.Argument(help="a preset such as coop_nav, or a spec's file")],
+    tasks: Annotated[
+        list[str], typer.Argument(metavar="TASK...", help="presets such as coop_nav, or spec files")
+    ],
     episodes: Episodes = 1000,
     out: Annotated[
-        Path | None, typer.Option(help="JSON file in which to replace this task")
+        Path | None, typer.Option(help="JSON file in which to replace these tasks")
     ] = None,
 ) -> None:
-    """Measure the reference policies of a task again (cards/references.json)."""
+    """Measure the reference policies of tasks again (cards/references.json)."""
     from swarmdata.targets import measure_references
 
-    table = measure_references(task, episodes)
-    _update(out, {Path(task).stem: table.model_dump(mode="json")})
+    for task in tasks:
+        table = measure_references(task, episodes)
+        _update(out, {Path(task).stem: table.model_dump(mode="json")})
 
 
 @app.command()

@@ -71,6 +71,18 @@ def validate(name: NameOrFile) -> None:
 
 
 @task_app.command()
+def table(
+    out: Annotated[Path, typer.Option(help="the .md file")],
+) -> None:
+    """Write the page of what policies without training achieve in every preset (WORLDS.md)."""
+    from swarmdata.cards.schema import references
+    from swarmdata.cards.worlds import worlds_page
+
+    out.write_text(worlds_page(references()), encoding="utf-8")
+    typer.echo(out)
+
+
+@task_app.command()
 def play(
     name: NameOrFile,
     out: Annotated[Path, typer.Option(help="the .gif, .mp4 or .png file")],
