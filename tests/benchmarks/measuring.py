@@ -1,0 +1,99 @@
+"""Interleaved timing of several runs, and tables of the results."""
+
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tests.benchmarks.engines import Run
+
+PACKAGES = ("numpy", "numba", "pymunk", "vmas", "torch", "mpe2", "pettingzoo")
+
+FILE = Path(__file__).parents[2] / "BENCHMARKS.md"
+
+HEAD = """# Benchmarks
+
+`make bench` rewrites this file. All engines of a table are measured in the same run, in turns, on
+one core: rates are medians over the rounds, with the smallest and the largest in brackets. The
+rates of a virtual machine change by up to two times between runs, so what counts is the ratio of
+engines in one table.
+
+"""
+
+
+class Rate(NamedTuple):
+    """Environment steps a second: median, smallest and largest over the rounds."""
+
+    median: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """With thousands as k."""
+        return f"{short(self.median)} ({short(self.low)}–{short(self.high)})"
+
+
+def short(rate: float) -> str:
+    """Three digits: 95.1, 12.3k, 1.25M."""
+    for scale, unit in ((1e6, "M"), (1e3, "k")):
+        if rate >= 0.9995 * scale:
+            return f"{rate / scale:.3g}{unit}" if rate < 999.5 * scale else f"{rate / scale:.0f}{unit}"
+    return f"{rate:.3g}"
+
+
+def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -> dict[str, Rate]:
+    """Measures all runs in turns, so that what slows the machine slows all of them."""
+    rates: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        run(seconds / 4)  # warms the caches
+    for _ in range(rounds):
+        for name, run in runs.items():
+            rates[name].append(run(seconds))
+    return {
+        name: Rate(float(np.median(values)), min(values), max(values))
+        for name, values in rates.items()
+    }
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A Markdown table whose first column is left, the others right aligned."""
+    lines = [head, ("---", *("---:" for _ in head[1:])), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def write_section(title: str, body: str, file: Path = FILE) -> None:
+    """Puts a section into the file: in its old place, or at the end."""
+    old = file.read_text(encoding="utf-8") if file.exists() else ""
+    parts = dict(
+        part.split("\n", 1) for part in f"\n{old}".split("\n## ")[1:]
+    )
+    parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
+    sections = (f"## {name}\n{text.rstrip()}\n" for name, text in parts.items())
+    file.write_text(HEAD + "\n".join(sections), encoding="utf-8")
+
+
+def _machine() -> str:
+    found = []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return (
+        f"*{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
+        f"{', '.join(found)}*"
+    )
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    fields = dict(line.split(":", 1) for line in lines if ":" in line)
+    values = {key.strip(): value.strip() for key, value in fields.items()}
+    if "model name" not in values:
+        return platform.processor() or platform.machine()
+    return f"{values['model name']} (model {values.get('model', '?')})"
