@@ -8,7 +8,7 @@ import math
 
 from numba import njit
 
-from swarmdata.geometry import bounding_radius, nearest, wall_gap
+from swarmdata.geometry import nearest, outer_radius, wall_gap
 from swarmdata.types import Bool, Counts, Double, Float
 
 SEPARATION = 0.01
@@ -55,8 +55,7 @@ def _static_contacts(
     for m in range(n_obstacles + 4):
         if m < n_obstacles:
             dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-            outer = bounding_radius(layout[m]) + radius
-            reach = outer + SKIP
+            reach = outer_radius(layout[m]) + radius + SKIP
             square = dx * dx + dy * dy
             gap = SKIP if square > reach * reach else nearest(px, py, layout[m])[0] - radius
         else:

@@ -10,7 +10,7 @@ from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.dynamics import begin_step, limits_of
 from swarmdata.envs.munk import MunkBackend, load_addresses
 from swarmdata.envs.pymunk_space import PublicBackend
-from swarmdata.geometry import bounding_radius, nearest, wall_gap
+from swarmdata.geometry import nearest, outer_radius, wall_gap
 from swarmdata.states import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
@@ -34,7 +34,7 @@ def _static_gap(px: float, py: float, radius: float, layout: Float, half: Double
         gap = min(gap, wall_gap(px, py, half, wall) - radius)
     for m in range(layout.shape[0]):
         dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-        reach = bounding_radius(layout[m]) + radius + PROXIMITY
+        reach = outer_radius(layout[m]) + radius + PROXIMITY
         if dx * dx + dy * dy < reach * reach:
             gap = min(gap, nearest(px, py, layout[m])[0] - radius)
     return gap
