@@ -12,8 +12,9 @@ from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.senses import StateModel
 from swarmdata.sensing.scene import Scene
+from swarmdata.sensing.selection import order_keys, take_smallest
 from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Double, Float, Int
 
 _TO_TARGET = "target minus own position"
 _TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
@@ -54,8 +55,9 @@ OBSTACLE = (
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
-_SLACK = 1.0 + 1e-12
-"""So that rounding in a first, cheap test never excludes what the exact one would keep."""
+_SLACK = 1e-4
+"""Part, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
+excludes what the exact test would keep."""
 
 _OWN, _NEIGHBOR, _OBSTACLE = len(OWN), len(NEIGHBOR), len(OBSTACLE)
 
@@ -90,25 +92,20 @@ class State:
 
 @njit(nogil=True, cache=True, inline="always")
 def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float) -> None:
-    """Keeps the k smallest gaps in order, as rows (gap, index, vx, vy); ties keep the first."""
-    if k == 0 or gap >= found[k - 1, 0]:
-        return
-    slot = k - 1
-    while slot > 0 and found[slot - 1, 0] > gap:
-        for c in range(4):
-            found[slot, c] = found[slot - 1, c]
+    """Keeps the k smallest gaps in order, as rows (gap, index, vx, vy); ties by their index."""
+    slot = k
+    while slot > 0 and (
+        gap < found[slot - 1, 0] or (gap == found[slot - 1, 0] and index < found[slot - 1, 1])
+    ):
         slot -= 1
-    found[slot, 0] = gap
-    found[slot, 1] = index
-    found[slot, 2] = vx
-    found[slot, 3] = vy
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _forget(found: Double, k: int) -> None:
-    for slot in range(k):
-        found[slot, 0] = np.inf
-        found[slot, 1] = -1.0
+        if slot + 1 < k:
+            for c in range(4):
+                found[slot + 1, c] = found[slot, c]
+    if slot < k:
+        found[slot, 0] = gap
+        found[slot, 1] = index
+        found[slot, 2] = vx
+        found[slot, 3] = vy
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -117,8 +114,8 @@ def _closeness(gap: float, reach: float) -> float:
     return min(max(1.0 - gap / reach, 0.0), 1.0)
 
 
-@njit(nogil=True, cache=True)
-def _own(out: Float, state: Float, at: int) -> None:
+@njit(nogil=True, cache=True, error_model="numpy")
+def _own(out: Float, state: Float, at: int, n_own: int) -> None:
     """Fills `OWN`, and `HEADING` if there is room, of the robot whose state begins at `at`."""
     gx = float(state[at + TX]) - float(state[at + X])
     gy = float(state[at + TY]) - float(state[at + Y])
@@ -129,91 +126,148 @@ def _own(out: Float, state: Float, at: int) -> None:
     out[5] = gy
     out[6] = gx * scale
     out[7] = gy * scale
-    for c in range(out.shape[0] - _OWN):
+    for c in range(n_own - _OWN):
         out[_OWN + c] = state[at + UX + c]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _neighbors(
     out: Float,
+    first: int,
     state: Float,
     i: int,
     radii: Double,
     k: int,
     reach: float,
     limit: float,
-    found: Double,
+    gaps: Double,
+    keys: Int,
 ) -> None:
-    """Fills the neighbour slots of robot i, nearest first."""
-    _forget(found, k)
-    at = N_COLUMNS * i
-    px, py = float(state[at + X]), float(state[at + Y])
-    for j in range(radii.shape[0] if k > 0 else 0):
-        dx = float(state[N_COLUMNS * j + X]) - px
-        dy = float(state[N_COLUMNS * j + Y]) - py
-        square, bound = dx * dx + dy * dy, found[k - 1, 0] + radii[i] + radii[j]
-        if j != i and (bound < 0.0 or square < bound * bound * _SLACK):
-            gap = math.sqrt(square) - radii[i] - radii[j]
-            if gap <= limit:
-                _insert(found, k, gap, j, dx, dy)
+    """Fills the neighbour slots of robot i, nearest first.
+
+    Args:
+        out: written, [O].
+        first: column of the first slot.
+        state: [S].
+        i: the robot.
+        radii: m, [N].
+        k: slots.
+        reach: gap (m) at which closeness is 0.
+        limit: gap (m) beyond which robots are not seen.
+        gaps: scratch, [N].
+        keys: scratch, the same memory as the gaps, [N].
+    """
+    n, at, own = radii.shape[0], N_COLUMNS * i, radii[i]
+    px, py = state[at + X], state[at + Y]
+    for j in range(n):
+        dx, dy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
+        gap = math.sqrt(dx * dx + dy * dy) - own - radii[j]
+        gaps[j] = gap if gap <= limit else np.inf
+    gaps[i] = np.inf
+    order_keys(keys)
     for slot in range(k):
-        o = out[_NEIGHBOR * slot : _NEIGHBOR * slot + _NEIGHBOR]
-        gap, dx, dy = found[slot, 0], found[slot, 2], found[slot, 3]
-        j = int(found[slot, 1])
-        if j < 0:
-            o[:] = 0.0
+        o = first + _NEIGHBOR * slot
+        j = take_smallest(keys) if slot < n else i
+        ddx, ddy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
+        gap = math.sqrt(ddx * ddx + ddy * ddy) - own - radii[j]
+        if j == i or gap > limit:
+            for c in range(_NEIGHBOR):
+                out[o + c] = 0.0
             continue
-        close = _closeness(gap, reach) / max(math.sqrt(dx * dx + dy * dy), 1e-9)
-        o[0] = dx
-        o[1] = dy
-        o[2] = float(state[N_COLUMNS * j + VX]) - float(state[at + VX])
-        o[3] = float(state[N_COLUMNS * j + VY]) - float(state[at + VY])
-        o[4] = dx * close
-        o[5] = dy * close
-        o[6] = 1.0
+        x, y = np.float64(ddx), np.float64(ddy)
+        close = _closeness(gap, reach) / max(math.sqrt(x * x + y * y), 1e-9)
+        out[o] = x
+        out[o + 1] = y
+        out[o + 2] = state[N_COLUMNS * j + VX] - state[at + VX]
+        out[o + 3] = state[N_COLUMNS * j + VY] - state[at + VY]
+        out[o + 4] = x * close
+        out[o + 5] = y * close
+        out[o + 6] = 1.0
 
 
-@njit(nogil=True, cache=True)
-def _obstacles(
-    out: Float,
+@njit(nogil=True, cache=True, error_model="numpy")
+def _find_obstacles(
     px: float,
     py: float,
-    layout: Float,
-    sizes: Double,
     radius: float,
+    layout: Float,
+    circles: Double,
     k: int,
-    reach: float,
     limit: float,
     found: Double,
+    squares: Double,
+    powers: Double,
+    keys: Int,
 ) -> None:
-    """Fills the obstacle slots of a robot at (px, py), nearest surface first."""
-    _forget(found, k)
-    for m in range(layout.shape[0] if k > 0 else 0):
-        dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-        bound = found[k - 1, 0] + radius + sizes[m]
-        if bound > 0.0 and dx * dx + dy * dy < bound * bound:
+    """Finds the k nearest surfaces: likely ones first, then the few that may be nearer yet.
+
+    Args:
+        px: of the robot, m.
+        py: of the robot, m.
+        radius: of the robot, m.
+        layout: [M, 8].
+        circles: centres and bounding radii, m, [3, M].
+        k: slots.
+        limit: gap (m) beyond which obstacles are not seen.
+        found: written, as by `_insert`, [k, 4].
+        squares: scratch, [M].
+        powers: scratch, [M].
+        keys: scratch, the same memory as the powers, [M].
+    """
+    n = squares.shape[0]
+    for m in range(n):
+        dx, dy, size = circles[0, m] - px, circles[1, m] - py, circles[2, m]
+        squares[m] = dx * dx + dy * dy
+        powers[m] = squares[m] - size * size
+    order_keys(keys)
+    for slot in range(k):
+        found[slot, 0] = np.inf
+        found[slot, 1] = -1.0
+    for _ in range(min(k, n)):
+        m = take_smallest(keys)
+        squares[m] = np.inf
+        distance, vx, vy = nearest(px, py, layout[m])
+        if distance - radius <= limit:
+            _insert(found, k, distance - radius, m, vx, vy)
+    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _SLACK) + _SLACK
+    n_nearer = 0
+    for m in range(n):
+        reach = bound + circles[2, m]
+        n_nearer += 1 if squares[m] < reach * reach else 0
+    for m in range(n if n_nearer > 0 else 0):
+        reach = bound + circles[2, m]
+        if squares[m] < reach * reach:
             distance, vx, vy = nearest(px, py, layout[m])
             if distance - radius <= limit:
                 _insert(found, k, distance - radius, m, vx, vy)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _obstacles(
+    out: Float, first: int, px: float, py: float, layout: Float, circles: Double, radius: float,
+    k: int, reach: float, found: Double,
+) -> None:  # fmt: skip
+    """Fills the obstacle slots of a robot at (px, py) from what was found."""
     for slot in range(k):
-        o = out[_OBSTACLE * slot : _OBSTACLE * slot + _OBSTACLE]
+        o = first + _OBSTACLE * slot
         gap, vx, vy = found[slot, 0], found[slot, 2], found[slot, 3]
         m = int(found[slot, 1])
         if m < 0:
-            o[:] = 0.0
+            for c in range(_OBSTACLE):
+                out[o + c] = 0.0
             continue
         close = _closeness(gap, reach) / max(gap + radius, 1e-9)
-        o[0] = vx * close
-        o[1] = vy * close
-        o[2] = float(layout[m, 1]) - px
-        o[3] = float(layout[m, 2]) - py
-        o[4] = float(layout[m, 3]) * sizes[m]
-        o[5] = float(layout[m, 4]) * sizes[m]
-        o[6] = float(layout[m, 0]) / 3.0
-        o[7] = 1.0
+        out[o] = vx * close
+        out[o + 1] = vy * close
+        out[o + 2] = layout[m, 1] - px
+        out[o + 3] = layout[m, 2] - py
+        out[o + 4] = layout[m, 3] * circles[2, m]
+        out[o + 5] = layout[m, 4] * circles[2, m]
+        out[o + 6] = float(layout[m, 0]) / 3.0
+        out[o + 7] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def observe_states(
     states: Float,
     layouts: Float,
@@ -237,23 +291,30 @@ def observe_states(
         observations: written, [E, N, O].
     """
     n_own, n_neighbors, n_obstacles = slots
-    found = np.empty((max(n_neighbors, n_obstacles), 4))
-    sizes = np.empty(layouts.shape[1])
+    n_agents, n_shapes = radii.shape[0], layouts.shape[1]
+    found, circles = np.empty((n_obstacles, 4)), np.empty((3, n_shapes))
+    gaps, squares, powers = np.empty(n_agents), np.empty(n_shapes), np.empty(n_shapes)
+    gap_keys, power_keys = gaps.view(np.int64), powers.view(np.int64)
     first = n_own + _NEIGHBOR * n_neighbors
-    last = first + _OBSTACLE * n_obstacles
     for b in range(states.shape[0]):
         if not active[b]:
             continue
         layout, state = layouts[b], states[b]
-        for m in range(layout.shape[0]):
-            sizes[m] = bounding_radius(layout[m])
-        for i in range(radii.shape[0]):
+        for m in range(n_shapes):
+            circles[0, m] = layout[m, 1]
+            circles[1, m] = layout[m, 2]
+            circles[2, m] = bounding_radius(layout[m])
+        for i in range(n_agents):
             out, at = observations[b, i], N_COLUMNS * i
-            px, py = float(state[at + X]), float(state[at + Y])
-            _own(out[:n_own], state, at)
-            near = out[n_own:first]
-            _neighbors(near, state, i, radii, n_neighbors, reach, limits[i], found)
-            around = out[first:last]
-            _obstacles(
-                around, px, py, layout, sizes, radii[i], n_obstacles, reach, limits[i], found
-            )
+            px, py, radius = state[at + X], state[at + Y], radii[i]
+            _own(out, state, at, n_own)
+            if n_neighbors > 0:
+                _neighbors(
+                    out, n_own, state, i, radii, n_neighbors, reach, limits[i], gaps, gap_keys
+                )
+            if n_obstacles > 0:
+                _find_obstacles(
+                    px, py, radius, layout, circles, n_obstacles, limits[i], found, squares,
+                    powers, power_keys,
+                )  # fmt: skip
+                _obstacles(out, first, px, py, layout, circles, radius, n_obstacles, reach, found)

@@ -41,7 +41,9 @@ def short(rate: float) -> str:
     """Three digits: 95.1, 12.3k, 1.25M."""
     for scale, unit in ((1e6, "M"), (1e3, "k")):
         if rate >= 0.9995 * scale:
-            return f"{rate / scale:.3g}{unit}" if rate < 999.5 * scale else f"{rate / scale:.0f}{unit}"
+            return (
+                f"{rate / scale:.3g}{unit}" if rate < 999.5 * scale else f"{rate / scale:.0f}{unit}"
+            )
     return f"{rate:.3g}"
 
 
@@ -68,9 +70,7 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 def write_section(title: str, body: str, file: Path = FILE) -> None:
     """Puts a section into the file: in its old place, or at the end."""
     old = file.read_text(encoding="utf-8") if file.exists() else ""
-    parts = dict(
-        part.split("\n", 1) for part in f"\n{old}".split("\n## ")[1:]
-    )
+    parts = dict(part.split("\n", 1) for part in f"\n{old}".split("\n## ")[1:])
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
     sections = (f"## {name}\n{text.rstrip()}\n" for name, text in parts.items())
     file.write_text(HEAD + "\n".join(sections), encoding="utf-8")
