@@ -49,9 +49,12 @@ def begin_step(
     actions: Float | Double,
     terminations: Bool,
     truncations: Bool,
+    old_times: Int,
+    old_states: Float,
     times: Int,
+    states: Float,
     events: Counts,
-) -> bool:
+) -> int:
     """Finds the active copies, clips their commands, and starts their step.
 
     Args:
@@ -61,22 +64,30 @@ def begin_step(
         actions: the first two columns are commands, [E, N, A].
         terminations: of the step before, [E].
         truncations: of the step before, [E].
-        times: increased by one in active copies, [E].
+        old_times: of the step before, [E].
+        old_states: of the step before, [E, S].
+        times: written: the old ones, and one more in active copies, [E].
+        states: written: the old ones, [E, S].
         events: written: zeros, [E, N, 4].
 
     Returns:
-        False if an action of an active copy is not finite; nothing that matters is written then.
+        The number of active copies; -1 if an action of one of them is not finite.
     """
+    n_active = 0
     for b in range(actions.shape[0]):
         active[b] = not (terminations[b] or truncations[b])
         events[b] = 0
+        times[b] = old_times[b]
+        for c in range(states.shape[1]):
+            states[b, c] = old_states[b, c]
         if not active[b]:
             continue
+        n_active += 1
         times[b] += 1
         for i in range(actions.shape[1]):
             for c in range(actions.shape[2]):
                 if not math.isfinite(actions[b, i, c]):
-                    return False
+                    return -1
             x, y = float(actions[b, i, 0]), float(actions[b, i, 1])
             if limits[i, UNICYCLE] == 1.0:
                 commands[b, i, 0] = min(max(x, -1.0), 1.0)
@@ -86,7 +97,7 @@ def begin_step(
             scale = norm if norm > 1.0 else 1.0
             commands[b, i, 0] = x / scale
             commands[b, i, 1] = y / scale
-    return True
+    return n_active
 
 
 @njit(nogil=True, cache=True, inline="always")

@@ -3,6 +3,7 @@
 import numpy as np
 
 from swarmdata.envs.backend import Plan
+from swarmdata.envs.steps import StepMaker, keep_ended
 from swarmdata.envs.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
@@ -60,9 +61,9 @@ class TaskEnv:
             self._world.radii, self._world.half, weights, spec.on_collision == "fail",
             spec.horizon, self._task_rewards, self._solved,
         )  # fmt: skip
-        self._has_channel = self._observer.n_senders > 0
         self._shape = (n_copies, spec.n_agents, self.action_size)
         self._now: Step | None = None
+        self._maker = StepMaker(self._blank())
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
@@ -93,11 +94,14 @@ class TaskEnv:
                 f"actions are {actions.dtype} {list(actions.shape)}, expected floats "
                 f"{list(self._shape)} [E, N, A]"
             )
-        now, active = _next(before, self._has_channel), self._world.active
-        if not self._world.step(actions, before, now):
+        now, active = self._maker.after(before), self._world.active
+        n_active = self._world.step(actions, before, now)
+        if n_active < 0:
             raise SchemaError(
                 "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
             )
+        if n_active < self.n_copies:
+            keep_ended(before, now, active)
         self.task.update(before, now, active, self._task_rewards, self._solved)
         score_steps(
             *self._scoring, active, now.states, now.layouts, now.events, now.times,
@@ -137,21 +141,3 @@ class TaskEnv:
             ages=ages,
         )
 
-
-def _next(before: Step, has_channel: bool) -> Step:
-    """A step that starts as a copy of the last; what only a reset changes is shared."""
-    return Step(
-        before.observations.copy(),
-        before.states.copy(),
-        before.rewards.copy(),
-        before.terminations.copy(),
-        before.truncations.copy(),
-        before.successes.copy(),
-        before.events.copy(),
-        before.seeds,
-        before.times.copy(),
-        before.layouts,
-        before.sent.copy() if has_channel else before.sent,
-        before.delivered.copy() if has_channel else before.delivered,
-        before.ages.copy() if has_channel else before.ages,
-    )

@@ -17,6 +17,9 @@ from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 PROXIMITY = 0.1
 """Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
 
+_REACH = np.float32(PROXIMITY + 1e-3)
+"""For a first, cheap test: wider, so that rounding to float32 never makes it too narrow."""
+
 MakeBackend = Callable[[Plan, int], Backend]
 
 
@@ -26,22 +29,51 @@ def make_backend(plan: Plan, n_copies: int) -> Backend:
     return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
 
 
-@njit(nogil=True, cache=True)
-def _static_gap(px: float, py: float, radius: float, layout: Float, half: Double) -> float:
+@njit(nogil=True, cache=True, error_model="numpy")
+def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
+    """Lowers gaps to those between robots, exact below `PROXIMITY`."""
+    n = radii.shape[0]
+    for i in range(n):
+        px, py, near = places[0, i], places[1, i], places[2, i] + _REACH
+        is_near = False
+        for j in range(i + 1, n):  # in vector registers
+            dx, dy, reach = places[0, j] - px, places[1, j] - py, places[2, j] + near
+            is_near |= dx * dx + dy * dy < reach * reach
+        for j in range(i + 1, n if is_near else 0):
+            dx, dy = places[0, j] - px, places[1, j] - py
+            gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
+            gaps[i], gaps[j] = min(gaps[i], gap), min(gaps[j], gap)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _static_gap(
+    px: float, py: float, radius: float, layout: Float, circles: Float, half: Double
+) -> float:
     """Gap of a robot to the nearest obstacle or wall, exact below `PROXIMITY`, else larger."""
+    near, is_near = np.float32(radius) + _REACH, False
+    for m in range(layout.shape[0]):  # in vector registers
+        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
+        is_near |= dx * dx + dy * dy < reach * reach
     gap = math.inf
     for wall in range(4):
         gap = min(gap, wall_gap(px, py, half, wall) - radius)
-    for m in range(layout.shape[0]):
-        dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-        reach = outer_radius(layout[m]) + radius + PROXIMITY
+    for m in range(layout.shape[0] if is_near else 0):
+        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
         if dx * dx + dy * dy < reach * reach:
             gap = min(gap, nearest(px, py, layout[m])[0] - radius)
     return gap
 
 
-@njit(nogil=True, cache=True)
-def proximities(state: Float, layout: Float, radii: Double, half: Double, out: Double) -> None:
+@njit(nogil=True, cache=True, error_model="numpy")
+def proximities(
+    state: Float,
+    layout: Float,
+    radii: Double,
+    half: Double,
+    places: Float,
+    circles: Float,
+    out: Double,
+) -> None:
     """Writes how near each robot of one copy is to touching something: 0 far, 1 at contact.
 
     clip(1 - gap / PROXIMITY, 0, 1), where the gap is the smallest to a robot, obstacle or wall.
@@ -51,22 +83,22 @@ def proximities(state: Float, layout: Float, radii: Double, half: Double, out: D
         layout: [M, 8].
         radii: m, [N].
         half: half width and half height of the arena, m, [2].
+        places: scratch: positions and radii, [3, N].
+        circles: scratch: centres and radii that hold the obstacles, [3, M].
         out: written, [N].
     """
-    n = radii.shape[0]
-    for i in range(n):
-        px, py = float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
-        out[i] = _static_gap(px, py, radii[i], layout, half)
-    for i in range(n):
-        for j in range(i + 1, n):
-            dx = float(state[N_COLUMNS * j]) - float(state[N_COLUMNS * i])
-            dy = float(state[N_COLUMNS * j + 1]) - float(state[N_COLUMNS * i + 1])
-            reach = radii[i] + radii[j] + PROXIMITY
-            square = dx * dx + dy * dy
-            if square < reach * reach:
-                gap = math.sqrt(square) - radii[i] - radii[j]
-                out[i], out[j] = min(out[i], gap), min(out[j], gap)
-    for i in range(n):
+    for m in range(layout.shape[0]):
+        circles[0, m] = layout[m, 1]
+        circles[1, m] = layout[m, 2]
+        circles[2, m] = outer_radius(layout[m])
+    for i in range(radii.shape[0]):
+        places[0, i] = state[N_COLUMNS * i]
+        places[1, i] = state[N_COLUMNS * i + 1]
+        places[2, i] = radii[i]
+    for i in range(radii.shape[0]):
+        out[i] = _static_gap(places[0, i], places[1, i], radii[i], layout, circles, half)
+    _robot_gaps(places, radii, out)
+    for i in range(radii.shape[0]):
         out[i] = min(max(1.0 - out[i] / PROXIMITY, 0.0), 1.0)
 
 
@@ -113,12 +145,13 @@ def score_steps(
         successes: written, [E].
     """
     n = radii.shape[0]
-    near = np.empty(n)
+    near, places = np.empty(n), np.empty((3, n), np.float32)
+    circles = np.empty((3, layouts.shape[1]), np.float32)
     for b in range(states.shape[0]):
         if not active[b]:
             rewards[b] = 0.0
             continue
-        proximities(states[b], layouts[b], radii, half, near)
+        proximities(states[b], layouts[b], radii, half, places, circles, near)
         is_solved, touched, mean = solved[b], False, 0.0
         for i in range(n):
             reward = task_rewards[b, i] - weights[4] * near[i] + (weights[5] if is_solved else 0.0)
@@ -166,20 +199,22 @@ class World:
         bodies = states[:, first : first + 7 * k].reshape(e, k, 7).astype(np.float64)
         self._backend.reset(copies, layouts, robots, bodies)
 
-    def step(self, actions: Float | Double, before: Step, now: Step) -> bool:
+    def step(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Advances the copies that have not ended by one control step.
 
         Args:
             actions: [E, N, A].
             before: the step before; only read.
-            now: a copy of it, whose times, events and states are written.
+            now: its times, events and states are written.
 
         Returns:
-            False, and the world stays as it was, if an action is not finite.
+            How many copies had not ended; -1, and the world stays as it was, if an action is not
+            finite.
         """
-        if not begin_step(
-            *self._fixed, actions, before.terminations, before.truncations, now.times, now.events
-        ):
-            return False
-        self._backend.step(self.active, self._commands, self._contacts, now.events, now.states)
-        return True
+        n_active: int = begin_step(
+            *self._fixed, actions, before.terminations, before.truncations, before.times,
+            before.states, now.times, now.states, now.events,
+        )  # fmt: skip
+        if n_active >= 0:
+            self._backend.step(self.active, self._commands, self._contacts, now.events, now.states)
+        return n_active

@@ -46,9 +46,11 @@ class Observer:
         """
         if fresh is not None:
             self._sensor.forget(fresh)
-        cut = len(self._sensor.features)
-        self._sensor.observe(now, active, now.observations[..., :cut])
-        if self._channel is not None:
+        if self._channel is None:
+            self._sensor.observe(now, active, now.observations)
+        else:
+            cut = len(self._sensor.features)
+            self._sensor.observe(now, active, now.observations[..., :cut])
             if fresh is not None:
                 self._channel.forget(fresh)
             self._channel.transmit(now, actions, active, now.observations[..., cut:])

@@ -66,7 +66,7 @@ def swarm(spec: TaskSpec, n_copies: int) -> Run:
     def advance(k: int) -> None:
         step = env.step(actions[k % N_ACTIONS])
         ended = step.ended
-        if ended.any():
+        if np.count_nonzero(ended):
             copies = np.flatnonzero(ended)
             first, state["next"] = state["next"], state["next"] + len(copies)
             env.reset(np.arange(first, state["next"], dtype=np.uint64), copies)
