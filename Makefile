@@ -75,7 +75,8 @@ learns: $(STAMPS)/test
 	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file; done
+	set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; \
+	$(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 wheel: $(STAMPS)/test
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist

@@ -140,4 +140,3 @@ class TaskEnv:
             delivered=delivered,
             ages=ages,
         )
-

@@ -85,9 +85,7 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         self.agents = list(self.possible_agents)
         step = self._env.reset(episode)
         self._step = step
-        return self._observations(step), {
-            name: self._info(step, i) for i, name in enumerate(self.agents)
-        }
+        return self._rows(step.observations), self._infos(step)
 
     def step(
         self, actions: dict[str, Float]
@@ -101,27 +99,20 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         """Advances the episode by one control step; actions are one array [A] per agent."""
         if not self.agents:
             raise SchemaError("the episode has ended or was never started; call reset() first")
-        missing = [name for name in self.agents if name not in actions]
-        if missing:
-            raise SchemaError(
-                f"no action for {', '.join(missing)}; give one for each of {self.agents}"
-            )
-        joint = np.stack([np.asarray(actions[name], dtype=np.float32) for name in self.agents])
-        step = self._env.step(joint[None])
-        self._step = step
         names = self.agents
-        rewards = {name: float(step.rewards[0, i]) for i, name in enumerate(names)}
-        infos = {name: self._info(step, i) for i, name in enumerate(names)}
-        observations = self._observations(step)
-        if step.ended[0]:
-            self.agents = []
-        return (
-            observations,
-            rewards,
-            dict.fromkeys(names, bool(step.terminations[0])),
-            dict.fromkeys(names, bool(step.truncations[0])),
-            infos,
+        step = self._env.step(self._joint(actions))
+        self._step = step
+        terminated, truncated = step.terminations.item(), step.truncations.item()
+        results = (
+            self._rows(step.observations),
+            dict(zip(names, step.rewards[0].tolist(), strict=True)),
+            dict.fromkeys(names, terminated),
+            dict.fromkeys(names, truncated),
+            self._infos(step),
         )
+        if terminated or truncated:
+            self.agents = []
+        return results
 
     def state(self) -> Float:
         """The global state, [S]."""
@@ -150,11 +141,26 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
     def close(self) -> None:
         """Does nothing: there is no window."""
 
-    def _observations(self, step: Step) -> dict[str, Float]:
-        return {name: step.observations[0, i].copy() for i, name in enumerate(self.agents)}
+    def _joint(self, actions: dict[str, Float]) -> Float:
+        """The actions as one array, [1, N, A]."""
+        try:
+            return np.array([[actions[name] for name in self.agents]], dtype=np.float32)
+        except KeyError:
+            missing = [name for name in self.agents if name not in actions]
+            raise SchemaError(
+                f"no action for {', '.join(missing)}; give one for each of {self.agents}"
+            ) from None
 
-    def _info(self, step: Step, agent: int) -> dict[str, Any]:
-        return {"success": bool(step.successes[0]), "events": step.events[0, agent].copy()}
+    def _rows(self, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """One agent's row each, of a copy: the step's own memory is shared with other steps'."""
+        return dict(zip(self.agents, values[0].copy(), strict=True))
+
+    def _infos(self, step: Step) -> dict[str, dict[str, Any]]:
+        success = step.successes.item()
+        return {
+            name: {"success": success, "events": row}
+            for name, row in self._rows(step.events).items()
+        }
 
     def _require_step(self) -> Step:
         if self._step is None:

@@ -1,8 +1,8 @@
 """Environment steps a second on one core, against peers and the physics alone, into BENCHMARKS.md.
 
-    OMP_NUM_THREADS=1 taskset -c 1 python -m tests.benchmarks.bench_worlds [SECTION ...]
+    python -m tests.benchmarks.bench_worlds [SECTION ...]
 
-Sections: state lidar one growth tasks. VMAS is measured if it is installed (`pip install vmas`).
+Sections: state lidar one tasks growth. VMAS is measured if it is installed (`pip install vmas`).
 """
 
 import os
@@ -20,8 +20,10 @@ import numpy as np
 from swarmdata.presets import preset, preset_names
 from swarmdata.spec import Broadcast, LidarModel, TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
-from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
+from tests.benchmarks.measuring import interleave, short, table, write_section
 from tests.benchmarks.processes import measure_processes
+
+ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 
 TEAMS = (4, 8, 16, 32)
 COPIES = (1, 16, 64, 256)
@@ -163,6 +165,8 @@ def growth_section() -> None:
         rows.append((name, *(f"{c:.0f}" for c in cost), f"{cost[-1] / cost[0]:.2f}"))
         print(" | ".join(rows[-1]), flush=True)
     head = ("observations", *(f"{n} robots" for n in TEAMS), "32 robots / 4")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, ALL_CORES)
     ratios = measure_processes(team(4))
     middle, low, high = np.median(ratios), min(ratios), max(ratios)
     write_section(
@@ -183,7 +187,7 @@ def tasks_section() -> None:
     specs["coop_nav, broadcast"] = base.with_updates(communication=Broadcast().model_dump())
     specs["coop_nav, lossy radio"] = base.with_updates(communication=radio.model_dump())
     specs["coop_nav, lidar and lossy radio"] = scanning(specs["coop_nav, lossy radio"])
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, spec in specs.items():
         rates = interleave({"1": swarm(spec, 1), "64": swarm(spec, 64)}, 3, 0.2)
         rows.append((name, str(spec.n_agents), str(rates["1"]), str(rates["64"])))
@@ -196,13 +200,15 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "state": state_section,
     "lidar": lidar_section,
     "one": one_section,
-    "growth": growth_section,
     "tasks": tasks_section,
+    "growth": growth_section,
 }
 
 
 def main() -> None:
-    """Measures the sections named on the command line, all by default."""
+    """Measures the sections named on the command line, all by default, on the last core."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(ALL_CORES)})
     for name in sys.argv[1:] or SECTIONS:
         print(f"== {name}", flush=True)
         SECTIONS[name]()
