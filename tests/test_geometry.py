@@ -5,7 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.envs.pymunk_space import bars
-from swarmdata.geometry import CIRCLE, bounding_radius, clearance, nearest
+from swarmdata.geometry import (
+    CIRCLE,
+    bounding_radius,
+    clearance,
+    nearest,
+    nearest_of,
+    outer_radius,
+)
 from swarmdata.types import Double, Float
 
 coordinate = st.floats(-2, 2)
@@ -69,3 +76,16 @@ def test_corners_start_at_the_smallest_and_run_counter_clockwise(row: Float) -> 
         assert tuple(bar[0]) == min(map(tuple, bar))
         nxt = np.roll(bar, -1, axis=0)
         assert (bar[:, 0] * nxt[:, 1] - bar[:, 1] * nxt[:, 0]).sum() > 0
+
+
+@given(rows=st.lists(obstacles(), min_size=1, max_size=4), x=coordinate, y=coordinate)
+def test_nearest_of_a_layout_is_nearest_of_its_row(rows: list[Float], x: float, y: float) -> None:
+    layout = np.stack(rows)
+    for m, row in enumerate(rows):
+        assert nearest_of(x, y, layout, m) == nearest(x, y, row)
+
+
+@given(row=obstacles())
+def test_the_outer_radius_holds_the_obstacle_and_little_more(row: Float) -> None:
+    exact, outer = bounding_radius(row), outer_radius(row)
+    assert exact <= outer <= 1.4144 * exact

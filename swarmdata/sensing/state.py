@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from swarmdata.features import Feature, numbered, vector
-from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.geometry import bounding_radius, nearest_of
 from swarmdata.senses import StateModel
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.selection import order_keys, take_smallest
@@ -226,7 +226,7 @@ def _find_obstacles(
     for _ in range(min(k, n)):
         m = take_smallest(keys)
         squares[m] = np.inf
-        distance, vx, vy = nearest(px, py, layout[m])
+        distance, vx, vy = nearest_of(px, py, layout, m)
         if distance - radius <= limit:
             _insert(found, k, distance - radius, m, vx, vy)
     bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _SLACK) + _SLACK
@@ -237,7 +237,7 @@ def _find_obstacles(
     for m in range(n if n_nearer > 0 else 0):
         reach = bound + circles[2, m]
         if squares[m] < reach * reach:
-            distance, vx, vy = nearest(px, py, layout[m])
+            distance, vx, vy = nearest_of(px, py, layout, m)
             if distance - radius <= limit:
                 _insert(found, k, distance - radius, m, vx, vy)
 
