@@ -1,5 +1,7 @@
 """Steps are the caller's to keep, however many are made at once; ended copies stay as they are."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def test_no_two_steps_share_what_is_written(spec: TaskSpec, n_copies: int) -> No
         arrays = [getattr(step, name) for step in steps]
         assert {(a.shape, a.dtype) for a in arrays} == {(arrays[0].shape, arrays[0].dtype)}
         spans = sorted((a.ctypes.data, a.ctypes.data + a.nbytes) for a in arrays)
-        assert all(left[1] <= right[0] for left, right in zip(spans, spans[1:], strict=False))
+        assert all(left[1] <= right[0] for left, right in pairwise(spans))
 
 
 def test_what_only_a_reset_changes_is_shared() -> None:

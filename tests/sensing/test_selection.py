@@ -11,8 +11,8 @@ from swarmdata.types import Double, Int
 numbers = st.floats(allow_nan=False).map(lambda x: x + 0.0)  # -0 becomes 0
 
 
-@njit
-def ranks(values: Double) -> Int:  # type: ignore[untyped-decorator]
+@njit  # type: ignore[untyped-decorator]
+def ranks(values: Double) -> Int:
     """Indices of the values, smallest first, by the functions under test."""
     keys = values.copy().view(np.int64)
     order_keys(keys)
