@@ -18,7 +18,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from swarmdata.presets import preset, preset_names
-from swarmdata.spec import Broadcast, LidarModel, TaskSpec
+from swarmdata.senses import Broadcast, LidarModel
+from swarmdata.spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
 from tests.benchmarks.measuring import interleave, short, table, write_section
 from tests.benchmarks.processes import measure_processes
