@@ -26,11 +26,16 @@ engines in one table.
 
 
 class Rate(NamedTuple):
-    """Environment steps a second: median, smallest and largest over the rounds."""
+    """A rate (or a ratio): median, smallest and largest over the rounds."""
 
     median: float
     low: float
     high: float
+
+    @classmethod
+    def of(cls, values: list[float]) -> "Rate":
+        """Of the rounds' values."""
+        return cls(float(np.median(values)), min(values), max(values))
 
     def __str__(self) -> str:
         """With thousands as k."""
@@ -55,10 +60,7 @@ def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -
     for _ in range(rounds):
         for name, run in runs.items():
             rates[name].append(run(seconds))
-    return {
-        name: Rate(float(np.median(values)), min(values), max(values))
-        for name, values in rates.items()
-    }
+    return {name: Rate.of(values) for name, values in rates.items()}
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
