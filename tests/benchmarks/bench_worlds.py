@@ -15,8 +15,6 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 
-import numpy as np
-
 from swarmdata.presets import preset, preset_names
 from swarmdata.senses import Broadcast, LidarModel
 from swarmdata.spec import TaskSpec
@@ -190,7 +188,7 @@ def tasks_section() -> None:
     specs["coop_nav, lidar and lossy radio"] = scanning(specs["coop_nav, lossy radio"])
     rows: list[tuple[str, ...]] = []
     for name, spec in specs.items():
-        rates = interleave({"1": swarm(spec, 1), "64": swarm(spec, 64)}, 3, 0.2)
+        rates = interleave({"1": swarm(spec, 1), "64": swarm(spec, 64)}, 3, 0.1)
         rows.append((name, str(spec.n_agents), str(rates["1"]), str(rates["64"])))
         print(" | ".join(rows[-1]), flush=True)
     head = ("preset and models", "robots", "1 copy", "64 copies")
