@@ -192,7 +192,11 @@ def tasks_section() -> None:
         rows.append((name, str(spec.n_agents), str(rates["1"]), str(rates["64"])))
         print(" | ".join(rows[-1]), flush=True)
     head = ("preset and models", "robots", "1 copy", "64 copies")
-    write_section("Tasks and models", "Environment steps a second.\n\n" + table(head, rows))
+    write_section(
+        "Tasks and models",
+        "Environment steps a second; rows are measured one after the other, not in turns.\n\n"
+        + table(head, rows),
+    )
 
 
 SECTIONS: dict[str, Callable[[], None]] = {
