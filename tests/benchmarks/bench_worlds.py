@@ -152,7 +152,11 @@ def one_section() -> None:
             rows.append((f"{n}", name, str(rate), *ratios))
             print(" | ".join(rows[-1]), flush=True)
     head = ("robots", "engine", "steps a second", "ours / it", "ours through PettingZoo / it")
-    write_section("One copy", table(head, rows))
+    intro = (
+        "What most users run first. VMAS without its lidar; MPE2 `simple_spread_v3` has no other "
+        "interface."
+    )
+    write_section("One copy", f"{intro}\n\n{table(head, rows)}")
 
 
 def growth_section() -> None:
