@@ -88,7 +88,7 @@ def begin_step(
             for c in range(actions.shape[2]):
                 if not math.isfinite(actions[b, i, c]):
                     return -1
-            x, y = float(actions[b, i, 0]), float(actions[b, i, 1])
+            x, y = np.float64(actions[b, i, 0]), np.float64(actions[b, i, 1])
             if limits[i, UNICYCLE] == 1.0:
                 commands[b, i, 0] = min(max(x, -1.0), 1.0)
                 commands[b, i, 1] = min(max(y, -1.0), 1.0)

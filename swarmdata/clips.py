@@ -30,7 +30,9 @@ def check_clip(out: Path) -> None:
         raise SchemaError(f"cannot draw to {str(out)!r}, expected a file that ends in {CLIPS}.")
 
 
-def write_clip(episode: Episode, spec: TaskSpec, out: Path) -> None:
+def write_clip(
+    episode: Episode, spec: TaskSpec, out: Path, *, size: int = 384, stride: int = 2
+) -> None:
     """Draws an episode: an animation, or as PNG its last state with the whole paths.
 
     Lidar rays are drawn where the spec observes by lidar, messages where robots talk.
@@ -39,6 +41,8 @@ def write_clip(episode: Episode, spec: TaskSpec, out: Path) -> None:
         episode: what to show; its observations must be those of the spec's models.
         spec: what made it.
         out: a `.gif`, `.mp4` or `.png` file; its folder is made if absent.
+        size: pixels of the arena's longer side.
+        stride: control steps between two pictures of an animation.
 
     Raises:
         SchemaError: another kind of file, or an episode that does not fit the spec.
@@ -50,7 +54,9 @@ def write_clip(episode: Episode, spec: TaskSpec, out: Path) -> None:
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        animate(episode, spec, out, scans=scans, attempted=attempted)
+        animate(
+            episode, spec, out, size=size, stride=stride, scans=scans, attempted=attempted
+        )
         return
     last = len(episode)
     image = draw(
@@ -61,6 +67,7 @@ def write_clip(episode: Episode, spec: TaskSpec, out: Path) -> None:
         events=episode.events[last - 1],
         scan=None if scans is None else scans[last],
         messages=None if attempted is None else (episode.delivered[last], attempted[last]),
+        size=size,
         caption=f"{last * spec.control_dt:.1f} s    {END_REASONS[episode.end_reason]}",
     )
     save_png(image, out)

@@ -122,6 +122,9 @@ def draw_target(
     task: str,
     observation: Source | None = None,
     communication: Source | None = None,
+    *,
+    size: int = 384,
+    stride: int = 2,
 ) -> Episode:
     """Draws an episode, with lidar rays and messages where there are any; returns it.
 
@@ -132,6 +135,8 @@ def draw_target(
         task: of policies and tiers: a preset's name, or a spec's file.
         observation: what the robots sense; a recorded episode is observed again.
         communication: what they hear; the same.
+        size: pixels of the arena's longer side.
+        stride: control steps between two pictures of an animation.
 
     Raises:
         SchemaError: another kind of file, or no such episode.
@@ -147,5 +152,5 @@ def draw_target(
         target = find_target(name, task, observation, communication)
         spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]
         (episode,) = rollout(make_env(spec), target.policies[0], seeds)
-    write_clip(episode, spec, out)
+    write_clip(episode, spec, out, size=size, stride=stride)
     return episode

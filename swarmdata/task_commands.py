@@ -90,12 +90,16 @@ def play(
     episode: Annotated[int, typer.Option(min=0, help="number of the evaluation seed")] = 0,
     observation: Observation = None,
     communication: Communication = None,
+    size: Annotated[int, typer.Option(min=64, help="pixels of the arena's longer side")] = 384,
+    stride: Annotated[int, typer.Option(min=1, help="control steps between two pictures")] = 2,
 ) -> None:
     """Run a policy for one episode and draw it, with lidar rays and messages if there are any."""
     from swarmdata.reporting import draw_target
     from swarmdata.types import END_REASONS
 
-    played = draw_target(policy, out, episode, name, observation, communication)
+    played = draw_target(
+        policy, out, episode, name, observation, communication, size=size, stride=stride
+    )
     typer.echo(
         f"{out}: {len(played)} steps, ended by {END_REASONS[played.end_reason]}, return "
         f"{played.team_return:.2f}"

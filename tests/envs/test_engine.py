@@ -127,6 +127,19 @@ def test_a_refused_action_leaves_the_world_as_it_was() -> None:
     assert_same([env.step(actions)], [twin.step(actions)])
 
 
+def test_an_action_means_the_same_in_either_precision() -> None:
+    spec = TaskSpec.parse(UNICYCLES)
+    for task in (make_task(TaskSpec()), make_task(spec)):
+        single, double = TaskEnv(task, 4), TaskEnv(task, 4)
+        ids = np.arange(4, dtype=np.uint64)
+        single.reset(ids)
+        double.reset(ids)
+        rng = np.random.default_rng(0)
+        for _ in range(40):
+            actions = rng.uniform(-1, 1, (4, 4, 2)).astype(np.float32)
+            assert_same([single.step(actions)], [double.step(actions.astype(np.float64))])
+
+
 @pytest.mark.parametrize("actions", [np.zeros((2, 4, 3)), np.zeros((2, 4, 2), dtype=np.int64)])
 def test_actions_of_another_shape_or_kind_are_refused(actions: NDArray[np.generic]) -> None:
     env = make_env(TaskSpec(), 2)
