@@ -54,9 +54,7 @@ def write_clip(
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        animate(
-            episode, spec, out, size=size, stride=stride, scans=scans, attempted=attempted
-        )
+        animate(episode, spec, out, size=size, stride=stride, scans=scans, attempted=attempted)
         return
     last = len(episode)
     image = draw(

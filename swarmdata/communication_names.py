@@ -6,9 +6,8 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.frozen import is_file, is_inline, read_tagged
 from swarmdata.senses import AnyCommunicationModel, Broadcast, NoCommunication
 
 MEAN_BURST = 4
@@ -20,7 +19,6 @@ _MODELS: dict[str, type[NoCommunication] | type[Broadcast]] = {
 }
 _ALONE: dict[str, AnyCommunicationModel] = {"none": NoCommunication(), "perfect": Broadcast()}
 _PART = re.compile(r"([a-z]+)(?:-(.*))?")
-_FILE_ENDINGS = (".yaml", ".yml", ".json")
 
 
 def communication_model(
@@ -47,50 +45,9 @@ def communication_model(
     """
     if isinstance(source, NoCommunication | Broadcast):
         return source
-    if isinstance(source, Mapping):
-        return _from_fields(dict(source), "communication model")
-    if isinstance(source, Path) or source.endswith(_FILE_ENDINGS):
-        return _from_file(Path(source))
-    if any(mark in source for mark in ":{\n"):
-        return _from_text(source, "communication text")
-    return _from_names(source.strip())
-
-
-def _from_file(path: Path) -> AnyCommunicationModel:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SpecError(
-            f"cannot read the communication model {str(path)!r}: {error.strerror}. "
-            "Expected a YAML or JSON file with the fields of one model."
-        ) from error
-    return _from_text(text, str(path))
-
-
-def _from_text(text: str, where: str) -> AnyCommunicationModel:
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise SpecError(f"{where} is neither YAML nor JSON: {error}") from error
-    # the model reads the text itself: it refuses a key given twice
-    return _model_of(data, where).from_text(text, where)
-
-
-def _from_fields(data: Any, where: str) -> AnyCommunicationModel:
-    return _model_of(data, where).parse(data, where)
-
-
-def _model_of(data: Any, where: str) -> type[NoCommunication] | type[Broadcast]:
-    """The class of the model whose fields these are."""
-    if not isinstance(data, dict) or "kind" not in data:
-        raise SpecError(
-            f"{where}: got {data!r}, expected a mapping with a key 'kind' ({', '.join(_MODELS)}) "
-            "and the fields of that model."
-        )
-    kind = str(data["kind"])
-    if kind not in _MODELS:
-        raise UnknownNameError("kind of communication model", kind, _MODELS)
-    return _MODELS[kind]
+    if isinstance(source, str) and not (is_file(source) or is_inline(source)):
+        return _from_names(source.strip())
+    return read_tagged(source, _MODELS, "communication model")
 
 
 def _from_names(text: str) -> AnyCommunicationModel:

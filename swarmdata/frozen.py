@@ -2,14 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from swarmdata.errors import SpecError, did_you_mean
+from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -61,6 +61,64 @@ class Frozen(BaseModel):
     def from_file(cls, path: Path) -> Self:
         """Builds the model from a `.yaml` or `.json` file."""
         return cls.from_text(Path(path).read_text(encoding="utf-8"), str(path))
+
+
+M = TypeVar("M", bound=Frozen)
+
+
+def read_tagged(
+    source: Mapping[str, Any] | str | Path, kinds: Mapping[str, type[M]], what: str
+) -> M:
+    """Builds the model of a union whose `kind` says which.
+
+    Args:
+        source: its fields, YAML or JSON text of them, or a file that `is_file` with such text.
+        kinds: the models of the union by their `kind`.
+        what: is described, for messages, such as "observation model".
+
+    Raises:
+        UnknownNameError: no such kind.
+        SpecError: it cannot be read, or is not that model.
+    """
+    if isinstance(source, Mapping):
+        return _kind_of(source, kinds, what, what).parse(dict(source), what)
+    text, where = source, f"text of {what}"
+    if is_file(source):
+        where = str(source)
+        try:
+            text = Path(source).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise SpecError(
+                f"cannot read the {what} {where!r}: {error}. Expected a YAML or JSON file with the "
+                "fields of one model."
+            ) from error
+    try:
+        data = yaml.safe_load(str(text))
+    except yaml.YAMLError as error:
+        raise SpecError(f"{where} is neither YAML nor JSON: {error}") from error
+    # the model reads the text itself: it refuses a key given twice
+    return _kind_of(data, kinds, what, where).from_text(str(text), where)
+
+
+def is_file(source: str | Path) -> bool:
+    """Whether this names a file of YAML or JSON, by type or by ending."""
+    return isinstance(source, Path) or source.endswith((".yaml", ".yml", ".json"))
+
+
+def is_inline(source: str) -> bool:
+    """Whether this is YAML or JSON text rather than a name."""
+    return any(mark in source for mark in ":{[\n")
+
+
+def _kind_of(data: Any, kinds: Mapping[str, type[M]], what: str, where: str) -> type[M]:
+    if not isinstance(data, Mapping) or "kind" not in data:
+        raise SpecError(
+            f"{where}: got {data!r}, expected a mapping with a key 'kind' ({', '.join(kinds)}) and "
+            "the fields of that model"
+        )
+    if str(data["kind"]) not in kinds:
+        raise UnknownNameError(what, str(data["kind"]), kinds)
+    return kinds[str(data["kind"])]
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):

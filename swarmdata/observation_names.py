@@ -4,14 +4,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.frozen import is_file, is_inline, read_tagged
 from swarmdata.senses import (
     AnyObservationModel,
     BearingModel,
     LidarModel,
-    ObservationModel,
     OccupancyModel,
     StateModel,
 )
@@ -44,7 +42,7 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
 
 
 def observation_model(
-    source: str | Path | Mapping[str, Any] | ObservationModel,
+    source: str | Path | Mapping[str, Any] | AnyObservationModel,
 ) -> AnyObservationModel:
     """Returns the observation model that `source` names or describes.
 
@@ -61,64 +59,16 @@ def observation_model(
     """
     if isinstance(source, StateModel | LidarModel | BearingModel | OccupancyModel):
         return source
-    if isinstance(source, Mapping):
-        return _from_fields(source, "")
-    if isinstance(source, ObservationModel):
-        raise SpecError(
-            f"a {type(source).__name__} has no kind. Use one of: {', '.join(sorted(_KINDS))}"
-        )
-    text = str(source)
-    if isinstance(source, Path) or text.endswith((".yaml", ".yml", ".json")):
-        return _from_text(_read(Path(source)), text)
-    if ":" in text:
-        return _from_text(text, "text")
-    return _from_name(text)
-
-
-def _from_fields(fields: Mapping[str, Any], where: str) -> AnyObservationModel:
-    kind = fields.get("kind")
-    if kind is None:
-        raise SpecError(
-            f"an observation model{f' in {where}' if where else ''} has no kind, got the keys "
-            f"{sorted(map(str, fields))}. Add one, such as kind: lidar"
-        )
-    return _class_of(str(kind)).parse(dict(fields), where)
-
-
-def _class_of(kind: str) -> type[StateModel | LidarModel | BearingModel | OccupancyModel]:
-    if kind not in _KINDS:
-        raise UnknownNameError("observation model", kind, _KINDS)
-    return _KINDS[kind]
-
-
-def _from_text(text: str, where: str) -> AnyObservationModel:
-    try:
-        fields = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise SpecError(f"{where} is neither YAML nor JSON: {error}") from error
-    if not isinstance(fields, dict):
-        raise SpecError(
-            f"{where} holds a {type(fields).__name__}, expected the fields of an observation "
-            "model, such as kind: lidar"
-        )
-    model = type(_from_fields(fields, where))
-    return model.from_text(text, where)  # which refuses a key given twice
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SpecError(
-            f"cannot read an observation model from {path}: {error}. Give a YAML file or a name, "
-            "such as lidar+noise-0.05"
-        ) from error
+    if isinstance(source, str) and not (is_file(source) or is_inline(source)):
+        return _from_name(source)
+    return read_tagged(source, _KINDS, "observation model")
 
 
 def _from_name(name: str) -> AnyObservationModel:
     first, *rest = name.split("+")
     kind, has_size, size = first.partition("-")
-    model = _class_of(kind)
+    if kind not in _KINDS:
+        raise UnknownNameError("observation model", kind, _KINDS)
     fields: dict[str, Any] = {"kind": kind}
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
@@ -132,7 +82,7 @@ def _from_name(name: str) -> AnyObservationModel:
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added
-    return model.parse(fields, repr(name))
+    return _KINDS[kind].parse(fields, repr(name))
 
 
 def _number(text: str, part: str, name: str) -> int | float:

@@ -70,12 +70,12 @@ def test_unknown_names_come_with_a_suggestion(name: Any, message: str) -> None:
         ("lidar-0", "n_rays"),
         ("lidar+stack-2+stack-3", "stack is given twice"),
         ("occupancy+range-2", "occupancy has no range in 'occupancy+range-2'"),
-        ({"n_rays": 3}, "has no kind, got the keys ['n_rays']"),
+        ({"n_rays": 3}, "got {'n_rays': 3}, expected a mapping with a key 'kind' (state, lidar"),
         ({"kind": "lidar", "rays": 3}, "rays: unknown key. Did you mean 'n_rays'?"),
         ("kind: lidar\nkind: lidar", "'kind' is given twice"),
         ("a: [", "neither YAML nor JSON"),
-        ("- a: 1", "holds a list"),
-        ("missing.yaml", "cannot read an observation model from missing.yaml"),
+        ("- a: 1", "got [{'a': 1}], expected a mapping with a key 'kind'"),
+        ("missing.yaml", "cannot read the observation model 'missing.yaml'"),
     ],
 )
 def test_what_is_wrong_is_said(name: Any, message: str) -> None:

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
+from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.references import interval, summarize
 from swarmdata.cards.schema import Interval, TaskReferences, published, references, references_of
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import metrics_of
+from swarmdata.presets import preset, preset_names
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.types import EvalResult
 
@@ -72,8 +73,9 @@ def test_summary_refuses_other_seeds_and_nothing() -> None:
 
 
 def test_shipped_references_are_of_the_shipped_specs() -> None:
-    for task, table in references().items():
-        assert table.spec_hash == SPECS[task].hash()
+    assert set(references()) == set(preset_names())
+    for name, table in references().items():
+        assert table.spec_hash == preset(name).hash()
         assert table.n_episodes == 1000
         assert set(table.policies) >= {"idle", "random", "straight", "scripted"}
     assert references_of("0" * 64) is None

@@ -1,0 +1,43 @@
+"""The page of worlds shows the measured references; tasks are neither trivial nor hopeless."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmdata.cards.schema import TaskReferences, references
+from swarmdata.cards.worlds import worlds_page
+from swarmdata.presets import preset_names
+from swarmdata.registry import TASKS
+
+PAGE = Path(__file__).parents[2] / "WORLDS.md"
+
+
+def value(entry: TaskReferences, policy: str, metric: str) -> float:
+    interval = entry.policies[policy][metric]
+    assert interval is not None
+    return interval.value
+
+
+def test_the_page_is_up_to_date() -> None:
+    assert PAGE.read_text(encoding="utf-8") == worlds_page(references())
+
+
+def test_a_preset_that_was_not_measured_is_named() -> None:
+    known = dict(references())
+    del known["formation"]
+    text = worlds_page(known)
+    assert text.count("Not measured on this version of the preset.") == 1
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_driving_straight_does_not_solve_the_default_arena(task: str) -> None:
+    assert value(references()[task], "straight", "success") <= 0.5
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_scripted_team_solves_what_others_do_not(name: str) -> None:
+    entry = references()[name]
+    assert value(entry, "scripted", "success") >= 0.8
+    assert max(value(entry, policy, "success") for policy in ("idle", "random")) <= 0.01
+    returns = [value(entry, policy, "return") for policy in ("random", "idle", "scripted")]
+    assert returns == sorted(returns)
