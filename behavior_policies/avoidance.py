@@ -7,9 +7,8 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from numba import njit
-
 from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
+from swarmdata.compiling import kernel
 from swarmdata.geometry import nearest, wall_gap
 from swarmdata.types import Double, Float
 
@@ -37,7 +36,7 @@ NEAR = 0.5
 """Metres from its goal within which a robot gives way."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def surface_half_planes(
     x: float,
     y: float,
@@ -84,7 +83,7 @@ def surface_half_planes(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def stopping_half_planes(
     i: int, robots: Double, bodies: Double, brakes: Double, n: int, planes: Double
 ) -> int:
@@ -119,7 +118,7 @@ def stopping_half_planes(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def robot_half_planes(
     i: int,
     robots: Double,
@@ -166,7 +165,7 @@ def robot_half_planes(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gives_way(own: float, other: float, near: float = NEAR) -> bool:
     """Whether a robot this far from its goal gives way to one that far from its own, m."""
     return own < near and other > own

@@ -7,12 +7,12 @@ robot of the left team is through.
 """
 
 import numpy as np
-from numba import njit
 
 from swarmdata.assignment import assign, assignment_work
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
+from swarmdata.compiling import kernel
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.rules import Doorway, NavigationRules
@@ -21,7 +21,7 @@ from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def assign_goals(
     states: Float, copies: Int, n: int, work: Double, places: Int, out: Double
 ) -> None:

@@ -8,9 +8,9 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from swarmdata.compiling import kernel
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
@@ -41,7 +41,7 @@ def grid_shape(spec: TaskSpec) -> tuple[int, int]:
     return int(arena.height / SPACING) + 1, int(arena.width / SPACING) + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None:
     """Writes the distance from every node to the nearest surface or wall, at most `cap`.
 
@@ -69,7 +69,7 @@ def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None
                     out[row, column] = min(out[row, column], nearest(x, y, layout[m])[0])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def weights_of(grid: Float, radius: float) -> Int32:
     """Returns the cost factor of entering each node, 0 where a robot cannot be, [rows * columns].
 
@@ -94,7 +94,7 @@ def weights_of(grid: Float, radius: float) -> Int32:
     return weights
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _unlink(node: int, bucket: int, heads: Int32, links: Int32) -> None:
     before, after = links[node, 0], links[node, 1]
     if before >= 0:
@@ -105,7 +105,7 @@ def _unlink(node: int, bucket: int, heads: Int32, links: Int32) -> None:
         links[after, 0] = before
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
     first = heads[bucket]
     links[node, 0], links[node, 1] = -1, first
@@ -114,7 +114,7 @@ def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
     heads[bucket] = node
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32) -> None:
     """Writes for every node the cost of the cheapest way to the goal and the next node on it.
 
@@ -154,7 +154,7 @@ def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32
             waiting += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -> int:
     """Returns the node with a way to the goal that is nearest to a point, or -1.
 

@@ -9,11 +9,11 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 """
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
+from swarmdata.compiling import kernel
 from swarmdata.envs.formation import Formation
 from swarmdata.envs.reference import write_pose
 from swarmdata.envs.slots import slot_velocity
@@ -32,7 +32,7 @@ N_LOOKS = 40
 """Places that are looked at: 8 s, in which slots have passed every usual obstacle."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def next_free_place(
     state: Float,
     slot: tuple[float, float],
@@ -67,7 +67,7 @@ def next_free_place(
     return False, 0.0, 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def aim_at_slots(
     states: Float,
     times: Int,

@@ -9,7 +9,6 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.avoidance import (
@@ -22,6 +21,7 @@ from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.tracking import command_of
+from swarmdata.compiling import kernel
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry import make_task
@@ -42,7 +42,7 @@ MOVED = 0.1
 """Metres that a target moves before the way to it is planned anew."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def turned_right(
     i: int, robots: Double, aim: tuple[float, float], close: float = CLOSE
 ) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def turned_right(
     return aim
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def preferred(
     robot: Double,
     body: Double,
@@ -97,7 +97,7 @@ def preferred(
         out[0], out[1] = out[0] / norm, out[1] / norm
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _keep_ways(targets: Double, planned: Double, costs: Int32) -> None:
     """Forgets the ways of one copy's robots whose targets have moved."""
     for i in range(targets.shape[0]):
@@ -107,7 +107,7 @@ def _keep_ways(targets: Double, planned: Double, costs: Int32) -> None:
             costs[i, 0] = UNPLANNED
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def navigate(
     robots: Double,
     drifts: Double,

@@ -13,15 +13,15 @@ platform.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.types import Double
 
 PARALLEL = 1e-9
 """Determinants of unit directions below this count as parallel."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def robot_half_plane(
     offset: tuple[float, float],
     own: tuple[float, float],
@@ -71,7 +71,7 @@ def robot_half_plane(
     out[0], out[1] = own[0] + share * cx, own[1] + share * cy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
     """Writes the velocities whose component along a unit vector is at most `bound`, m/s.
 
@@ -84,13 +84,13 @@ def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
     out[0], out[1], out[2], out[3] = nx * bound, ny * bound, -ny, nx
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _outside(plane: Double, vx: float, vy: float) -> float:
     """How far a velocity is outside a half-plane, m/s; negative inside."""
     return float(plane[2] * (plane[1] - vy) - plane[3] * (plane[0] - vx))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def best_on_line(
     planes: Double, k: int, limit: float, aim: tuple[float, float], is_direction: bool
 ) -> tuple[bool, float, float]:
@@ -134,7 +134,7 @@ def best_on_line(
     return True, px + t * dx, py + t * dy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def best_velocity(
     planes: Double, n: int, limit: float, aim: tuple[float, float], is_direction: bool
 ) -> tuple[int, float, float]:
@@ -167,7 +167,7 @@ def best_velocity(
     return n, vx, vy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def least_violating(
     planes: Double, n: int, n_hard: int, first: int, limit: float, start: tuple[float, float]
 ) -> tuple[float, float]:
@@ -200,7 +200,7 @@ def least_violating(
     return vx, vy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _bisector(k: Double, i: Double, out: Double) -> bool:
     """Writes where half-plane i is violated no more than k; False if they point the same way."""
     cross = k[2] * i[3] - k[3] * i[2]
@@ -217,7 +217,7 @@ def _bisector(k: Double, i: Double, out: Double) -> bool:
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve(
     planes: Double, n: int, n_hard: int, limit: float, aim: tuple[float, float]
 ) -> tuple[float, float]:

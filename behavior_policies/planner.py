@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.distance_field import (
     MARGIN,
@@ -13,6 +12,7 @@ from swarmdata.behavior_policies.distance_field import (
     nearest_node,
     weights_of,
 )
+from swarmdata.compiling import kernel
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.types import Double, Float, Int
 
@@ -26,7 +26,7 @@ time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
 N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
     """Returns the clearance at a point, interpolated bilinearly; points outside are moved in.
 
@@ -45,7 +45,7 @@ def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
     return float((1.0 - v) * below + v * above)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_visible(
     x: float, y: float, to_x: float, to_y: float, need: float, grid: Float, half: Double
 ) -> bool:
@@ -69,7 +69,7 @@ def is_visible(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def waypoint(
     position: tuple[float, float],
     goal: Double,

@@ -5,8 +5,6 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from numba import njit
-
 from swarmdata.behavior_policies.avoidance import BRAKE, SURFACE_MARGIN
 from swarmdata.behavior_policies.distance_field import MARGIN, Int32
 from swarmdata.behavior_policies.orca import damper_half_plane
@@ -14,6 +12,7 @@ from swarmdata.behavior_policies.planner import free_distance, waypoint
 from swarmdata.behavior_policies.pushing import ASIDE, AWAY
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.way_around import way_around
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import nearest
 from swarmdata.types import Bool, Double, Float
@@ -34,7 +33,7 @@ AHEAD = 1.5
 """Metres of the payload's way that they keep clear."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def follow_place(
     robot: Double,
     body: Double,
@@ -63,7 +62,7 @@ def follow_place(
     out[0], out[1], out[2] = ahead * nx - side * ny, ahead * ny + side * nx, 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def go_to_place(
     i: int,
     limits: Double,
@@ -113,7 +112,7 @@ def go_to_place(
     out[0], out[1], out[2] = dx / d * speed, dy / d * speed, 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def keep_clear(
     robot: Double, limits: Double, body: Double, way: tuple[float, float], reach: float, out: Double
 ) -> None:
@@ -141,7 +140,7 @@ def keep_clear(
         out[0], out[1] = dx / d * speed, dy / d * speed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def payload_half_plane(
     robot: Double, radius: float, body: Double, row: Float, planes: Double, n: int
 ) -> int:
@@ -167,7 +166,7 @@ def payload_half_plane(
     return n + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def away_from_surfaces(
     body: Double, aim: tuple[float, float], reach: float, ground: tuple[Float, Double]
 ) -> tuple[float, float]:

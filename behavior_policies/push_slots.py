@@ -9,9 +9,8 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from numba import njit
-
 from swarmdata.behavior_policies.planner import free_distance
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
 from swarmdata.types import Double, Float
@@ -43,7 +42,7 @@ ARC = 0.45
 NONE = -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def face_normal(body: Double, face: int) -> tuple[float, float]:
     """Direction of the push that a face takes, in the world's frame.
 
@@ -56,7 +55,7 @@ def face_normal(body: Double, face: int) -> tuple[float, float]:
     return (nx, ny) if face % 2 == 0 else (-nx, -ny)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_face(
     body: Double,
     shape: Shape,
@@ -102,7 +101,7 @@ def fill_face(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_arc(
     body: Double,
     shape: Shape,
@@ -144,13 +143,13 @@ def fill_arc(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _score(body: Double, face: int, way: tuple[float, float]) -> float:
     nx, ny = face_normal(body, face)
     return nx * way[0] + ny * way[1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _first_face(
     body: Double,
     shape: Shape,
@@ -172,7 +171,7 @@ def _first_face(
     return first
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def choose_slots(
     body: Double,
     shape: Shape,

@@ -4,9 +4,9 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 """
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.way_around import crosses
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
 from swarmdata.types import Double, Int
@@ -39,7 +39,7 @@ TURN_DAMPING = 5.0
 """Force against turning, N per (rad/s of turn rate times m of lever)."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def assign_slots(
     robots: Double, body: Double, shape: Shape, slots: Double, margin: float, out: Int
 ) -> None:
@@ -76,7 +76,7 @@ def assign_slots(
     _swap(costs, out)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _swap(costs: Double, out: Int) -> None:
     """Swaps the places of two robots as long as that shortens their ways together."""
     n, again = costs.shape[0], True
@@ -94,7 +94,7 @@ def _swap(costs: Double, out: Int) -> None:
                     again = True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def contact(
     robot: Double, inset: float, body: Double, shape: Shape, slot: Double
 ) -> tuple[float, float, float, float]:
@@ -123,7 +123,7 @@ def contact(
     return nx, ny, dy * nx - dx * ny, ahead + inset
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> bool:
     """Whether a robot is in place, by what `contact` returned."""
     aside = ARC_ASIDE if is_circle else (LOST if was_pushing else ASIDE)
@@ -131,7 +131,7 @@ def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> boo
     return abs(left) < aside and abs(ahead) < away
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def possible_way(way: tuple[float, float], pushes: Double) -> tuple[float, float]:
     """The direction nearest to the way in which such pushes can move the payload.
 
@@ -153,7 +153,7 @@ def possible_way(way: tuple[float, float], pushes: Double) -> tuple[float, float
     return wx / length, wy / length
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _share(pushes: Double, k: int) -> float:
     """How many robots share the work of push k: parallel ones count fully."""
     share = 0.0
@@ -163,7 +163,7 @@ def _share(pushes: Double, k: int) -> float:
     return share
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _share_force(
     body: Double, wanted: tuple[float, float], pushes: Double, most: float, out: Double
 ) -> tuple[float, float, float]:
@@ -186,7 +186,7 @@ def _share_force(
     return x, y, torque
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def push_forces(
     body: Double, way: tuple[float, float], pushes: Double, payload: Double, out: Double
 ) -> bool:

@@ -1,11 +1,11 @@
 """Three policies without skill: stand still, move at random, drive straight at the goal."""
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.noise import counters
 from swarmdata.behavior_policies.tracking import command_of
+from swarmdata.compiling import kernel
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.seeding import uniform
 from swarmdata.spec import TaskSpec
@@ -75,7 +75,7 @@ class Straight:
         return actions
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: Double) -> None:
     """Replaces commands of robots that are not driven by velocity in any direction.
 

@@ -9,9 +9,8 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from numba import njit
-
 from swarmdata.behavior_policies.orca import PARALLEL
+from swarmdata.compiling import kernel
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, TURN_RATE, UNICYCLE
 from swarmdata.types import Double
 
@@ -22,7 +21,7 @@ STILL = 0.002
 """Part of the maximum speed below which a unicycle does not turn."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def command_of(
     moving: tuple[float, float],
     heading: tuple[float, float],
@@ -66,7 +65,7 @@ def command_of(
         out[0], out[1] = ax / norm, ay / norm
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def turn_command(
     heading: tuple[float, float], wish: tuple[float, float], limit: Double, dt: float
 ) -> float:
@@ -86,7 +85,7 @@ def turn_command(
     return float(min(max(2.0 * tangent / (dt * limit[TURN_RATE]), -1.0), 1.0))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def speed_along(
     heading: tuple[float, float],
     wish: tuple[float, float],
@@ -109,7 +108,7 @@ def speed_along(
     return min(max(wanted, low), high)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _narrowed(
     plane: Double, heading: tuple[float, float], low: float, high: float
 ) -> tuple[float, float]:

@@ -22,7 +22,6 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
 from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
@@ -46,6 +45,7 @@ from swarmdata.behavior_policies.pushing import (
     stands,
 )
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
@@ -62,7 +62,7 @@ STALE = 0.25
 """Metres that the payload moves before the robots' ways to it are planned anew."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _plan(
     now: Double,
     body: Double,
@@ -91,7 +91,7 @@ def _plan(
     return k
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _stand(
     now: Double,
     body: Double,
@@ -125,7 +125,7 @@ def _stand(
         forces[who[f]] = out[f] if memory[3] == 1 else 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _aim(
     now: Double,
     body: Double,
@@ -164,7 +164,7 @@ def _aim(
             go_to_place(i, limits, body, shape, slot, team, rings, ground, ways, aims[i])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def act_copies(
     robots: Double,
     bodies: Double,

@@ -9,8 +9,8 @@ leaves by the next lane in the aisle's direction, and goes from lane to lane thr
 """
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.floor_plan import STANDOFF, best_lane, corridor
 from swarmdata.errors import SpecError
 from swarmdata.rules import WarehouseRules
@@ -27,7 +27,7 @@ ABREAST = 0.1
 """Metres that two robots need besides their diameters to pass each other in an aisle."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lane_at(x: float, lanes: Double) -> int:
     """The lane that x is in, or -1."""
     for k in range(lanes.shape[0]):
@@ -36,7 +36,7 @@ def lane_at(x: float, lanes: Double) -> int:
     return -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lane_along(x: float, lanes: Double, sign: float) -> int:
     """The first lane whose middle lies beyond x in the direction `sign`, or the last there is."""
     n = lanes.shape[0]
@@ -47,13 +47,13 @@ def lane_along(x: float, lanes: Double, sign: float) -> int:
     return n - 1 if sign > 0.0 else 0
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def one_way(aisle: int) -> float:
     """Direction of traffic in a narrow aisle: 1 to the right, -1 to the left."""
     return 1.0 if aisle % 2 == 1 else -1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def steer(
     x: float,
     y: float,

@@ -18,7 +18,6 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.agility import scales_of
 from swarmdata.behavior_policies.avoidance import (
@@ -33,6 +32,7 @@ from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.behavior_policies.warehouse_routes import steer, tracks_of
+from swarmdata.compiling import kernel
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.envs.floor_plan import FloorPlan
 from swarmdata.spec import TaskSpec
@@ -47,7 +47,7 @@ MARGIN = 0.05
 """Metres of gap kept between robots; the tracks of an aisle of 0.65 m leave 0.07."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def brake_half_planes(
     i: int, robots: Double, radii: Double, scales: Double, n: int, planes: Double
 ) -> int:
@@ -80,7 +80,7 @@ def brake_half_planes(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rank_half_planes(
     i: int, robots: Double, radii: Double, scales: Double, aims: Double, n: int, planes: Double
 ) -> int:
@@ -117,7 +117,7 @@ def rank_half_planes(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def act_copies(
     robots: Double,
     team: tuple[Double, Double, Double, Double, float],

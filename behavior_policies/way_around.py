@@ -9,10 +9,10 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.behavior_policies.distance_field import MARGIN
 from swarmdata.behavior_policies.planner import free_distance, is_visible
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
 from swarmdata.types import Bool, Double, Float
@@ -35,7 +35,7 @@ CLEAR_GAP = 0.01
 """Gap (m) that a straight line must keep for a robot to drive along it."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def crosses(
     body: Double, shape: Shape, start: tuple[float, float], end: tuple[float, float], margin: float
 ) -> bool:
@@ -73,7 +73,7 @@ def crosses(
     return low < high
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_rings(
     body: Double,
     shape: Shape,
@@ -113,7 +113,7 @@ def fill_rings(
         free[n] = clear >= radius + MARGIN
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _hindrance(
     start: tuple[float, float],
     end: tuple[float, float],
@@ -139,7 +139,7 @@ def _hindrance(
     return 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _relax(points: Double, tolls: Double, costs: Double) -> None:
     """Completes the costs of the points: each is the cheapest over its three neighbors.
 
@@ -165,7 +165,7 @@ def _relax(points: Double, tolls: Double, costs: Double) -> None:
                     again = True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def way_around(
     body: Double,
     shape: Shape,

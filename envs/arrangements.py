@@ -16,8 +16,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
@@ -33,7 +33,7 @@ ROUNDING = 1e-5
 """Metres by which places keep more than their distance, for their float32 bits."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _arrange(
     seeds: Seeds,
     copies: Int,

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from numba import njit
-
+from swarmdata.compiling import kernel
 from swarmdata.rules import Payload
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS
@@ -26,7 +25,7 @@ class Contacts(NamedTuple):
     slack: Double  # [E, N, 3] where, and how far from everything static, a robot last was
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def write_state(robots: Double, bodies: Double, state: Float) -> None:
     """Rounds one copy's robots [N, 6] and bodies [K, 7] to its state [S]; targets stay."""
     first = N_COLUMNS * robots.shape[0]

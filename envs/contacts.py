@@ -6,8 +6,7 @@ times cheaper to find here than through its callbacks.
 
 import math
 
-from numba import njit
-
+from swarmdata.compiling import kernel
 from swarmdata.geometry import nearest, outer_radius, wall_gap
 from swarmdata.types import Bool, Counts, Double, Float
 
@@ -18,7 +17,7 @@ SKIP = 0.25
 """Gaps to obstacles beyond this (m) need not be exact."""
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
     """Returns (touching now, whether the contact began)."""
     if touching:
@@ -26,7 +25,7 @@ def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
     return gap <= 0.0, gap <= 0.0
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _robot_contacts(positions: Double, radii: Double, robots: Bool, events: Counts) -> None:
     for i in range(positions.shape[0]):
         for j in range(i + 1, positions.shape[0]):
@@ -45,7 +44,7 @@ def _robot_contacts(positions: Double, radii: Double, robots: Bool, events: Coun
                 events[j, 2] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _static_contacts(
     px: float, py: float, radius: float, layout: Float, half: Double, touching: Bool, events: Counts
 ) -> float:
@@ -69,7 +68,7 @@ def _static_contacts(
     return smallest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def update_contacts(
     positions: Double,
     radii: Double,

@@ -35,9 +35,9 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from swarmdata.assignment import assignment_work
+from swarmdata.compiling import kernel
 from swarmdata.envs.arrangements import arrange
 from swarmdata.envs.coverage import (
     goal_features,
@@ -54,7 +54,7 @@ from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def score_navigation(
     before: Float,
     after: Float,
@@ -88,7 +88,7 @@ def score_navigation(
         solved[b] = everyone
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _goal_distance(state: Float, i: int) -> float:
     r = N_COLUMNS * i
     dx = float(state[r + TX]) - float(state[r])

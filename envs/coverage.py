@@ -7,9 +7,9 @@ so a robot covers at most one, and N robots cover N goals only if each covers it
 import math
 
 import numpy as np
-from numba import njit
 
 from swarmdata.assignment import assign
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.states import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
@@ -28,7 +28,7 @@ def goal_features(n_goals: int) -> tuple[Feature, ...]:
     return numbered("goal", n_goals, GOAL)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def goal_distance(state: Float, n: int, i: int, k: int) -> float:
     """Distance of robot i to goal k, m."""
     dx = float(state[N_COLUMNS * n + 2 * k]) - float(state[N_COLUMNS * i])
@@ -36,7 +36,7 @@ def goal_distance(state: Float, n: int, i: int, k: int) -> float:
     return math.sqrt(dx * dx + dy * dy)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
     """Writes the robot that covers each goal, the first of several, or -1; counts open goals."""
     n_open = 0
@@ -50,7 +50,7 @@ def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
     return n_open
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _aim(state: Float, n: int, holders: Int) -> None:
     """Writes each robot's target: the nearest goal that it covers itself or nobody does.
 
@@ -66,7 +66,7 @@ def _aim(state: Float, n: int, holders: Int) -> None:
         state[N_COLUMNS * i + TY] = state[N_COLUMNS * n + 2 * target + 1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_distances(state: Float, n: int, out: Double) -> None:
     """Writes the distance of every robot (row) to every goal (column), m, [N, N]."""
     for i in range(n):
@@ -74,7 +74,7 @@ def fill_distances(state: Float, n: int, out: Double) -> None:
             out[i, k] = goal_distance(state, n, i, k)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
     """Turns targets into unassigned goals in the rows `copies` of states that were just spawned.
 
@@ -93,7 +93,7 @@ def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
         _aim(states[b], n, holders)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def score_coverage(
     before: Float,
     after: Float,
@@ -133,7 +133,7 @@ def score_coverage(
         solved[b] = n_open == 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_goal_features(states: Float, active: Bool, n: int, radius: float, out: Float) -> None:
     """Writes `goal_features` of every robot of the active copies.
 

@@ -12,8 +12,8 @@ its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
@@ -41,7 +41,7 @@ def limits_of(spec: TaskSpec) -> Double:
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def begin_step(
     limits: Double,
     active: Bool,
@@ -100,7 +100,7 @@ def begin_step(
     return n_active
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tuple[float, float]:
     """Acceleration that is held for a control step of `dt` seconds."""
     top, most = limit[SPEED], limit[ACCELERATION]
@@ -118,7 +118,7 @@ def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tupl
     return ax, ay
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _turn(robot: Double, angle: float) -> None:
     """Turns the heading by 2 atan(angle / 2), which is `angle` up to its cube over 12.
 
@@ -132,7 +132,7 @@ def _turn(robot: Double, angle: float) -> None:
     robot[4], robot[5] = ux / norm, uy / norm
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple[float, float]:
     """Turns the robot, and returns its acceleration for one physics step of `dt` seconds."""
     _turn(robot, limit[TURN_RATE] * command[1] * dt)
@@ -148,7 +148,7 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
     return push * ux - hold * uy, push * uy + hold * ux
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def drive(
     robots: Double, commands: Double, limits: Double, timing: tuple[int, float], k: int, out: Double
 ) -> None:

@@ -28,8 +28,8 @@ shortest way shortens it by the step's own |dx| + |dy|.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
 from swarmdata.rules import WarehouseRules
@@ -133,7 +133,7 @@ def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) ->
     return shelves
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def corridor(y: float, rows: Double) -> int:
     """Which corridor a height is in: 0 the front, k the k-th aisle, -1 beside a row of shelves.
 
@@ -148,14 +148,14 @@ def corridor(y: float, rows: Double) -> int:
     return k + 1 if up - k * rows[PITCH] >= rows[DEPTH] else -1
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def lane_gap(x: float, target_x: float, lanes: Double, k: int) -> float:
     """How far lane k is from the interval between two x, m; 0 if they overlap."""
     low, high = min(x, target_x), max(x, target_x)
     return max(0.0, lanes[k, 0] - high, low - lanes[k, 1])
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def best_lane(x: float, target_x: float, lanes: Double) -> int:
     """The lane with the shortest way to another corridor; of equals the one nearest to x."""
     best, least, near = 0, np.inf, np.inf
@@ -167,7 +167,7 @@ def best_lane(x: float, target_x: float, lanes: Double) -> int:
     return best
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def way_length(
     x: float, y: float, target_x: float, target_y: float, lanes: Double, rows: Double
 ) -> float:
@@ -188,7 +188,7 @@ def way_length(
     return direct + 2.0 * lane_gap(x, target_x, lanes, k)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def next_corner(
     x: float,
     y: float,

@@ -42,9 +42,9 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from swarmdata.assignment import assignment_work
+from swarmdata.compiling import kernel
 from swarmdata.envs.formation_spawn import draw_episodes, plan_episodes
 from swarmdata.envs.shapes import check_slots, slot_offsets
 from swarmdata.envs.slots import (
@@ -65,7 +65,7 @@ from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def score_formation(
     state: Float, tolerance: float, weights: tuple[float, float, float], rewards: Double
 ) -> bool:
@@ -94,7 +94,7 @@ def score_formation(
     return total <= n * tolerance * tolerance
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def advance(
     states: Float,
     times: Int,
@@ -126,7 +126,7 @@ def advance(
             solved[b] = states[b, held] >= rule[4]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
     """Writes what the task adds to the observations of the active copies, [E, N, F].
 

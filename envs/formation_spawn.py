@@ -17,8 +17,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.reference import PathPlan, draw_path, write_pose
 from swarmdata.envs.shapes import reach_of
 from swarmdata.envs.spawn import (
@@ -126,7 +126,7 @@ def _check_rules(rules: FormationRules, top: float, width: float) -> None:
         )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_beside(
     row: Float, m: int, layout: Float, poses: Double, margins: tuple[float, ...]
 ) -> bool:
@@ -146,7 +146,7 @@ def _is_beside(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float) -> bool:
     """Draws all obstacles beside the path; False if one of them found no place."""
     for m in range(plan.sizes.shape[0]):
@@ -161,7 +161,7 @@ def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float)
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def blocked_share(
     poses: Double, offsets: Double, radii: Double, layout: Float, half: Double
 ) -> float:
@@ -178,7 +178,7 @@ def blocked_share(
     return n_blocked / poses.shape[0]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _place_team(
     state: Seeds, plan: EpisodePlan, pose: Double, layout: Float, robots: Float
 ) -> bool:
@@ -203,7 +203,7 @@ def _place_team(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw_one(
     state: Seeds, plan: EpisodePlan, poses: Double, path: Float, layout: Float, robots: Float
 ) -> bool:
@@ -220,7 +220,7 @@ def _draw_one(
     return bool(_place_team(state, plan, poses[0], layout, robots))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw(
     seeds: Seeds,
     copies: Int,

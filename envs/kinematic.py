@@ -5,14 +5,14 @@ Movable bodies stay where they are.
 """
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _advance(
     active: Bool,
     commands: Double,

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
@@ -128,7 +129,7 @@ def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
     return types.float64(types.int64, types.int64), generate
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
     """Reads the movable bodies of one copy, columns `states.BODY`."""
     first = addresses.shape[0] - movables.shape[0]
@@ -140,7 +141,7 @@ def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
         movables[k, 6] = call_p_d(calls[GET_TURN_RATE], body)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _advance(
     calls: Int,
     spaces: Int,
@@ -183,7 +184,7 @@ def _advance(
         write_state(robots[b], movables[b], states[b])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _reset_one(
     calls: Int,
     space: int,

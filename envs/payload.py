@@ -7,8 +7,8 @@ distances of `geometry` those of a payload. Float64 `+ - * /` and `sqrt` only.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
 from swarmdata.rules import Payload
 from swarmdata.types import Double, Float
@@ -34,7 +34,7 @@ def payload_radius(payload: Payload) -> float:
     return math.sqrt(payload.half_length**2 + payload.half_width**2)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def place_row(body: Float, shape: Shape, row: Float) -> None:
     """Writes the payload as a row of a layout.
 
@@ -48,7 +48,7 @@ def place_row(body: Float, shape: Shape, row: Float) -> None:
     row[5], row[6], row[7] = shape[1], shape[2], 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
     """Corner k of a bar of an obstacle: the bar along -y, then along -x, then along +x."""
     a, b, t = np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
@@ -61,7 +61,7 @@ def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
     return np.float64(row[1]) + lx * ux - ly * uy, np.float64(row[2]) + lx * uy + ly * ux
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def obstacle_gap(row: Float, obstacle: Float) -> float:
     """Gap (m) between a payload and an obstacle, 0 where they overlap.
 
@@ -89,7 +89,7 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
     return gap
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
     """Gap (m) between a payload and a wall; negative where it is in the wall.
 
@@ -107,7 +107,7 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
     return gap
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
     """Counts the contacts with obstacles and walls that begin in an episode.
 
@@ -141,7 +141,7 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
     """Counts the robots in contact with the payload, over all states given.
 

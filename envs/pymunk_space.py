@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 import pymunk
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
@@ -26,7 +26,7 @@ ITERATIONS = 10
 FRICTION = 0.2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bars(row: Float, out: Double) -> int:
     """Writes the corners of the obstacle's bars, counter-clockwise; returns how many bars it has.
 

@@ -17,8 +17,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.spawn import next_uniform
 from swarmdata.types import Double, Float, Seeds
 
@@ -44,7 +44,7 @@ class PathPlan(NamedTuple):
     top: float  # m/s, speed that no slot may exceed
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
     """Returns a path's position, and its first and second derivative by `s`.
 
@@ -75,7 +75,7 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
     """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
 
@@ -91,7 +91,7 @@ def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -
     out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * scale, dy * scale
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_motion(
     row: Float, first: int, s: float, rate: float, out: Float | Double, at: int
 ) -> None:
@@ -108,7 +108,7 @@ def write_motion(
     out[at + 6] = (dx * ddy - dy * ddx) / square * rate
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """Draws a path whose slots are never too fast; False if it found none.
 
@@ -146,7 +146,7 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fits(
     x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
 ) -> bool:
@@ -170,20 +170,20 @@ def fits(
     return abs(x) <= plan.room[0] and abs(y) <= plan.room[1]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
     """A unit vector, turned by twice the angle of tangent t."""
     cos, sin = _direction(t)
     return ux * cos - uy * sin, ux * sin + uy * cos
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _direction(t: float) -> tuple[float, float]:
     """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
     return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_slow(points: Float, plan: PathPlan) -> bool:
     """Whether no slot exceeds its speed on one segment, [8], looked at in five places."""
     motion = np.empty(7)

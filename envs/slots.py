@@ -4,9 +4,8 @@ These kernels work on one state row: robots, then the extras that `formation` de
 the reference comes first and the control points of its path last.
 """
 
-from numba import njit
-
 from swarmdata.assignment import assign
+from swarmdata.compiling import kernel
 from swarmdata.envs.reference import write_motion, write_pose
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int
@@ -27,7 +26,7 @@ Scratch = tuple[Double, Double, Double, Int]
 """Memory to overwrite: slots, m, [N, 2]; costs [N, N]; that of `assignment.assign`."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _are_nearest(costs: Double, places: Int) -> bool:
     """Gives every robot its cheapest slot; False if two want the same one."""
     n = costs.shape[0]
@@ -43,7 +42,7 @@ def _are_nearest(costs: Double, places: Int) -> bool:
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
     """Writes the targets of one state [S] from its robots and its reference.
 
@@ -75,7 +74,7 @@ def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
         state[N_COLUMNS * i + TY] = slots[places[0, i], 1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_reference(state: Float, time: int, course: Course, scratch: Scratch) -> None:
     """Writes the reference of control step `time`, its previews and the targets of one state."""
     offsets, _, per_step, rate, ahead = course
@@ -87,7 +86,7 @@ def place_reference(state: Float, time: int, course: Course, scratch: Scratch) -
     place_slots(state, course, scratch)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def begin_episodes(copies: Int, states: Float, course: Course, scratch: Scratch) -> None:
     """Writes reference, previews and targets of the rows `copies` [k] of states [E, S]."""
     for b in copies:
@@ -95,7 +94,7 @@ def begin_episodes(copies: Int, states: Float, course: Course, scratch: Scratch)
         place_reference(states[b], 0, course, scratch)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def slot_velocity(state: Float, n: int, i: int) -> tuple[float, float]:
     """Velocity of robot i's slot in a state [S] of n robots, m/s."""
     at = N_COLUMNS * n

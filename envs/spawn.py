@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
@@ -57,7 +57,7 @@ def check_fixed_layout(spec: TaskSpec, what: str) -> None:
         )
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def next_uniform(state: Seeds) -> float:
     """Advances the generator; returns a multiple of 2**-53 in [0, 1)."""
     state[0] += np.uint64(GOLDEN)
@@ -68,7 +68,7 @@ def next_uniform(state: Seeds) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _shape(state: Seeds, size: Double, row: Float) -> None:
     """Draws shape and orientation; the direction is a rational point of the unit circle."""
     low, high = size[1], size[2]
@@ -82,7 +82,7 @@ def _shape(state: Seeds, size: Double, row: Float) -> None:
     row[4] = sign * 2.0 * t / (1.0 + t * t)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_obstacles(
     state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float
 ) -> bool:
@@ -104,7 +104,7 @@ def place_obstacles(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_free(row: Float, r: float, layout: Float, m: int, gap: float) -> bool:
     for k in range(m):
         dx, dy = float(layout[k, 1]) - float(row[1]), float(layout[k, 2]) - float(row[2])
@@ -114,7 +114,7 @@ def _is_free(row: Float, r: float, layout: Float, m: int, gap: float) -> bool:
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_points(
     state: Seeds,
     layout: Float,
@@ -158,7 +158,7 @@ def place_points(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_heading(state: Seeds, robot: Float) -> None:
     """Draws a heading, a rational point of the unit circle as in `_shape`, into columns UX, UY."""
     t = 2.0 * next_uniform(state) - 1.0
@@ -167,7 +167,7 @@ def draw_heading(state: Seeds, robot: Float) -> None:
     robot[UY] = sign * 2.0 * t / (1.0 + t * t)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _spawn(
     seeds: Seeds,
     copies: Int,

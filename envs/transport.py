@@ -52,8 +52,8 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.payload import (
     Shape,
     count_contacts,
@@ -76,7 +76,7 @@ ANY_ANGLE = 2.0
 """Largest sine of a payload's angle to the goal's where any will do."""
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def goal_error(state: Float, first: int) -> tuple[float, float]:
     """Distance of the payload's centre to its goal (m), and the sine of its angle to the goal's.
 
@@ -93,7 +93,7 @@ def goal_error(state: Float, first: int) -> tuple[float, float]:
     return math.sqrt(dx * dx + dy * dy), sine
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def score_transport(
     before: Float,
     after: Float,
@@ -137,7 +137,7 @@ def score_transport(
             rewards[b, i] = team + weights[2] * gap
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_transport_features(states: Float, active: Bool, shape: Shape, out: Float) -> None:
     """Writes what the task adds to every robot's observation, as the module says.
 

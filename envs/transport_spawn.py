@@ -5,8 +5,8 @@ placed as in `spawn`, so every passage is as wide as `obstacles.gap`.
 """
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.spawn import place_obstacles, place_points
 from swarmdata.geometry import CIRCLE
@@ -17,7 +17,7 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds
 _LAYOUT = STREAMS["layout"]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw_direction(bits: np.uint64, out: Float) -> None:
     """Writes a rational point of the unit circle, [2]."""
     t = 2.0 * to_uniform(absorb(bits, 0)) - 1.0
@@ -26,7 +26,7 @@ def _draw_direction(bits: np.uint64, out: Float) -> None:
     out[1] = sign * 2.0 * t / (1.0 + t * t)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _place(
     state: Seeds,
     sizes: Double,
@@ -70,7 +70,7 @@ def _place(
     return place_points(state, around, half, radii, room[5:7], starts, starts, 0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_episodes(
     seeds: Seeds,
     copies: Int,

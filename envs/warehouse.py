@@ -32,8 +32,8 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
@@ -77,21 +77,21 @@ FEATURES: tuple[Feature, ...] = (
 _STREAM = STREAMS["layout"]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def draw_place(seed: np.uint64, robot: int, order: int, n_picks: int) -> int:
     """Index of the place of a robot's order, uniform below `n_picks`."""
     bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 0)
     return int(to_uniform(bits) * n_picks)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> int:
     """Index of the station of a robot's order, uniform below `n_stations`."""
     bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 1)
     return int(to_uniform(bits) * n_stations)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_episodes(
     seeds: Seeds,
     copies: Int,
@@ -139,7 +139,7 @@ def start_episodes(
     return copies.shape[0]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def serve_orders(
     before: Float,
     after: Float,
@@ -194,7 +194,7 @@ def serve_orders(
         solved[b] = total >= rules[2]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_ways(
     states: Float,
     active: Bool,

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.dynamics import begin_step, limits_of
 from swarmdata.envs.munk import MunkBackend, load_addresses
@@ -29,7 +29,7 @@ def make_backend(plan: Plan, n_copies: int) -> Backend:
     return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
     """Lowers gaps to those between robots, exact below `PROXIMITY`."""
     n = radii.shape[0]
@@ -45,7 +45,7 @@ def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
             gaps[i], gaps[j] = min(gaps[i], gap), min(gaps[j], gap)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _static_gap(
     px: float, py: float, radius: float, layout: Float, circles: Float, half: Double
 ) -> float:
@@ -64,7 +64,7 @@ def _static_gap(
     return gap
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def proximities(
     state: Float,
     layout: Float,
@@ -102,7 +102,7 @@ def proximities(
         out[i] = min(max(1.0 - out[i] / PROXIMITY, 0.0), 1.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def score_steps(
     radii: Double,
     half: Double,

@@ -10,8 +10,8 @@ Float64 `+ -` and comparisons only, so that the bits are the same on every platf
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.types import Double, Int
 
 _SHIFT, _LIFT, _PATH, _IS_SETTLED = range(4)
@@ -23,7 +23,7 @@ def assignment_work(n: int) -> tuple[Double, Int]:
     return np.zeros((4, n + 1)), np.zeros((3, n + 1), dtype=np.int64)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def assign(costs: Double, work: Double, places: Int) -> float:
     """Writes the column of each row in the assignment of least total cost, and returns that cost.
 
@@ -52,7 +52,7 @@ def assign(costs: Double, work: Double, places: Int) -> float:
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _shortest_path(costs: Double, work: Double, places: Int) -> int:
     """Returns the column at the end of the shortest path from column n to one without a row."""
     n = costs.shape[0]

@@ -1,8 +1,8 @@
 """The random numbers of `seeding`, for compiled code: the same bits, one value at a time."""
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
 from swarmdata.types import Double
 
@@ -10,7 +10,7 @@ _GOLDEN, _MIX_1, _MIX_2 = np.uint64(GOLDEN), np.uint64(MIX_1), np.uint64(MIX_2)
 _ONE, _SHIFT = np.uint64(1), np.uint64(64 - NORMAL_BITS)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def absorb(value: np.uint64, counter: int) -> np.uint64:
     """One step of `seeding.derive`: `derive(s, a, b)` is `absorb(absorb(s, a), b)`.
 
@@ -24,13 +24,13 @@ def absorb(value: np.uint64, counter: int) -> np.uint64:
     return z ^ (z >> np.uint64(31))
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def to_uniform(bits: np.uint64) -> float:
     """A multiple of 2**-53 in [0, 1), as `seeding.uniform`."""
     return float(bits >> np.uint64(11)) * 2.0**-53
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def to_normal(bits: np.uint64, table: Double) -> float:
     """A draw from the discrete normal, as `seeding.normal`; `table` is `seeding.normal_table()`."""
     return float(table[np.int64(bits >> _SHIFT)])

@@ -7,8 +7,7 @@ bits are the same on every platform. No fast-math, no library transcendental fun
 
 import math
 
-from numba import njit
-
+from swarmdata.compiling import kernel
 from swarmdata.types import Double, Float
 
 OBSTACLE = ("kind", "x", "y", "ux", "uy", "a", "b", "t")
@@ -21,7 +20,7 @@ CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
 rectangle; a pocket also along the right side, so that it opens towards local +y."""
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _bar(lx: float, ly: float, cx: float, cy: float, hx: float, hy: float) -> tuple[float, float]:
     """Vector from the local point to the nearest point of an axis-aligned bar."""
     qx = min(max(lx, cx - hx), cx + hx)
@@ -29,7 +28,7 @@ def _bar(lx: float, ly: float, cx: float, cy: float, hx: float, hy: float) -> tu
     return qx - lx, qy - ly
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _nearest(
     px: float,
     py: float,
@@ -64,7 +63,7 @@ def _nearest(
     return math.sqrt(vx * vx + vy * vy), vx * ux - vy * uy, vx * uy + vy * ux
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, float, float]:
     """As `nearest`, of obstacle m of a layout [M, 8]; a slice of the layout would cost more."""
     return _nearest(
@@ -73,7 +72,7 @@ def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, floa
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
     """Returns the distance from a point to an obstacle's surface and the vector to it.
 
@@ -87,21 +86,21 @@ def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
     return _nearest(px, py, row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bounding_radius(row: Float) -> float:
     """Radius of the smallest circle about the obstacle's centre that holds it."""
     a, b = float(row[5]), float(row[6])
     return a if row[0] == CIRCLE else math.sqrt(a * a + b * b)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def outer_radius(row: Float) -> float:
     """At least `bounding_radius`, by at most two fifths, and without a root."""
     a, b = float(row[5]), float(row[6])
     return a if row[0] == CIRCLE else 1.4143 * max(a, b)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
     """Distance from a point to the inner face of one wall: 0 right, 1 left, 2 top, 3 bottom.
 
@@ -120,7 +119,7 @@ def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
     return half[1] + py
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def clearance(px: float, py: float, layout: Float, half: Double) -> float:
     """Distance from a point to the nearest obstacle surface or wall.
 

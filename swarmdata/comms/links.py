@@ -6,8 +6,7 @@ seed, the step, a purpose, the sender and the receiver, so that no link depends 
 
 import math
 
-from numba import njit
-
+from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.seeding import STREAMS
 from swarmdata.states import N_COLUMNS, X, Y
@@ -27,13 +26,13 @@ DROP, BURST, TIME_SLOT = range(3)
 _CHANNEL = STREAMS["channel"]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def purpose_bits(seed: int, t: int, purpose: int) -> int:
     """What the numbers of one purpose in one step derive from: absorb the sender, the receiver."""
     return absorb(absorb(absorb(seed, _CHANNEL), t), purpose)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def squared_distance(states: Float, e: int, i: int, j: int) -> float:
     """Between the centres of robots i and j of copy e, square metres."""
     dx = float(states[e, N_COLUMNS * j + X]) - float(states[e, N_COLUMNS * i + X])
@@ -41,7 +40,7 @@ def squared_distance(states: Float, e: int, i: int, j: int) -> float:
     return dx * dx + dy * dy
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _in_topology(topology: int, i: int, j: int, n: int) -> bool:
     """Whether robots i and j are linked, in a topology that does not depend on where they are."""
     if topology == RING:
@@ -49,7 +48,7 @@ def _in_topology(topology: int, i: int, j: int, n: int) -> bool:
     return topology == FULL or i == 0 or j == 0
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def pick_links(
     states: Float,
     e: int,
@@ -82,7 +81,7 @@ def pick_links(
             linked[i, j] = is_linked
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _pick_nearest(
     states: Float, e: int, i: int, reach: float, distances: Double, found: Int, linked: Bool
 ) -> None:
@@ -107,7 +106,7 @@ def _pick_nearest(
         linked[i, found[slot]] = True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
     """Removes from `taken` what a receiver does not decode, so that at most `limit` remain.
 
@@ -135,7 +134,7 @@ def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
                 rank += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def collide(
     seed: int, t: int, n_time_slots: int, linked: Bool, groups: Int, counts: Int, taken: Bool
 ) -> None:
@@ -175,7 +174,7 @@ def collide(
                 taken[i, j] = False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def step_bursts(
     seed: int, t: int, e: int, enter: float, leave: float, stationary: float, bad: Counts
 ) -> None:
@@ -209,7 +208,7 @@ def step_bursts(
                 bad[e, i, j] = BAD if luck < enter else GOOD
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def drop(
     seed: int, t: int, e: int, in_good: float, in_bad: float, bad: Counts, taken: Bool
 ) -> None:

@@ -6,8 +6,8 @@ Arithmetic as in `geometry`.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.senses import Broadcast
@@ -98,7 +98,7 @@ def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
     return [spans[column] for column in COLUMNS[model.payload]]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def quantize(value: float, low: float, width: float, n_cells: int) -> float:
     """The middle of the cell that holds the value, or of the outermost cell if none does.
 
@@ -112,7 +112,7 @@ def quantize(value: float, low: float, width: float, n_cells: int) -> float:
     return low + (cell + 0.5) * width
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def compose(
     states: Float,
     actions: Float,
@@ -150,7 +150,7 @@ def compose(
             sent[e, j, c] = value
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def write_slots(
     states: Float,
     e: int,
@@ -194,7 +194,7 @@ def write_slots(
             o += size + 3
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _write_vectors(
     states: Float,
     e: int,

@@ -4,10 +4,10 @@ Its parts are inlined: a call with many arrays costs as much as the work of a sm
 """
 
 import numpy as np
-from numba import njit
 
 from swarmdata.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
 from swarmdata.comms.payloads import compose, write_slots
+from swarmdata.compiling import kernel
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
 
 OLDEST = NEVER - 1
@@ -22,7 +22,7 @@ Constants = tuple[Int, Bool, Double, Double, Int, Double]
 Scratch = tuple[Bool, Double, Int, Int, Int]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def transmit_all(
     states: Float,
     seeds: Seeds,
@@ -77,7 +77,7 @@ def transmit_all(
         write_slots(states, e, held, newest, columns, is_position, in_body_frame, out)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _choose(
     states: Float,
     seed: int,
@@ -103,7 +103,7 @@ def _choose(
         drop(seed, t, e, in_good, in_bad, bad, taken)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _deliver(
     t: int,
     e: int,

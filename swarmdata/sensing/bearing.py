@@ -7,8 +7,8 @@ no third robot. Arithmetic as in `geometry`.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import CIRCLE, bounding_radius
 from swarmdata.senses import BearingModel
@@ -50,7 +50,7 @@ class Bearing:
         observe_bearings(states, layouts, s.radii, self._ranges, s.bodies, size, active, out)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> bool:
     """Whether the segment from the origin to (dx, dy) crosses a circle about (cx, cy)."""
     square = dx * dx + dy * dy
@@ -59,7 +59,7 @@ def _crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> boo
     return ex * ex + ey * ey < r * r
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tuple[float, float]:
     """The part of a segment's [enter, leave] in which at + s * step lies within +-half.
 
@@ -71,7 +71,7 @@ def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tu
     return max(enter, min(a, b)), min(leave, max(a, b))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
     """Whether the segment from the origin to (dx, dy) crosses the bars of `row`, centred there."""
     ax, ay = row[3], row[4]
@@ -86,7 +86,7 @@ def _crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> b
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Double) -> bool:
     """Whether anything stands between robots i and j."""
     px, py = float(state[N_COLUMNS * i + X]), float(state[N_COLUMNS * i + Y])
@@ -106,7 +106,7 @@ def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Do
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: Double) -> int:
     """Lists the robots within reach of robot i as rows (distance, index), nearest first."""
     count = 0
@@ -127,7 +127,7 @@ def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: 
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: float) -> None:
     """Fills one slot of robot i with robot j."""
     at = N_COLUMNS * i
@@ -141,7 +141,7 @@ def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: f
     o[3] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def observe_bearings(
     states: Float,
     layouts: Float,

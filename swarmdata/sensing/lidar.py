@@ -12,8 +12,8 @@ compiler prove that its loops may run in vector registers.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import CIRCLE, bounding_radius
 from swarmdata.senses import LidarModel
@@ -79,7 +79,7 @@ def ray_blocks(n_rays: int) -> Float:
     return blocks
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
     """Reciprocals of every ray's components in a frame whose x axis is (ax, ay).
 
@@ -92,7 +92,7 @@ def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
         lanes[_INV_Y + k] = _ONE / (y if abs(y) > _TINY else _TINY)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.float32) -> None:
     """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
 
@@ -118,7 +118,7 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
         lanes[_HIT + k] = _WALL if t < reach else _NOTHING
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.float32) -> None:
     """Keeps the nearer of what each ray has met and a circle about (x, y) in the body's frame."""
     rr = r * r
@@ -134,7 +134,7 @@ def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.
         lanes[_HIT + k] = code if closer else lanes[_HIT + k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bar(
     lanes: Float, x: np.float32, y: np.float32, hx: np.float32, hy: np.float32, code: np.float32
 ) -> None:
@@ -155,7 +155,7 @@ def _bar(
         lanes[_HIT + k] = code if closer else lanes[_HIT + k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _shape(
     lanes: Float, row: Double, dx: float, dy: float, ux: float, uy: float, code: np.float32
 ) -> None:
@@ -169,7 +169,7 @@ def _shape(
         _bar(lanes, x, y, np.float32(hx), np.float32(hy), code)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _objects(
     lanes: Float,
     state: Float,
@@ -202,7 +202,7 @@ def _objects(
                 _shape(lanes, rows[m], dx, dy, ux, uy, code)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.float32) -> None:
     """Writes the beams of one block, in units of `scale` metres."""
     for k in range(n_rays):
@@ -212,7 +212,7 @@ def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.flo
             out[at + 1 + channel] = _ONE if hit == np.float32(1 + channel) else _ZERO
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def scan(
     states: Float,
     layouts: Float,

@@ -12,8 +12,8 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_normal, to_uniform
 from swarmdata.features import Feature
 from swarmdata.seeding import STREAMS, normal_table
@@ -142,7 +142,7 @@ def _numbered_prefix(feature: Feature) -> str:
     return found.group() if found else ""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw_fates(
     row: Float, returns: Int, codes: Int, dropout: float, bits: int, fates: Int
 ) -> None:
@@ -156,7 +156,7 @@ def _draw_fates(
             fates[r] = 2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def worsen(
     seeds: Seeds,
     times: Int,
@@ -203,7 +203,7 @@ def worsen(
                     row[f] = min(max(value, 0.0), 1.0) if codes[f] == _DISTANCE else value
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def exchange(
     ring: Float, counts: Int, frame: Float, active: Bool, delay: int, stack: int, out: Float
 ) -> None:

@@ -6,8 +6,8 @@ Arithmetic as in `geometry`; flags are what is stored.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.senses import OccupancyModel
@@ -46,7 +46,7 @@ class Occupancy:
         observe_grids(states, layouts, s.radii, s.ranges, s.half, s.bodies, size, active, out)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _cells_between(at: float, reach: float, cells: int, size: float) -> tuple[int, int]:
     """First and one past the last cell whose centre is within `reach` of `at` on one axis."""
     middle = (cells - 1) / 2
@@ -55,7 +55,7 @@ def _cells_between(at: float, reach: float, cells: int, size: float) -> tuple[in
     return int(min(max(first, 0), cells)), int(min(max(last + 1, 0), cells))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_disc(
     grid: Float, x: float, y: float, r: float, span: float, cells: int, size: float, n_channels: int
 ) -> None:
@@ -71,7 +71,7 @@ def _mark_disc(
                 grid[(row * cells + column) * n_channels] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_robots(
     grid: Float,
     state: Float,
@@ -92,7 +92,7 @@ def _mark_robots(
             _mark_disc(grid, x, y, r, span, cells, size, n_channels)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_row(
     grid: Float,
     obstacle: Double,
@@ -117,7 +117,7 @@ def _mark_row(
                     grid[(row * cells + column) * n_channels] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_outside(
     grid: Float,
     half: Double,
@@ -139,7 +139,7 @@ def _mark_outside(
                 grid[(row * cells + column) * n_channels] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def observe_grids(
     states: Float,
     layouts: Float,

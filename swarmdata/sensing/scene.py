@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, vector
 from swarmdata.geometry import BOX, CIRCLE
 from swarmdata.interfaces import Task
@@ -59,7 +59,7 @@ class Scene:
         )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Double) -> None:
     """Writes the obstacles and then the movable bodies as rows of a layout.
 
@@ -86,7 +86,7 @@ def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Dou
         row[7] = 0.0
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def bar_of(row: Double, index: int) -> tuple[float, float, float, float]:
     """Centre and half sizes of one bar of a shape that is no circle, in its local frame.
 
@@ -104,7 +104,7 @@ def bar_of(row: Double, index: int) -> tuple[float, float, float, float]:
     return a - t, 0.0, t, b
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_polar(out: Float, state: Float, i: int, diagonal: float) -> None:
     """Writes `POLAR` of robot i into out[:5].
 

@@ -5,15 +5,15 @@ is that of the floats have a minimum that the compiler finds many at a time.
 """
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.types import Int
 
 TAKEN = np.int64(np.iinfo(np.int64).max)
 """Key of what was taken: above that of any number."""
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def order_keys(keys: Int) -> None:
     """Turns the bits of float64 numbers, none NaN or -0, into integers of the same order, in place.
 
@@ -23,7 +23,7 @@ def order_keys(keys: Int) -> None:
         keys[m] ^= (keys[m] >> 63) & TAKEN
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def take_smallest(keys: Int) -> int:
     """Index of the smallest key, the first of equal ones; its key becomes `TAKEN`."""
     best = TAKEN

@@ -3,8 +3,8 @@
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
 from swarmdata.interfaces import Task
@@ -137,7 +137,7 @@ def _stacked(frame: tuple[Feature, ...], n: int) -> tuple[Feature, ...]:
     return (*frame, *older)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
     """Rotates vectors from the world's frame into each robot's body's, in place.
 

@@ -6,8 +6,8 @@ Arithmetic as in `geometry`.
 import math
 
 import numpy as np
-from numba import njit
 
+from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest_of
 from swarmdata.senses import StateModel
@@ -90,7 +90,7 @@ class State:
         )
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float) -> None:
     """Keeps the k smallest gaps in order, as rows (gap, index, vx, vy); ties by their index."""
     slot = k
@@ -108,13 +108,13 @@ def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float)
         found[slot, 3] = vy
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _closeness(gap: float, reach: float) -> float:
     """1 at contact, falling linearly to 0 at a gap of `reach`."""
     return min(max(1.0 - gap / reach, 0.0), 1.0)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _own(out: Float, state: Float, at: int, n_own: int) -> None:
     """Fills `OWN`, and `HEADING` if there is room, of the robot whose state begins at `at`."""
     gx = float(state[at + TX]) - float(state[at + X])
@@ -130,7 +130,7 @@ def _own(out: Float, state: Float, at: int, n_own: int) -> None:
         out[_OWN + c] = state[at + UX + c]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _neighbors(
     out: Float,
     first: int,
@@ -185,7 +185,7 @@ def _neighbors(
         out[o + 6] = 1.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _find_obstacles(
     px: float,
     py: float,
@@ -242,7 +242,7 @@ def _find_obstacles(
                 _insert(found, k, distance - radius, m, vx, vy)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _obstacles(
     out: Float, first: int, px: float, py: float, layout: Float, circles: Double, radius: float,
     k: int, reach: float, found: Double,
@@ -267,7 +267,7 @@ def _obstacles(
         out[o + 7] = 1.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def observe_states(
     states: Float,
     layouts: Float,

@@ -1,0 +1,103 @@
+"""`kernel`, numba's `njit` with a cache on disk that notices every change of source.
+
+numba keys the cache of a function by the file that holds it. What the function calls from another
+file is compiled into it, and may change without notice: after an update of some files, old code
+would go on running. Here the key is a digest of the module and of every module of this package that
+it imports, directly or not.
+"""
+
+import hashlib
+import logging
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config, event
+from platformdirs import user_cache_path
+
+PACKAGE = Path(__file__).parent
+
+_IMPORT = re.compile(rb"^\s*(?:from|import) (swarmdata[\w.]*)", re.MULTILINE)
+
+_LOG = logging.getLogger("swarmdata")
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compiles a function on its first call, without the GIL, and keeps the code on disk.
+
+    Args:
+        function: in plain Python that numba understands.
+        options: of `numba.njit`, such as `inline="always"`.
+
+    Returns:
+        The compiled function, or without `function` a decorator.
+    """
+    if function is None:
+        return lambda decorated: kernel(decorated, **options)
+    before = config.CACHE_DIR  # read by numba when it decorates
+    config.CACHE_DIR = str(cache_folder(function.__module__, before))
+    try:
+        return numba.njit(function, nogil=True, cache=True, **options)
+    finally:
+        config.CACHE_DIR = before
+
+
+def cache_folder(module: str, base: str = "") -> Path:
+    """Where the compiled code of a module's functions is kept.
+
+    Args:
+        module: dotted name.
+        base: `NUMBA_CACHE_DIR` if it is set; by default the user's cache folder.
+    """
+    root = Path(base) if base else user_cache_path("swarmdata") / "kernels"
+    return root / digest_of(module)
+
+
+@cache
+def digest_of(module: str) -> str:
+    """Digest of a module's source and of all modules of this package that it imports, hex."""
+    found, waiting = {module}, [module]
+    while waiting:
+        fresh = _imports_of(waiting.pop()) - found
+        found |= fresh
+        waiting += fresh
+    total = hashlib.sha256()
+    for name in sorted(found):
+        total.update(name.encode() + b"\0" + hashlib.sha256(_source_of(name)).digest())
+    return total.hexdigest()[:24]
+
+
+@cache
+def _imports_of(module: str) -> frozenset[str]:
+    """Modules of this package that the source of one names in imports."""
+    return frozenset(name.decode() for name in _IMPORT.findall(_source_of(module)))
+
+
+@cache
+def _source_of(module: str) -> bytes:
+    """Source of a module of this package; nothing for other names, and where there is no file."""
+    path = PACKAGE.joinpath(*module.split(".")[1:])
+    files = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file.read_bytes() for file in files if file.is_file()), b"")
+
+
+class _Announcer(event.Listener):  # type: ignore[misc]  # numba is untyped
+    """Says once that kernels are compiled, since the first call then takes long."""
+
+    def __init__(self) -> None:
+        self.has_spoken = False
+
+    def on_start(self, event: Any) -> None:
+        module = event.data["dispatcher"].py_func.__module__
+        if not self.has_spoken and module.startswith("swarmdata."):
+            self.has_spoken = True
+            _LOG.warning("compiling kernels, once for this version on this machine: up to a minute")
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to say."""
+
+
+event.register("numba:compile", _Announcer())

@@ -1,0 +1,91 @@
+"""Kernels are cached by all the source that is compiled into them."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from numba.core import config
+
+from swarmdata import compiling
+from swarmdata.compiling import cache_folder, digest_of, kernel
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package of three modules: `a` imports `b`, which imports `deep.c`."""
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "__init__.py").write_text("")
+    (tmp_path / "a.py").write_text("from swarmdata.b import f\nimport numpy\n")
+    (tmp_path / "b.py").write_text("def g():\n    import swarmdata.deep.c\n")
+    (tmp_path / "deep" / "c.py").write_text("from swarmdata.a import cycle\n")
+    (tmp_path / "other.py").write_text("")
+    monkeypatch.setattr(compiling, "PACKAGE", tmp_path)
+    forget()
+    yield tmp_path
+    monkeypatch.undo()
+    forget()
+
+
+def forget() -> None:
+    for function in (compiling.digest_of, compiling._imports_of, compiling._source_of):
+        function.cache_clear()
+
+
+@pytest.mark.parametrize("changed", ["a.py", "b.py", "deep/c.py"])
+def test_a_change_anywhere_below_changes_the_digest(package: Path, changed: str) -> None:
+    before = digest_of("swarmdata.a")
+    file = package / changed
+    file.write_text(file.read_text() + "# changed\n")
+    forget()
+    assert digest_of("swarmdata.a") != before
+
+
+def test_other_modules_do_not_matter(package: Path) -> None:
+    before = digest_of("swarmdata.a")
+    (package / "other.py").write_text("# changed\n")
+    forget()
+    assert digest_of("swarmdata.a") == before
+    assert digest_of("swarmdata.other") != before
+
+
+def test_the_engine_depends_on_geometry() -> None:
+    source = compiling.PACKAGE / "geometry.py"
+    assert "swarmdata.geometry" in compiling._imports_of("swarmdata.envs.contacts")
+    assert compiling._source_of("swarmdata.geometry") == source.read_bytes()
+
+
+def test_kernels_compute_and_are_kept_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+
+    @kernel
+    def double(x: float) -> float:
+        return 2.0 * x
+
+    @kernel(inline="always")  # type: ignore[untyped-decorator]  # numba functions are Any
+    def triple(x: float) -> float:
+        return 3.0 * x
+
+    assert (double(1.5), triple(1.5)) == (3.0, 4.5)
+    assert str(tmp_path) == config.CACHE_DIR, "the setting of others is put back"
+    folder = cache_folder(__name__, str(tmp_path))
+    assert list(folder.rglob("*double*.nbi"))
+
+
+def test_the_first_compilation_is_announced_once(caplog: pytest.LogCaptureFixture) -> None:
+    class Event:
+        def __init__(self, module: str) -> None:
+            function = type("F", (), {"__module__": module})
+            self.data = {"dispatcher": type("D", (), {"py_func": function})}
+
+    announcer = compiling._Announcer()
+    with caplog.at_level(logging.WARNING, "swarmdata"):
+        announcer.on_start(Event("somebody.elses"))
+        assert not caplog.records
+        announcer.on_start(Event("swarmdata.geometry"))
+        announcer.on_start(Event("swarmdata.geometry"))
+    assert [record.message for record in caplog.records] == [
+        "compiling kernels, once for this version on this machine: up to a minute"
+    ]
