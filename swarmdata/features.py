@@ -22,9 +22,15 @@ class Feature(NamedTuple):
     meaning: str = ""  # for cards
 
     @property
+    def slot(self) -> str:
+        """What it is a part of, by its name: `neighbor_0`, in older frames `neighbor_0[-1]`."""
+        owner, _, part = self.name.rpartition(".")
+        return owner + part[len(part.partition("[")[0]) :]
+
+    @property
     def is_mask(self) -> bool:
         """Whether this says if the rest of its slot holds something."""
-        return self.name.endswith(".mask")
+        return self.name.rpartition(".")[2].partition("[")[0] == "mask"
 
 
 def vector(name: str, kind: Kind, meaning: str = "") -> tuple[Feature, Feature]:

@@ -147,8 +147,8 @@ def _check_slots(steps: list[Step], env: VecEnv) -> None:
     """Where the mask of a slot is 0, so is the rest of the slot."""
     slots: dict[str, list[int]] = {}
     for column, feature in enumerate(env.features):
-        slots.setdefault(feature.name.rpartition(".")[0], []).append(column)
-    masks = {f.name.rpartition(".")[0]: c for c, f in enumerate(env.features) if f.is_mask}
+        slots.setdefault(feature.slot, []).append(column)
+    masks = {f.slot: c for c, f in enumerate(env.features) if f.is_mask}
     for step in steps:
         for slot, mask in masks.items():
             values = step.observations[..., slots[slot]]

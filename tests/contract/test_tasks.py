@@ -16,7 +16,7 @@ OBSERVATIONS = (
     "lidar",
     "bearing",
     "occupancy",
-    "lidar+noise-0.05+dropout-0.1+delay-2+stack-3",
+    "bearing+noise-0.05+dropout-0.1+delay-2+stack-3",
 )
 CHANNELS = (
     "none",
