@@ -89,9 +89,9 @@ class TaskEnv:
         if before is None:
             raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
         actions = np.ascontiguousarray(actions)  # type: ignore[assignment]  # the kind is checked
-        if actions.shape != self._shape or actions.dtype.kind != "f":
+        if actions.shape != self._shape or actions.dtype.char not in "fd":
             raise SchemaError(
-                f"actions are {actions.dtype} {list(actions.shape)}, expected floats "
+                f"actions are {actions.dtype} {list(actions.shape)}, expected float32 or float64 "
                 f"{list(self._shape)} [E, N, A]"
             )
         now, active = self._maker.after(before), self._world.active

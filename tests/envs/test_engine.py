@@ -140,13 +140,15 @@ def test_an_action_means_the_same_in_either_precision() -> None:
             assert_same([single.step(actions)], [double.step(actions.astype(np.float64))])
 
 
-@pytest.mark.parametrize("actions", [np.zeros((2, 4, 3)), np.zeros((2, 4, 2), dtype=np.int64)])
+@pytest.mark.parametrize(
+    "actions", [np.zeros((2, 4, 3)), np.zeros((2, 4, 2), np.int64), np.zeros((2, 4, 2), np.float16)]
+)
 def test_actions_of_another_shape_or_kind_are_refused(actions: NDArray[np.generic]) -> None:
     env = make_env(TaskSpec(), 2)
     with pytest.raises(SchemaError, match="before the first reset"):
         env.step(actions)  # type: ignore[arg-type]
     env.reset(seeds(1, 2))
-    with pytest.raises(SchemaError, match=r"expected floats \[2, 4, 2\] \[E, N, A\]"):
+    with pytest.raises(SchemaError, match=r"expected float32 or float64 \[2, 4, 2\] \[E, N, A\]"):
         env.step(actions)  # type: ignore[arg-type]
 
 
