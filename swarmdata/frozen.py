@@ -140,6 +140,12 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
         known = _known_keys(model, problem["loc"][:-1])
         hint = did_you_mean(str(problem["loc"][-1]), known)
         return f"{path}: unknown key.{hint} Known: {', '.join(known)}"
+    if problem["type"] == "union_tag_invalid":
+        told, tags = problem["ctx"]["discriminator"].strip("'"), problem["ctx"]["expected_tags"]
+        known = [tag.strip("'") for tag in tags.split(", ")]
+        tag = str(problem["ctx"]["tag"])
+        hint = did_you_mean(tag, known)
+        return f"{path}.{told}: unknown {tag!r}.{hint} Known: {', '.join(known)}"
     got = f" (got {problem['input']!r})" if problem["type"] != "missing" and path else ""
     return f"{path or model.__name__}: {problem['msg']}{got}"
 

@@ -65,6 +65,14 @@ def test_the_hash_of_the_default_is_stable() -> None:
             {"rules": {"task": "coop_nav", "rewards": {"progres": 1}}},
             r"rewards.progres: unknown key. Did you mean 'progress'\?",
         ),
+        (
+            {"rules": {"task": "formaton"}},
+            r"rules.task: unknown 'formaton'. Did you mean 'formation'\? Known: coop_nav",
+        ),
+        (
+            {"observation": {"kind": "lidar", "n_ray": 3}},
+            r"observation.lidar.n_ray: unknown key. Did you mean 'n_rays'",
+        ),
         ({"horizn": 1}, r"horizn: unknown key. Did you mean 'horizon'\?"),
         (
             {"team": [{"robot": {"radiuss": 1}}]},
