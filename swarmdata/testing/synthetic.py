@@ -134,7 +134,7 @@ def make_large_dataset(
             "n_states": 8 * n_agents,
             "n_values": 0,
         }
-        write_part(part, [make_episode(length, seed, n_values=0, **sizes) for seed in seeds])
+        write_part(part, [make_episode(length, seed, **sizes) for seed in seeds])
     recipe = make_recipe(n_steps)
     order = merge_order(recipe, [[length] * (n_parts * per_part)]).order
     manifest = assemble(out, recipe=recipe, parts={0: parts}, order=order)

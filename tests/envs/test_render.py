@@ -17,33 +17,9 @@ from swarmdata.geometry import BOX, CIRCLE, POCKET
 from swarmdata.rules import FormationRules, NavigationRules, Payload, TransportRules, WarehouseRules
 from swarmdata.senses import LidarModel
 from swarmdata.spec import Arena, Robot, Role, TaskSpec
-from swarmdata.types import Float
+from tests.envs.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
 
 pytest.importorskip("PIL.Image")
-
-SPEC = TaskSpec(team=(Role(count=2),), horizon=20)
-EMPTY = np.zeros((0, 8), np.float32)
-LEFT, RIGHT = ROBOT_COLORS[:2]
-
-
-def state_of(*rows: tuple[float, ...], extras: tuple[float, ...] = ()) -> Float:
-    """A state of robots x, y, vx, vy, ux, uy, tx, ty and what follows them."""
-    return np.array([*itertools.chain(*rows), *extras], np.float32)
-
-
-# robot 0 at (-1, 1) drives right to a far goal; robot 1 stands in its goal at (1, 1)
-STATE = state_of((-1, 1, 0.5, 0, 1, 0, -1, -1), (1, 1, 0, 0, 1, 0, 1, 1))
-
-
-def pixel(image: Image, x: float, y: float) -> tuple[int, ...]:
-    """Color at a place given in metres, for the default 4 m arena with 0.1 m of wall."""
-    scale = image.shape[1] / 4.2
-    return tuple(image[int((2.1 - y) * scale), int((x + 2.1) * scale)].tolist())
-
-
-def n_near(image: Image, color: tuple[int, ...], tolerance: int = 12) -> int:
-    """Number of pixels of about that color."""
-    return int((np.abs(image.astype(int) - color).max(axis=-1) <= tolerance).sum())
 
 
 def test_floor_walls_robots_and_goals_are_where_they_are() -> None:

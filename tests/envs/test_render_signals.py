@@ -1,43 +1,19 @@
 """Rays and messages are drawn where they run, and what was lost looks lost."""
 
-import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmdata.envs.render import ROBOT_COLORS, Image, draw
+from swarmdata.envs.render import Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import CIRCLE
 from swarmdata.senses import LidarModel
 from swarmdata.spec import Robot, Role, TaskSpec
-from swarmdata.types import Float
+from tests.envs.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
 
 pytest.importorskip("PIL.Image")
-
-SPEC = TaskSpec(team=(Role(count=2),), horizon=20)
-EMPTY = np.zeros((0, 8), np.float32)
-LEFT, RIGHT = ROBOT_COLORS[:2]
-
-
-def state_of(*rows: tuple[float, ...], extras: tuple[float, ...] = ()) -> Float:
-    """A state of robots x, y, vx, vy, ux, uy, tx, ty and what follows them."""
-    return np.array([*itertools.chain(*rows), *extras], np.float32)
-
-
-STATE = state_of((-1, 1, 0.5, 0, 1, 0, -1, -1), (1, 1, 0, 0, 1, 0, 1, 1))
-
-
-def pixel(image: Image, x: float, y: float) -> tuple[int, ...]:
-    """Color at a place given in metres, for the default 4 m arena with 0.1 m of wall."""
-    scale = image.shape[1] / 4.2
-    return tuple(image[int((2.1 - y) * scale), int((x + 2.1) * scale)].tolist())
-
-
-def n_near(image: Image, color: tuple[int, ...], tolerance: int = 12) -> int:
-    """Number of pixels of about that color."""
-    return int((np.abs(image.astype(int) - color).max(axis=-1) <= tolerance).sum())
 
 
 def changed(a: Image, b: Image) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -1,0 +1,18 @@
+"""The large synthetic dataset of the benchmarks has the shapes of a real one."""
+
+from pathlib import Path
+
+from swarmdata.dataset import Dataset
+from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
+from swarmdata.testing.synthetic import make_large_dataset
+
+
+def test_a_large_dataset_has_the_shapes_of_a_real_one(tmp_path: Path) -> None:
+    manifest = make_large_dataset(tmp_path / "ds", 9_000)
+    env, episode = make_env(TaskSpec()), Dataset.open(tmp_path / "ds")[0]
+    assert 9_000 <= manifest.n_steps < 9_125
+    assert episode.observations.shape[1:] == (4, env.observation_size)
+    assert episode.states.shape[1:] == (env.state_size,)
+    assert episode.sent.size == episode.ages.size == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["ds"]
