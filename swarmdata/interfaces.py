@@ -117,8 +117,40 @@ class Policy(Protocol):
 
 
 @runtime_checkable
+class OnlineAlgorithm(Protocol):
+    """Learns K policies, one per seed, in worlds of its own.
+
+    Built as `Kind(env, seeds, config, folder)`: K E copies of a task, the seeds [K], a `Config`, and
+    a folder for what is too large for a checkpoint. `Kind.Config` is a frozen dataclass with
+    `n_frames` and `n_copies`, `Kind.LOSSES` names what `update` returns.
+    """
+
+    frames: int  # joint steps that each seed has taken
+
+    def update(self) -> dict[str, Any]:
+        """One round of acting and learning; returns losses, each [K], NaN where none is defined."""
+        ...
+
+    def policy(self, index: int) -> Policy:
+        """The greedy policy of seed number `index`, as it is now."""
+        ...
+
+    def restart_worlds(self) -> None:
+        """Begins new episodes everywhere, as loading a state does."""
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything but the running episodes, as tensors; copies."""
+        ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restores what `state_dict` returned, to continue bit for bit."""
+        ...
+
+
+@runtime_checkable
 class Algorithm(Protocol):
-    """Updates K policies, one per seed, from batches; online and offline share this."""
+    """Updates K policies, one per seed, from batches of recorded data."""
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One gradient step on a batch of tensors [K, B, ...]; returns the losses, each [K]."""

@@ -1,0 +1,107 @@
+"""The worlds that K seeds of an online algorithm learn in: E copies of a task for each seed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.frames import Frame
+from swarmdata.interfaces import VecEnv
+from swarmdata.learn.sizes import Sizes
+from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
+
+
+class Worlds:
+    """K groups of E copies, stepped together; copies that end are reset at once.
+
+    Copy k E + e belongs to seed k. A seed's episodes are a function of the seed and of its own
+    past, so that they are the same whichever seeds run beside it.
+
+    Args:
+        env: K E copies.
+        seeds: of the runs, [K].
+        frame: in which the learners see and act; None for the world's.
+
+    Attributes:
+        present: the step in which the next actions are taken, all copies, in the world's frame.
+
+    Raises:
+        SchemaError: the copies cannot be divided among the seeds.
+    """
+
+    def __init__(self, env: VecEnv, seeds: Sequence[int], frame: Frame | None) -> None:
+        if not seeds or env.n_copies % len(seeds):
+            raise SchemaError(
+                f"{env.n_copies} copies for {len(seeds)} seeds, expected the same number for each"
+            )
+        self.env, self.frame = env, frame
+        self.n_seeds, self.n_copies = len(seeds), env.n_copies // len(seeds)
+        self._seeds: Seeds = np.asarray(seeds, dtype=np.uint64)
+        self._episodes: Int = np.zeros(len(seeds), np.int64)  # begun so far, [K]
+        self.present = self._begin(np.arange(env.n_copies))
+
+    @property
+    def sizes(self) -> Sizes:
+        """Numbers of robots and features, those that the frame adds included."""
+        size = self.env.observation_size + (0 if self.frame is None else 2)
+        return Sizes(self.env.spec.n_agents, size, self.env.action_size, self.env.state_size)
+
+    def seen(self, step: Step) -> Float:
+        """Returns what the robots see in their frame, [K, E, N, O]."""
+        observations = step.observations
+        return self.grouped(observations if self.frame is None else self.frame.seen(observations))
+
+    def grouped(self, array: Any) -> Any:
+        """Views an array of all copies, [K E, ...], by seed, [K, E, ...]."""
+        return array.reshape(self.n_seeds, self.n_copies, *array.shape[1:])
+
+    def to_local(self, step: Step, actions: Float) -> Double:
+        """Returns actions of the world's frame, [K E, N, A], in the robots', [K, E, N, A]."""
+        if self.frame is None:
+            return self.grouped(actions.astype(np.float64))
+        return self.grouped(self.frame.to_local(step.observations, actions))
+
+    def advance(self, actions: Float) -> Step:
+        """Takes actions in the present step and returns the step reached, before any reset.
+
+        Args:
+            actions: in the robots' frame, [K, E, N, A].
+        """
+        flat: Float | Double = actions.reshape(-1, *actions.shape[2:])
+        if self.frame is not None:
+            flat = self.frame.to_world(self.present.observations, flat)
+        reached = self.env.step(flat)
+        ended = np.flatnonzero(reached.ended)
+        self.present = self._begin(ended) if len(ended) else reached
+        return reached
+
+    def ended(self, reached: Step) -> tuple[Bool, Bool]:
+        """Which copies terminated, and which ended in any way, two arrays [K, E]."""
+        return self.grouped(reached.terminations), self.grouped(reached.ended)
+
+    def restart(self) -> None:
+        """Begins new episodes everywhere: after checkpoints, so that a resumed run is the same."""
+        self.present = self._begin(np.arange(self.env.n_copies))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Episodes begun so far; running episodes are not kept, see `restart`."""
+        return {"episodes": torch.from_numpy(self._episodes.copy())}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Restores what `state_dict` returned and begins new episodes."""
+        self._episodes = state["episodes"].numpy().copy()
+        self.restart()
+
+    def _begin(self, copies: Int) -> Step:
+        """Resets copies with fresh training seeds, far from the reserved evaluation seeds."""
+        groups = copies // self.n_copies
+        counts = np.bincount(groups, minlength=self.n_seeds)
+        first = np.cumsum(counts) - counts
+        numbers = self._episodes[groups] + np.arange(len(copies)) - first[groups]
+        self._episodes += counts
+        seeds = derive(self._seeds[groups], numbers) % np.uint64(EVALUATION_BASE)
+        return self.env.reset(seeds, copies)
