@@ -5,7 +5,7 @@ vector relative to where its robot has to go need not learn the same driving for
 On `coop_nav`, clones of the scripted controller finished 57 % of their episodes without a contact
 in the frame of the target, and 36 % in the world's.
 
-The arithmetic is elementwise float64 `+ - * /` and `sqrt`, so that its bits are the same everywhere.
+The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 
 from collections.abc import Sequence

@@ -120,8 +120,8 @@ class Policy(Protocol):
 class OnlineAlgorithm(Protocol):
     """Learns K policies, one per seed, in worlds of its own.
 
-    Built as `Kind(env, seeds, config, folder)`: K E copies of a task, the seeds [K], a `Config`, and
-    a folder for what is too large for a checkpoint. `Kind.Config` is a frozen dataclass with
+    Built as `Kind(env, seeds, config, folder)`: K E copies of a task, the seeds [K], a `Config`,
+    and a folder for what is too large for a checkpoint. `Kind.Config` is a frozen dataclass with
     `n_frames` and `n_copies`, `Kind.LOSSES` names what `update` returns.
     """
 
