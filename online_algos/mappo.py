@@ -1,54 +1,78 @@
-"""MAPPO: PPO with a shared actor and a centralised critic, for cooperative teams.
+"""MAPPO: PPO with shared actors and a centralised critic, for cooperative teams.
 
 Source: Yu et al., "The surprising effectiveness of PPO in cooperative multi-agent games", NeurIPS
 2022 datasets and benchmarks; PPO's clipped objective is Schulman et al. 2017, equation 7; GAE is
-Schulman et al. 2016, equation 16; value normalisation is Yu et al., section 5.1.
+Schulman et al. 2016, equation 16; value normalization is Yu et al., section 5.1.
 
 Deviations, each measured on `coop_nav` or required by it:
+- K seeds are trained at once, as an axis of every tensor;
+- robots see and act in the frame of their target (`frame`), which turns with them;
 - the standard deviation of actions follows a schedule instead of being learned (a learned one
   collapses early and success stalls);
 - contact costs grow during training (`contact_cost`), since a high cost from the start prevents
   learning and a low one leaves a policy that brushes past obstacles;
 - every robot is trained on its own reward, mixed with the team mean by `team_share`;
-- an early stop of an epoch loop on a large policy change (`max_kl`), and a small penalty on means
-  outside [-1, 1], so that the clipped mean which is deployed is the one that was trained;
+- a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
+  that was trained;
 - training may start from a clone of a teacher (`warm_start`); then only the critic learns at first,
   since the advantages of an untrained critic would undo the clone;
-- inputs are normalised by the statistics of the first rollout, then frozen, so that the trained
-  actor is one fixed piecewise linear function.
+- inputs are normalized by statistics that are frozen from the start, so that the trained actor is
+  one fixed piecewise linear function;
+- the actor's and the critic's gradients are clipped separately.
 """
 
-import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
 
+from swarmdata.frames import find_frame
 from swarmdata.interfaces import VecEnv
-from swarmdata.seeding import EVALUATION_BASE, derive
-from swarmdata.states import N_COLUMNS, robots_of
-from swarmdata.types import Bool, Float, Step, copy_step
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.inputs import with_agent_id
+from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
+from swarmdata.learn.optimizer import StackedAdam
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
+from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
+from swarmdata.online_algos.inputs import measure_inputs
+from swarmdata.online_algos.rollouts import (
+    Rollout,
+    critic_states,
+    empty_rollout,
+    pad_by_seed,
+    pick,
+    ranks,
+    sample_rows,
+)
+from swarmdata.online_algos.worlds import Worlds, reweighted
+from swarmdata.registry import make_policy
+from swarmdata.types import Float, Step, copy_step
 
 
 @dataclass(frozen=True)
-class Config:
-    """Hyperparameters; frames are joint steps of one world."""
+class MAPPOConfig:
+    """Hyperparameters; frames are joint steps of one seed's worlds."""
 
-    n_frames: int = 16_000_000
-    n_copies: int = 64
+    n_frames: int = 5_000_000
+    n_copies: int = 64  # for each seed
     n_steps: int = 64  # per rollout and copy
-    hidden: int = 128
+    hidden: int = 64
+    parameters: Literal["shared", "separate"] = "shared"
+    frame: str = "target"  # see frames.find_frame
     learning_rate: float = 1e-3
     final_learning_rate: float = 5e-5
     discount: float = 0.985
     gae_lambda: float = 0.95
     n_epochs: int = 3
-    minibatch: int = 2048
+    minibatch: int = 2048  # robot samples
     clip: float = 0.2
-    max_kl: float = 0.05
     value_weight: float = 0.5
     max_grad_norm: float = 0.5
     std: float = 0.5
@@ -57,137 +81,54 @@ class Config:
     mean_penalty: float = 0.05  # on means outside [-1, 1]
     critic_warmup: float = 0.0  # part of training in which only the critic learns
     teacher: str = ""  # registered policy that the actor first clones; empty for none
-    contact_cost: float = (
-        5.0  # final extra weight of contacts and collisions, in units of the spec's
-    )
+    teacher_remembers: bool = True  # else it is reset in each step: labels then fit the step alone
+    contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
+    rewards: tuple[str, ...] = ()  # weights to train with, such as "proximity=2", not the spec's
 
 
-class Rollout(NamedTuple):
-    """What one rollout collected, time first; P is the critic's input size."""
-
-    observations: Float  # [T, E, N, O + N]
-    critic_inputs: Float  # [T, E, N, P]
-    actions: Float  # [T, E, N, A]
-    log_probs: Float  # [T, E, N]
-    rewards: Float  # [T, E, N]
-    values: Float  # [T, E, N]
-    next_values: Float  # [T, E, N] of the state reached, before any reset
-    terminations: Bool  # [T, E]
-    ended: Bool  # [T, E]
-
-
-def _empty_rollout(
-    shape: tuple[int, int, int], n_own: int, n_critic: int, n_actions: int
-) -> Rollout:
-    """A rollout of zeros, shape [T, E, N]."""
-
-    def zeros(*features: int) -> Float:
-        return np.zeros((*shape, *features), np.float32)
-
-    flags = [np.zeros(shape[:2], np.bool_) for _ in range(2)]
-    figures = [zeros() for _ in range(4)]
-    return Rollout(zeros(n_own), zeros(n_critic), zeros(n_actions), *figures, *flags)  # type: ignore[arg-type]
-
-
-def generalized_advantages(
-    rewards: Float,
-    values: Float,
-    next_values: Float,
-    terminations: Bool,
-    ended: Bool,
-    discount: float,
-    lam: float,
-) -> Float:
-    """Advantages by GAE, bootstrapped through truncation and cut at every episode end.
-
-    Args:
-        rewards: [T, E, N].
-        values: of the state acted in, [T, E, N].
-        next_values: of the state reached, before any reset, [T, E, N].
-        terminations: the task ended, so nothing follows, [T, E].
-        ended: the episode ended, by termination or truncation, [T, E].
-        discount: gamma.
-        lam: lambda.
-    """
-    deltas = rewards + discount * ~terminations[..., None] * next_values - values
-    advantages = np.zeros_like(deltas)
-    running = np.zeros_like(deltas[0])
-    for t in reversed(range(len(deltas))):
-        running = deltas[t] + discount * lam * ~ended[t][:, None] * running
-        advantages[t] = running
-    return advantages
-
-
-class RunningScale:
-    """Mean and standard deviation of value targets, averaged over updates."""
-
-    def __init__(self, decay: float = 0.99) -> None:
-        self.decay, self.weight, self.first, self.second = decay, 0.0, 0.0, 0.0
-
-    def update(self, values: Float) -> None:
-        """Takes in one batch of targets."""
-        keep, new = self.decay, 1 - self.decay
-        self.first = keep * self.first + new * float(values.mean())
-        self.second = keep * self.second + new * float(np.square(values).mean())
-        self.weight = keep * self.weight + new
-
-    @property
-    def mean(self) -> float:
-        """Mean of past targets."""
-        return self.first / max(self.weight, 1e-8)
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of past targets, at least 0.01."""
-        return max(self.second / max(self.weight, 1e-8) - self.mean**2, 1e-4) ** 0.5
-
-
-def mlp(sizes: tuple[int, ...], last_gain: float) -> nn.Sequential:
-    """A ReLU network with orthogonal weights; actors take a small last gain (Yu et al.)."""
-    layers: list[nn.Module] = []
-    for k, (n_in, n_out) in enumerate(pairwise(sizes)):
-        linear = nn.Linear(n_in, n_out)
-        last = k == len(sizes) - 2
-        nn.init.orthogonal_(linear.weight, last_gain if last else 2**0.5)
-        nn.init.zeros_(linear.bias)
-        layers += [linear] if last else [linear, nn.ReLU()]
-    return nn.Sequential(*layers)
-
-
-def own_first_states(step: Step) -> Float:
-    """Each robot's view of the state: itself, the others in cyclic order, the rest, [E, N, S]."""
-    n = step.rewards.shape[1]
-    order = (np.arange(n)[:, None] + np.arange(n)) % n
-    rows = robots_of(step.states, n)[:, order].reshape(len(step.states), n, -1)
-    own = step.states[:, N_COLUMNS * n :]
-    return np.concatenate([rows, np.repeat(own[:, None], n, axis=1)], axis=-1)
+ACTOR_STREAM, CRITIC_STREAM = 0, 1
+"""Streams of a seed's initial parameters."""
 
 
 class MAPPO:
-    """One training run: rollouts and updates. `train` in `swarmdata.online_algos.training` loops.
+    """K training runs: rollouts and updates.
 
     Args:
-        env: the worlds to train in.
+        env: K E copies of the task.
+        seeds: of everything random in each run, [K].
         config: hyperparameters.
-        seed: of everything random in this run.
+        folder: unused, as nothing is too large for a checkpoint.
     """
 
-    def __init__(self, env: VecEnv, config: Config, seed: int) -> None:
-        self.env, self.config, self.frames = env, config, 0
-        n, o = env.spec.n_agents, env.observation_size
-        torch.manual_seed(seed)
-        self.actor = mlp((o + n, config.hidden, config.hidden, env.action_size), 0.01)
-        self.critic = mlp((o + n + env.state_size, config.hidden, config.hidden, 1), 1.0)
-        self.parameters = [*self.actor.parameters(), *self.critic.parameters()]
-        self.optimizer = torch.optim.Adam(
-            self.parameters, lr=config.learning_rate, eps=1e-5, fused=True
+    Config = MAPPOConfig
+    LOSSES = ("policy", "value", "kl", "reward")
+
+    def __init__(
+        self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
+    ) -> None:
+        self.config, self.frames = config, 0
+        env = reweighted(env, config.rewards)
+        self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame))
+        self.generators = [np.random.default_rng(seed) for seed in seeds]
+        self.input_mean, self.input_std = measure_inputs(
+            self.worlds, self.generators, config.n_steps
         )
-        self.scale = RunningScale()
-        self.generator = np.random.default_rng(seed)
-        self._seed, self._episodes = seed, 0
-        self.present = env.reset(self._next_seeds(env.n_copies))
-        self.input_mean, self.input_scale = self._measure_inputs()
+        sizes = self.worlds.sizes
+        n_own = sizes.observation + sizes.n_agents
+        is_shared, hidden = config.parameters == "shared", (config.hidden, config.hidden)
+        self.n_rows = 1 if is_shared else sizes.n_agents  # actors of each seed
+        self.actor = StackedMLP(
+            MLPShape(n_own, hidden, sizes.action), len(seeds) * self.n_rows, "cpu"
+        )
+        self.critic = StackedMLP(MLPShape(n_own + sizes.state, hidden, 1), len(seeds), "cpu")
+        initialize(self.actor, seeds, ACTOR_STREAM, method="orthogonal", head_gain=0.01)
+        initialize(self.critic, seeds, CRITIC_STREAM, method="orthogonal", head_gain=1.0)
+        self.actor_adam, self.critic_adam = (
+            StackedAdam(network, len(seeds), 1.0, config.max_grad_norm)
+            for network in (self.actor, self.critic)
+        )
+        self.scale = TargetScale(len(seeds))
 
     @property
     def progress(self) -> float:
@@ -199,120 +140,91 @@ class MAPPO:
         """Present standard deviation of the actions."""
         return self.config.std + (self.config.final_std - self.config.std) * self.progress
 
-    def update(self) -> dict[str, float]:
-        """One rollout and its gradient steps; returns losses and rollout figures."""
-        rollout = self._collect()
-        self.frames += rollout.ended.size
+    @property
+    def learning_rate(self) -> float:
+        """Present step size of Adam."""
         c = self.config
-        for group in self.optimizer.param_groups:
-            group["lr"] = (
-                c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
-            )
+        return c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
+
+    def update(self) -> dict[str, Tensor]:
+        """One rollout and its gradient steps; returns means of losses and of rewards, each [K]."""
+        rollout = self._collect()
+        c = self.config
+        self.frames += c.n_steps * c.n_copies
         advantages = generalized_advantages(
             rollout.rewards, rollout.values, rollout.next_values,
             rollout.terminations, rollout.ended, c.discount, c.gae_lambda,
         )  # fmt: skip
         targets = advantages + rollout.values
         self.scale.update(targets)
-        losses = self._descend(rollout, advantages, (targets - self.scale.mean) / self.scale.std)
-        return losses | {"reward": float(rollout.rewards.mean())}
+        losses = self._descend(rollout, advantages, self.scale.normalize(targets))
+        reward = rollout.rewards.mean(axis=(0, 2, 3), dtype=np.float64)
+        return {**losses, "reward": torch.from_numpy(reward)}
+
+    def inputs(self, seen: Float) -> Tensor:
+        """Normalized observations and the robot's number, [K, E, N, O + N], of [K, E, N, O]."""
+        mean, std = self.input_mean[:, None, None], self.input_std[:, None, None]
+        return with_agent_id(torch.from_numpy((seen - mean) / std))
+
+    def means(self, own: Tensor) -> Tensor:
+        """Mean actions of the present actors, [K, E, N, A], of inputs [K, E, N, O + N]."""
+        k, e, n = own.shape[:3]
+        with torch.no_grad():
+            out = self.actor(sample_rows(own[None], self.n_rows))
+        out = out.view(k, self.n_rows, e, n // self.n_rows, -1)
+        return out.transpose(1, 2).reshape(k, e, n, -1)
+
+    def policy(self, index: int) -> TorchPolicy:
+        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
+        return TorchPolicy(
+            layers=self.actor.extract(index * self.n_rows, torch.float64, self.n_rows),
+            observation_mean=torch.from_numpy(self.input_mean[index].astype(np.float64)),
+            observation_std=torch.from_numpy(self.input_std[index].astype(np.float64)),
+            squash=False,
+            frame=self.worlds.frame,
+        )
+
+    def warm_start(self) -> None:
+        """Clones the teacher, if there is one."""
+        if self.config.teacher:
+            teacher = make_policy(self.config.teacher, self.worlds.env.spec)
+            clone_teacher(self, teacher, CloneConfig())
 
     def restart_worlds(self) -> None:
-        """Starts new episodes everywhere: after checkpoints, so that a resumed run is the same."""
-        self.present = self.env.reset(self._next_seeds(self.env.n_copies))
-
-    def actor_layers(self) -> list[tuple[Float, Float]]:
-        """Weight [in, out] and bias [out] of each layer of the actor."""
-        linears = [module for module in self.actor if isinstance(module, nn.Linear)]
-        return [
-            (m.weight.detach().numpy().T.copy(), m.bias.detach().numpy().copy()) for m in linears
-        ]
+        """Begins new episodes everywhere, as loading a state does."""
+        self.worlds.restart()
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes, as tensors; see `restart_worlds`."""
-        tensors = {f"actor.{k}": v for k, v in self.actor.state_dict().items()}
-        tensors |= {f"critic.{k}": v for k, v in self.critic.state_dict().items()}
-        for index, moments in self.optimizer.state_dict()["state"].items():
-            tensors |= {f"adam.{index}.{name}": value for name, value in moments.items()}
-        tensors |= {
-            "input.mean": torch.from_numpy(self.input_mean),
-            "input.scale": torch.from_numpy(self.input_scale),
+        """Everything but the running episodes, as tensors."""
+        return {
+            "actor": self.actor.flat.clone(),
+            "critic": self.critic.flat.clone(),
+            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
+            **{f"critic_adam.{k}": v for k, v in self.critic_adam.state_dict().items()},
+            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
+            "input.mean": torch.from_numpy(self.input_mean.copy()),
+            "input.std": torch.from_numpy(self.input_std.copy()),
+            "scale": self.scale.tensor(),
+            "frames": torch.tensor(self.frames),
+            "generators": pack_generators(self.generators),
         }
-        scale = [self.scale.weight, self.scale.first, self.scale.second]
-        tensors["scale"] = torch.tensor(scale, dtype=torch.float64)
-        tensors["counters"] = torch.tensor([self.frames, self._episodes])
-        generator = json.dumps(self.generator.bit_generator.state).encode()
-        tensors["generator"] = torch.from_numpy(np.frombuffer(generator, np.uint8).copy())
-        return {name: tensor.clone() for name, tensor in tensors.items()}
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Restores what `state_dict` returned and starts new episodes."""
+        self.actor.load(state["actor"])
+        self.critic.load(state["critic"])
+        self.actor_adam.load_state_dict(part(state, "actor_adam"))
+        self.critic_adam.load_state_dict(part(state, "critic_adam"))
+        self.input_mean = state["input.mean"].numpy().copy()
+        self.input_std = state["input.std"].numpy().copy()
+        self.scale.moments = state["scale"].numpy().copy()
+        self.frames = int(state["frames"])
+        unpack_generators(state["generators"], self.generators)
+        self.worlds.load_state_dict(part(state, "worlds"))
 
-        def part(prefix: str) -> dict[str, Tensor]:
-            return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
-
-        self.actor.load_state_dict(part("actor."))
-        self.critic.load_state_dict(part("critic."))
-        moments: dict[int, dict[str, Tensor]] = {}
-        for name, value in part("adam.").items():
-            index, field = name.split(".")
-            moments.setdefault(int(index), {})[field] = value.clone()  # Adam keeps it
-        groups = self.optimizer.state_dict()["param_groups"]
-        self.optimizer.load_state_dict({"state": moments, "param_groups": groups})
-        self.input_mean, self.input_scale = (
-            state["input.mean"].numpy(),
-            state["input.scale"].numpy(),
-        )
-        self.scale.weight, self.scale.first, self.scale.second = state["scale"].tolist()
-        self.frames, self._episodes = (int(value) for value in state["counters"])
-        self.generator.bit_generator.state = json.loads(bytes(state["generator"].tolist()))
-        self.restart_worlds()
-
-    def _next_seeds(self, count: int) -> Any:
-        """Fresh training seeds, far from the reserved evaluation seeds."""
-        counters = np.arange(self._episodes, self._episodes + count, dtype=np.uint64)
-        self._episodes += count
-        return derive(np.uint64(self._seed), counters) % np.uint64(EVALUATION_BASE)
-
-    def _measure_inputs(self) -> tuple[Float, Float]:
-        """Mean and inverse deviation of observations under random actions; constants keep 1."""
-        env, seen = self.env, []
-        for _ in range(self.config.n_steps):
-            actions = self.generator.uniform(
-                -1, 1, (env.n_copies, env.spec.n_agents, env.action_size)
-            )
-            seen.append(self.advance(actions)[0].observations)
-        rows = np.concatenate(seen).reshape(-1, env.observation_size).astype(np.float64)
-        std = rows.std(0)
-        scale = np.where(std > 1e-3, 1 / np.maximum(std, 1e-3), 1.0)
-        return rows.mean(0).astype(np.float32), scale.astype(np.float32)
-
-    def advance(self, actions: Any) -> tuple[Step, Step]:
-        """Steps the worlds; returns the step reached and the one after resetting ended copies."""
-        reached = self.env.step(actions)
-        ended = np.flatnonzero(reached.ended)
-        self.present = (
-            self.env.reset(self._next_seeds(len(ended)), ended) if len(ended) else reached
-        )
-        return reached, self.present
-
-    def inputs(self, step: Step) -> tuple[Float, Float]:
-        """Actor inputs: normalised observations and ids; critic inputs: states as well."""
-        e, n = step.rewards.shape
-        seen = (step.observations - self.input_mean) * self.input_scale
-        ids = np.broadcast_to(np.eye(n, dtype=np.float32), (e, n, n))
-        own = np.concatenate([seen, ids], -1)
-        return own, np.concatenate([own, own_first_states(step) * np.float32(0.5)], -1)
-
-    def _value(self, critic_inputs: Float) -> Float:
-        """Values in units of return."""
-        with torch.inference_mode():
-            flat = self.critic(torch.from_numpy(critic_inputs.reshape(-1, critic_inputs.shape[-1])))
-        return flat.numpy().reshape(critic_inputs.shape[:-1]) * self.scale.std + self.scale.mean
-
-    def _train_rewards(self, step: Step) -> Float:
-        """Rewards with the team share and the present extra cost of contacts, [E, N]."""
-        c, w = self.config, self.env.spec.rules.rewards
+    def rewards(self, step: Step) -> Float:
+        """Rewards with the team share and the present extra cost of contacts, [K, E, N]."""
+        c, w = self.config, self.worlds.env.spec.rules.rewards
         begin, end = c.contact_ramp
         extra = c.contact_cost * min(1.0, max(0.0, (self.progress - begin) / (end - begin)))
         costs = np.array(
@@ -320,74 +232,101 @@ class MAPPO:
             np.float32,
         )
         rewards = step.rewards - extra * (step.events @ costs)
-        return (1 - c.team_share) * rewards + c.team_share * rewards.mean(1, keepdims=True)
+        mixed = (1 - c.team_share) * rewards + c.team_share * rewards.mean(1, keepdims=True)
+        return self.worlds.grouped(mixed)
 
     def _collect(self) -> Rollout:
-        t_max, e, n = self.config.n_steps, self.env.n_copies, self.env.spec.n_agents
-        actor_in, critic_in = self.inputs(self.present)
-        r = _empty_rollout(
-            (t_max, e, n), actor_in.shape[-1], critic_in.shape[-1], self.env.action_size
-        )
-        std = np.float32(self.std)
-        for t in range(t_max):
-            r.observations[t], r.critic_inputs[t] = actor_in, critic_in
-            with torch.inference_mode():
-                mean = self.actor(torch.from_numpy(actor_in)).numpy()
-            noise = self.generator.standard_normal(mean.shape, dtype=np.float32)
-            r.actions[t] = mean + std * noise
-            r.log_probs[t] = (-0.5 * noise * noise - np.log(std)).sum(-1)
-            reached, step = self.advance(r.actions[t])
-            r.rewards[t] = self._train_rewards(reached)
-            r.terminations[t], r.ended[t] = reached.terminations, reached.ended
-            ended = np.flatnonzero(reached.ended)
-            if len(ended):
-                r.next_values[t, ended] = self._value(self.inputs(copy_step(reached, ended))[1])
-            actor_in, critic_in = self.inputs(step)
-        r.values[:] = self._value(r.critic_inputs)
-        following = np.concatenate([r.values[1:], self._value(critic_in)[None]])
-        r.next_values[~r.ended] = following[~r.ended]
+        c, worlds = self.config, self.worlds
+        r = empty_rollout(c.n_steps, worlds.n_seeds, worlds.n_copies, worlds.sizes)
+        std, log_std = np.float32(self.std), np.float32(np.log(self.std))
+        ends = []
+        for t in range(c.n_steps):
+            own = self.inputs(worlds.seen(worlds.present))
+            r.own[t] = own
+            r.states[t] = worlds.grouped(critic_states(worlds.present))
+            noise = standard_normal(self.generators, r.actions.shape[2:])
+            r.actions[t] = self.means(own).numpy() + std * noise
+            r.log_probs[t] = (-0.5 * noise * noise - log_std).sum(-1)
+            reached = worlds.advance(r.actions[t])
+            r.rewards[t] = self.rewards(reached)
+            r.terminations[t], r.ended[t] = worlds.ended(reached)
+            ends.append(copy_step(reached, np.flatnonzero(reached.ended)))
+        self._add_values(r, ends)
         return r
 
-    def _descend(self, rollout: Rollout, advantages: Float, targets: Float) -> dict[str, float]:
-        """Epochs of minibatch steps on the clipped objective; stops early on a large change."""
-        c, std = self.config, self.std
-        flat = [torch.from_numpy(x.reshape(-1, x.shape[-1])) for x in rollout[:3]]
-        observations, critic_inputs, actions = flat
-        old_log_probs, advantage, target = (
-            torch.from_numpy(x.reshape(-1)) for x in (rollout.log_probs, advantages, targets)
+    def _add_values(self, r: Rollout, ends: Sequence[Step]) -> None:
+        """Writes the values of all states acted in, and of those that were reached.
+
+        Args:
+            r: the rollout.
+            ends: of each time, what the copies that ended have reached, which is not acted in.
+        """
+        worlds = self.worlds
+        r.values[:] = self._values(torch.from_numpy(r.own), torch.from_numpy(r.states))
+        own = self.inputs(worlds.seen(worlds.present))[None]
+        states = torch.from_numpy(worlds.grouped(critic_states(worlds.present)))[None]
+        r.next_values[:] = np.concatenate([r.values[1:], self._values(own, states)])
+        t, k, e = np.nonzero(r.ended)
+        if len(t):
+            reached = Step._make(map(np.concatenate, zip(*ends, strict=True)))
+            own = self.inputs(pad_by_seed(worlds.view(reached), k, worlds.n_seeds))
+            states = torch.from_numpy(pad_by_seed(critic_states(reached), k, worlds.n_seeds))
+            r.next_values[t, k, e] = self._values(own[None], states[None])[0][k, ranks(k)]
+
+    def _values(self, own: Tensor, states: Tensor) -> Float:
+        """Values in units of return, [T, K, E, N]."""
+        t, k, e, n = own.shape[:4]
+        with torch.no_grad():
+            flat = self.critic(sample_rows(torch.cat([own, states], -1), 1))
+        return self.scale.denormalize(flat.view(k, t, e, n).transpose(0, 1).numpy())
+
+    def _descend(self, r: Rollout, advantages: Float, targets: Float) -> dict[str, Tensor]:
+        """Epochs of minibatch steps on the clipped objective."""
+        c = self.config
+        tensors = (r.own, r.actions, r.log_probs, normalized(advantages))
+        own, actions, log_probs, advantage = (
+            sample_rows(torch.from_numpy(x), self.n_rows) for x in tensors
         )
-        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-6)
-        losses: dict[str, float] = {}
+        seen = sample_rows(torch.from_numpy(np.concatenate([r.own, r.states], -1)), 1)
+        target = sample_rows(torch.from_numpy(targets), 1)
+        losses: dict[str, Tensor] = {}
         for _ in range(c.n_epochs):
-            order = torch.from_numpy(self.generator.permutation(len(actions)))
-            for rows in torch.split(order, c.minibatch):
-                loss, losses = self._loss(
-                    observations[rows], critic_inputs[rows], actions[rows],
-                    old_log_probs[rows], advantage[rows], target[rows], std,
-                )  # fmt: skip
-                self.optimizer.zero_grad(set_to_none=True)
-                loss.backward()  # type: ignore[no-untyped-call]
-                nn.utils.clip_grad_norm_(self.parameters, c.max_grad_norm)
-                self.optimizer.step()
-            if losses["kl"] > c.max_kl:
-                break
+            if self.progress > c.critic_warmup:
+                for rows in self.minibatches(own.shape[1], self.n_rows, c.minibatch):
+                    batch = (pick(x, rows) for x in (own, actions, log_probs, advantage))
+                    losses |= self._actor_step(*batch)
+            for rows in self.minibatches(seen.shape[1], 1, c.minibatch):
+                losses |= self._critic_step(pick(seen, rows), pick(target, rows))
         return losses
 
-    def _loss(
-        self, observations: Tensor, critic_inputs: Tensor, actions: Tensor,
-        old_log_probs: Tensor, advantage: Tensor, target: Tensor, std: float,
-    ) -> tuple[Tensor, dict[str, float]]:  # fmt: skip
-        """Schulman et al. 2017, equations 7 and 9, with a smooth-L1 value loss."""
-        c = self.config
-        mean = self.actor(observations)
+    def minibatches(self, n_samples: int, n_rows: int, size: int) -> Iterator[Tensor]:
+        """Yields indices of samples, [K n_rows, B]; the networks of a seed take the same ones."""
+        orders = np.stack([generator.permutation(n_samples) for generator in self.generators])
+        yield from torch.from_numpy(orders.repeat(n_rows, 0)).split(size, 1)
+
+    def _actor_step(
+        self, own: Tensor, actions: Tensor, old_log_probs: Tensor, advantage: Tensor
+    ) -> dict[str, Tensor]:
+        """Schulman et al. 2017, equation 7."""
+        c, std = self.config, self.std
+        mean = self.actor(own)  # [K n_rows, B, A]
         z = (actions - mean) / std
         log_ratio = (-0.5 * z * z - np.log(std)).sum(-1) - old_log_probs
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - c.clip, 1 + c.clip)
-        policy_loss = -torch.minimum(ratio * advantage, clipped * advantage).mean()
-        value_loss = nn.functional.smooth_l1_loss(self.critic(critic_inputs).squeeze(-1), target)
-        excess = (mean.abs() - 1).clamp(min=0).square().mean()
-        kl = (ratio.detach() - 1 - log_ratio.detach()).mean()
-        policy_weight = float(self.progress > c.critic_warmup or c.critic_warmup == 0)
-        loss = policy_weight * (policy_loss + c.mean_penalty * excess) + c.value_weight * value_loss
-        return loss, {"policy": policy_loss.item(), "value": value_loss.item(), "kl": kl.item()}
+        policy_loss = self.by_seed(-torch.minimum(ratio * advantage, clipped * advantage))
+        excess = self.by_seed((mean.abs() - 1).clamp(min=0).square().mean(-1))
+        self.actor_adam.step(policy_loss + c.mean_penalty * excess, self.learning_rate)
+        kl = self.by_seed((ratio - 1 - log_ratio).detach())
+        return {"policy": policy_loss.detach(), "kl": kl}
+
+    def _critic_step(self, seen: Tensor, target: Tensor) -> dict[str, Tensor]:
+        """Schulman et al. 2017, equation 9, with a smooth-L1 loss."""
+        value = self.critic(seen)[..., 0]  # [K, B]
+        loss = smooth_l1_loss(value, target, reduction="none").mean(1)
+        self.critic_adam.step(self.config.value_weight * loss, self.learning_rate)
+        return {"value": loss.detach()}
+
+    def by_seed(self, losses: Tensor) -> Tensor:
+        """Means of [K n_rows, B] over the samples of each seed, [K]."""
+        return losses.view(len(self.generators), -1).mean(1)

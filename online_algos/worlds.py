@@ -11,8 +11,29 @@ from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.sizes import Sizes
+from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
+
+
+def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
+    """Returns copies of the same task with other reward weights, to train with.
+
+    Args:
+        env: the copies; returned as they are if no weight changes.
+        weights: `name=value` for each field of `spec.rules.rewards` that changes.
+
+    Raises:
+        SpecError: there is no such weight, or it cannot have this value.
+    """
+    if not weights:
+        return env
+    rules = env.spec.rules.model_dump(mode="json")
+    pairs = (text.partition("=") for text in weights)
+    rules["rewards"] |= {name.strip(): value.strip() for name, _, value in pairs}
+    changed = env.spec.model_dump(mode="json") | {"rules": rules}
+    return make_env(TaskSpec.parse(changed, "rewards"), env.n_copies)
 
 
 class Worlds:
@@ -47,13 +68,16 @@ class Worlds:
     @property
     def sizes(self) -> Sizes:
         """Numbers of robots and features, those that the frame adds included."""
-        size = self.env.observation_size + (0 if self.frame is None else 2)
+        size = self.env.observation_size + (0 if self.frame is None else self.frame.n_added)
         return Sizes(self.env.spec.n_agents, size, self.env.action_size, self.env.state_size)
 
     def seen(self, step: Step) -> Float:
         """Returns what the robots see in their frame, [K, E, N, O]."""
-        observations = step.observations
-        return self.grouped(observations if self.frame is None else self.frame.seen(observations))
+        return self.grouped(self.view(step))
+
+    def view(self, step: Step) -> Float:
+        """Returns what the robots of any copies see in their frame, [C, N, O]."""
+        return step.observations if self.frame is None else self.frame.seen(step.observations)
 
     def grouped(self, array: Any) -> Any:
         """Views an array of all copies, [K E, ...], by seed, [K, E, ...]."""

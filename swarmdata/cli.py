@@ -160,43 +160,54 @@ def card(
 
 @app.command()
 def train(
-    algorithm: Annotated[str, typer.Argument(help="bc or maddpg_bc offline, mappo online")],
-    data: Annotated[str, typer.Argument(metavar="ID", help="a dataset; for mappo a task")],
-    out: Annotated[Path, typer.Option(help="the run's folder")],
-    seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 3,
+    algorithm: Annotated[str, typer.Argument(help="such as bc offline or mappo online")],
+    data: Annotated[str | None, typer.Argument(metavar="[ID]", help="dataset, offline")] = None,
+    task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
+    out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
+    steps: Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")] = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
+    config: Annotated[str | None, typer.Option(help="settings: a shipped name or a YAML file")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
     observation: Observation = None,
     communication: Communication = None,
-    device: Annotated[str, typer.Option(help="of torch")] = "cpu",
+    workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
+    device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
 ) -> None:
     """Train an algorithm, offline on a train split or online in a task; run again to go on.
 
     With other models than the recorded ones, the dataset is observed again from its states.
     """
-    from swarmdata.registry import ONLINE_ALGORITHMS
+    from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
     from swarmdata.targets import require
 
-    changes = dict(_setting(text) for text in settings or [])
-    if updates is not None:
-        changes["n_updates"] = str(updates)
     require("torch", "torch", "training")
-    from swarmdata.training import train_offline, train_online
+    from swarmdata.training import read_settings, train_offline, train_online
 
+    is_online = algorithm in ONLINE_ALGORITHMS
+    resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
+    if (task is None) == is_online or (data is None) != is_online:
+        wanted = "--task TASK" if is_online else "a dataset's ID"
+        raise typer.BadParameter(f"{algorithm} needs {wanted}, and nothing else to train on")
+    changes = read_settings(config) if config else {}
+    changes |= {"n_frames": str(round(steps))} if steps else {}
+    changes |= {"n_updates": str(updates)} if updates else {}
+    changes |= dict(_setting(text) for text in settings or [])
+    folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     common: dict[str, Any] = {
-        "n_seeds": seeds,
         "changes": changes,
         "observation": observation,
         "communication": communication,
     }
-    if algorithm in ONLINE_ALGORITHMS:
-        train_online(algorithm, data, out, **common)
-    else:
-        train_offline(algorithm, data, out, curve_every=curve_every, device=device, **common)
-    typer.echo(out)
+    if task is not None:
+        train_online(algorithm, task, folder, seeds=range(seeds), workers=workers, **common)
+    elif data is not None:
+        common |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
+        train_offline(algorithm, data, folder, **common)
+    typer.echo(folder)
 
 
 @app.command()

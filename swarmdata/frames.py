@@ -2,8 +2,9 @@
 
 A task without preferred directions looks the same when it is turned. A policy that sees every
 vector relative to where its robot has to go need not learn the same driving for every direction.
-On `coop_nav`, clones of the scripted controller finished 57 % of their episodes without a contact
-in the frame of the target, and 36 % in the world's.
+How fast a gap closes is a product of two vectors, which a small ReLU network does not form, so a
+frame adds it. On `coop_nav`, clones of the scripted controller finished 36 % of their episodes
+without a contact in the world's frame, 57 % in the target's, and 66 % with closing speeds.
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
@@ -25,10 +26,18 @@ class Frame:
     Attributes:
         anchor: index of the anchor's x component in an observation; its y component follows.
         vectors: indices of the x components of all planar vectors; their y components follow.
+        closing: pairs of such indices: the direction to something near, and the velocity relative
+            to it; their scalar product is seen too.
     """
 
     anchor: int
     vectors: tuple[int, ...]
+    closing: tuple[tuple[int, int], ...]
+
+    @property
+    def n_added(self) -> int:
+        """How many features `seen` adds."""
+        return 2 + len(self.closing)
 
     def directions(self, observations: Float) -> tuple[Double, Double]:
         """Returns the unit vectors of the frame's x axis, two arrays [..., N].
@@ -42,14 +51,21 @@ class Frame:
         return np.where(still, 1.0, x / length), y / length
 
     def seen(self, observations: Float) -> Float:
-        """Returns observations in this frame, then the frame's x axis, float32 [..., N, O + 2]."""
+        """Returns what a policy sees, float32 [..., N, O + 2 + C].
+
+        Observations with their vectors turned, the frame's x axis in the world, closing speeds.
+        """
         ux, uy = (u[..., None] for u in self.directions(observations))
-        first = np.array(self.vectors)
-        x, y = observations[..., first].astype(np.float64), observations[..., first + 1]
-        out = np.empty((*observations.shape[:-1], observations.shape[-1] + 2), np.float32)
-        out[..., :-2] = observations
-        out[..., first], out[..., first + 1] = ux * x + uy * y, ux * y - uy * x
-        out[..., -2:-1], out[..., -1:] = ux, uy
+        x, y, size = np.array(self.vectors), np.array(self.vectors) + 1, observations.shape[-1]
+        here = observations.astype(np.float64)
+        out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
+        out[..., :size] = observations
+        out[..., x] = ux * here[..., x] + uy * here[..., y]
+        out[..., y] = ux * here[..., y] - uy * here[..., x]
+        out[..., size : size + 1], out[..., size + 1 : size + 2] = ux, uy
+        near, speed = np.array(self.closing, np.int64).reshape(-1, 2).T
+        products = here[..., near] * here[..., speed] + here[..., near + 1] * here[..., speed + 1]
+        out[..., size + 2 :] = products
         return out
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
@@ -98,4 +114,16 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             f"frame {anchor!r} needs the observed vector {name}; expected 'world', 'target' (where "
             f"own.goal_dx is observed) or one of {', '.join(known)}."
         )
-    return Frame(found[0], vectors)
+    return Frame(found[0], vectors, _closing([feature.name for feature in features]))
+
+
+def _closing(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Pairs of near direction and relative velocity, for each slot of robots and of obstacles."""
+    index = {name: k for k, name in enumerate(names)}
+    pairs = []
+    for name, k in index.items():
+        slot, _, field = name.rpartition(".")
+        if field == "near_x":
+            speed = index.get(f"{slot}.dvx", index.get("own.vx"))  # obstacles stand still
+            pairs += [(k, speed)] if speed is not None else []
+    return tuple(pairs)

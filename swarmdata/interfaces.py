@@ -127,6 +127,10 @@ class OnlineAlgorithm(Protocol):
 
     frames: int  # joint steps that each seed has taken
 
+    def warm_start(self) -> None:
+        """What comes before the first update of a new run, such as cloning a teacher."""
+        ...
+
     def update(self) -> dict[str, Any]:
         """One round of acting and learning; returns losses, each [K], NaN where none is defined."""
         ...

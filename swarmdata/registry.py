@@ -37,7 +37,9 @@ OFFLINE_ALGORITHMS = {
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
 }
 
-ONLINE_ALGORITHMS = {"mappo": "swarmdata.online_algos.training:train_run"}
+ONLINE_ALGORITHMS = {
+    "mappo": "swarmdata.online_algos.mappo:MAPPO",
+}
 
 
 def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:

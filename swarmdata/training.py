@@ -1,17 +1,21 @@
 """Trains an algorithm on a dataset of the catalog or in a task, as the command line does."""
 
-from collections.abc import Mapping
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from swarmdata.catalog import load
+from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Schedule, train
 from swarmdata.models import Source, with_models
-from swarmdata.online_algos.mappo import Config as OnlineConfig
+from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.spec import TaskSpec
@@ -78,31 +82,74 @@ def train_online(
     task: str,
     out: Path,
     *,
-    n_seeds: int = 3,
+    seeds: Sequence[int] = (0, 1, 2, 3),
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    workers: int = 1,
+    progress: bool = True,
 ) -> None:
-    """Trains seeds 0, 1, ... one after the other, each in its own folder `out/seed-<k>`.
+    """Trains seeds at once, in `out`, or in `out/seeds-...` for each of several processes.
 
     Args:
         algorithm: registered online algorithm.
         task: to train in: a preset's name, or a spec's file.
-        out: folder of the runs.
-        n_seeds: how many.
+        out: folder of the run; goes on where it stopped.
+        seeds: one policy each.
         changes: settings of the algorithm as text.
         observation: what the robots sense, if not what the task says.
         communication: what they hear, the same.
+        workers: processes, each with an equal share of the seeds.
+        progress: whether to show bars.
 
     Raises:
         UnknownNameError: no such algorithm, task or setting.
         BuildError: a folder holds another run.
     """
-    run = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
-    config = override(OnlineConfig(), changes or {})
+    kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
+    config = override(kind.Config(), changes or {})
     spec = with_models(find_spec(task), observation, communication)
-    for seed in range(n_seeds):
-        run(spec, config, seed, out / f"seed-{seed}")
+    if workers == 1:
+        train_run(describe_run(algorithm, config, spec, seeds), out, progress=progress)
+        return
+    groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
+    context = multiprocessing.get_context("spawn")  # threads of torch do not survive a fork
+    jobs = []
+    for group in groups:
+        folder = out / f"seeds-{'-'.join(map(str, group))}"
+        run = describe_run(algorithm, config, spec, group)
+        options = {"progress": progress and group == groups[0]}
+        jobs.append(context.Process(target=train_run, args=(run, folder), kwargs=options))
+        jobs[-1].start()
+    for job in jobs:
+        job.join()
+    if any(job.exitcode for job in jobs):
+        raise BuildError(
+            f"{sum(bool(job.exitcode) for job in jobs)} of {len(jobs)} processes failed; their "
+            "errors are above. Run the same command again to go on from the last checkpoints."
+        )
+
+
+def read_settings(name: str) -> dict[str, str]:
+    """Reads settings of an algorithm as text, as `--set` takes them.
+
+    Args:
+        name: of a file in the package's `online_algos/configs`, without its `.yaml`, or a path.
+
+    Raises:
+        UnknownNameError: neither is there.
+        SpecError: the file is not a table.
+    """
+    folder = files("swarmdata.online_algos") / "configs"
+    shipped = {Path(file.name).stem: file for file in folder.iterdir()}
+    file = Path(name) if Path(name).suffix else shipped.get(name)
+    if file is None or not file.is_file():
+        raise UnknownNameError("settings", name, shipped)
+    table = yaml.safe_load(file.read_text(encoding="utf-8"))
+    if not isinstance(table, dict):
+        raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
+    joined = {k: ",".join(map(str, v)) if isinstance(v, list) else v for k, v in table.items()}
+    return {str(key): str(value) for key, value in joined.items()}
 
 
 def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:

@@ -101,9 +101,9 @@ class StackedMLP:
         for buffer, gradient in zip(buffers, gradients, strict=True):
             buffer.copy_(gradient)
 
-    def extract(self, row: int, dtype: torch.dtype) -> list[Layer]:
-        """Returns a copy of one network's weights, R = 1, on the CPU."""
-        copy = self.flat[row : row + 1].to("cpu", dtype, copy=True)
+    def extract(self, row: int, dtype: torch.dtype, n_rows: int = 1) -> list[Layer]:
+        """Returns a copy of the weights of `n_rows` networks from `row` on, on the CPU."""
+        copy = self.flat[row : row + n_rows].to("cpu", dtype, copy=True)
         return _views(self.shape, copy)
 
     def load(self, flat: Tensor) -> None:

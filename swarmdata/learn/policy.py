@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.frames import Frame
 from swarmdata.learn.inputs import standardize, with_agent_id
 from swarmdata.learn.networks import Layer, mlp
 from swarmdata.types import Float, Int, Step
@@ -15,22 +16,24 @@ from swarmdata.types import Float, Int, Step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorchPolicy:
-    """One actor, shared by all agents, on normalized observations and the agent's number.
+    """One actor, shared by all agents or one each, on normalized observations and the agent's number.
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
     depends on how many copies run together, and in float32 that would show in the actions.
 
     Attributes:
-        layers: the actor's weights, R = 1, float64.
+        layers: the actors' weights, float64; R = 1 if agents share them, else N.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
         squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
+        frame: in which the actor sees and acts; None for the world's.
     """
 
     layers: Sequence[Layer]
     observation_mean: Tensor
     observation_std: Tensor
     squash: bool
+    frame: Frame | None = None
     uses_state: bool = False
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -45,18 +48,24 @@ class TorchPolicy:
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        n_copies, n_agents, size = observations.shape
+        seen = observations if self.frame is None else self.frame.seen(observations)
+        n_copies, n_agents, size = seen.shape
         expected = len(self.observation_mean)
-        if size != expected or size + n_agents != self.layers[0].weight.shape[1]:
+        n_rows, n_inputs = self.layers[0].weight.shape[:2]
+        if size != expected or size + n_agents != n_inputs:
             raise SchemaError(
-                f"policy got observations {observations.shape}, expected {expected} features "
-                f"of {self.layers[0].weight.shape[1] - expected} agents. "
-                "Evaluate it on the task and observation model that it was trained on."
+                f"policy got observations {observations.shape}, expected "
+                f"{expected - size + observations.shape[2]} features of {n_inputs - expected} "
+                "agents. Evaluate it on the task and observation model that it was trained on."
             )
         with torch.no_grad():
-            exact = torch.from_numpy(observations.astype(np.float64))
-            inputs = standardize(exact, self.observation_mean, self.observation_std)
-            outputs = mlp(self.layers, with_agent_id(inputs).view(1, n_copies * n_agents, -1))
+            exact = torch.from_numpy(seen.astype(np.float64))
+            inputs = with_agent_id(standardize(exact, self.observation_mean, self.observation_std))
+            rows = inputs.view(n_copies, n_rows, n_agents // n_rows, -1).transpose(0, 1)
+            outputs = mlp(self.layers, rows.reshape(n_rows, -1, n_inputs))
             actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
-        result: Float = actions.view(n_copies, n_agents, -1).numpy().astype(np.float32)
-        return result
+        by_copy = actions.view(n_rows, n_copies, n_agents // n_rows, -1).transpose(0, 1)
+        result: Float = by_copy.reshape(n_copies, n_agents, -1).numpy()
+        if self.frame is not None:
+            return np.clip(self.frame.to_world(observations, result), -1, 1).astype(np.float32)
+        return result.astype(np.float32)

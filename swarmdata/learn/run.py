@@ -140,26 +140,33 @@ class Table:
 
     Args:
         path: of the file.
-        columns: names after `update` and `seed`.
-        last_update: rows of later updates are dropped.
+        columns: names after the first two.
+        last: rows of a later time are dropped.
+        keys: names of the first two: what counts the time, and who the row is about.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], last_update: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[str],
+        last: int,
+        keys: tuple[str, str] = ("update", "seed"),
+    ) -> None:
         self.path = path
-        self.columns = ("update", "seed", *columns)
+        self.columns = (*keys, *columns)
         kept: list[list[str]] = []
         if path.exists():
             with path.open(newline="", encoding="utf-8") as file:
                 # a row that a crash cut short is later than the checkpoint, and is dropped
                 rows = [row for row in csv.reader(file) if len(row) == len(self.columns)]
-            kept = [row for row in rows if row[0].isdecimal() and int(row[0]) <= last_update]
+            kept = [row for row in rows if row[0].isdecimal() and int(row[0]) <= last]
         checkpoint.write_atomically(path, _csv([self.columns, *kept]))
 
-    def append(self, update: int, seed: int, values: Mapping[str, float]) -> None:
+    def append(self, now: int, who: int, values: Mapping[str, float]) -> None:
         """Adds a row; a value that was not measured stays empty."""
         cells = [format(values[c], ".6g") if c in values else "" for c in self.columns[2:]]
         with self.path.open("ab") as file:
-            file.write(_csv([(str(update), str(seed), *cells)]))
+            file.write(_csv([(str(now), str(who), *cells)]))
 
 
 def _csv(rows: Sequence[Sequence[str]]) -> bytes:

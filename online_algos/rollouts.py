@@ -1,0 +1,86 @@
+"""What on-policy algorithms collect in one rollout, and its samples as rows of stacked networks."""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarmdata.learn.sizes import Sizes
+from swarmdata.states import N_COLUMNS, robots_of
+from swarmdata.types import Bool, Float, Int, Step
+
+
+class Rollout(NamedTuple):
+    """Samples of K seeds, time first."""
+
+    own: Float  # [T, K, E, N, O + N] inputs of the actor: what robots see, and their numbers
+    actions: Float  # [T, K, E, N, A]
+    log_probs: Float  # [T, K, E, N]
+    states: Float  # [T, K, E, N, S] what the critic sees besides
+    rewards: Float  # [T, K, E, N]
+    values: Float  # [T, K, E, N]
+    next_values: Float  # [T, K, E, N] of the state reached, before any reset
+    terminations: Bool  # [T, K, E]
+    ended: Bool  # [T, K, E]
+
+
+def empty_rollout(n_steps: int, n_seeds: int, n_copies: int, sizes: Sizes) -> Rollout:
+    """A rollout of zeros."""
+    shape = (n_steps, n_seeds, n_copies, sizes.n_agents)
+
+    def zeros(*features: int) -> Float:
+        return np.zeros((*shape, *features), np.float32)
+
+    return Rollout(
+        zeros(sizes.observation + sizes.n_agents), zeros(sizes.action), zeros(),
+        zeros(sizes.state), zeros(), zeros(), zeros(),
+        np.zeros(shape[:3], np.bool_), np.zeros(shape[:3], np.bool_),
+    )  # fmt: skip
+
+
+STATE_SCALE = np.float32(0.5)
+"""Brings states (m, m/s) to about one for the critic."""
+
+
+def critic_states(step: Step) -> Float:
+    """Each robot's view of the state: itself, the others in cyclic order, the rest, [E, N, S]."""
+    n = step.rewards.shape[1]
+    order = (np.arange(n)[:, None] + np.arange(n)) % n
+    rows = robots_of(step.states, n)[:, order].reshape(len(step.states), n, -1)
+    rest = step.states[:, N_COLUMNS * n :]
+    return np.concatenate([rows, np.repeat(rest[:, None], n, axis=1)], axis=-1) * STATE_SCALE
+
+
+def ranks(seeds: Int) -> Int:
+    """How many entries of the same seed come before each, [M]."""
+    same = seeds[:, None] == seeds
+    return np.tril(same, -1).sum(1)
+
+
+def pad_by_seed(values: Float, seeds: Int, n_seeds: int) -> Float:
+    """Returns rows [M, ...] by their seeds, [K, most of a seed, ...]; what is left over is zero."""
+    rank = ranks(seeds)
+    padded = np.zeros((n_seeds, int(rank.max()) + 1, *values.shape[1:]), values.dtype)
+    padded[seeds, rank] = values
+    return padded
+
+
+def pick(values: Tensor, rows: Tensor) -> Tensor:
+    """Returns samples [R, B, ...] of values [R, M, ...] by their indices [R, B]."""
+    n_rows, n_samples = values.shape[:2]
+    flat = rows + torch.arange(n_rows)[:, None] * n_samples
+    picked = values.flatten(0, 1).index_select(0, flat.flatten())
+    return picked.view(*rows.shape, *values.shape[2:])
+
+
+def sample_rows(values: Tensor, n_rows: int) -> Tensor:
+    """Returns samples by the network that they belong to, [K n_rows, M, ...].
+
+    Args:
+        values: [T, K, E, N, ...].
+        n_rows: networks of each seed: 1 if its robots share one, N if each has its own.
+    """
+    t, k, e, n, *features = values.shape
+    split = values.view(t, k, e, n_rows, n // n_rows, *features).movedim((1, 3), (0, 1))
+    return split.reshape(k * n_rows, t * e * (n // n_rows), *features)
