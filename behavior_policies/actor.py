@@ -10,8 +10,8 @@ its own. Here no sum is ever rounded, so the order cannot matter:
 - float64 holds every multiple of 2^-24 below 2^53 steps. With n <= `MAX_WIDTH` = 4096 a partial
   sum, in any order, fused or not, is below 2^46 steps: exact, with 7 bits to spare.
 
-Everything between the products (normalise, rectify, clip, round, add noise) is elementwise IEEE
-arithmetic, which is the same everywhere. What the proof needs is checked when a file is loaded.
+Everything between the products (turn, normalise, rectify, clip, round, add noise) is elementwise
+IEEE arithmetic, the same everywhere. What the proof needs is checked when a file is loaded.
 A zero may come out of a kernel with either sign; adding +0 makes it +0.
 """
 
@@ -26,6 +26,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.frames import Frame
 from swarmdata.types import Double, Float
 
 GRID = 2.0**12  # steps per unit of weights and activations
@@ -33,16 +34,20 @@ MAX_WEIGHT = 8.0 - 2.0**-12  # 16 bits
 MAX_ACTIVATION = 64.0
 MAX_WIDTH = 4096
 
+FRAME = ("frame.anchor", "frame.vectors", "frame.closing")
+"""Tensors of an actor that sees and acts in a frame."""
+
 Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 
 
 class Actor(NamedTuple):
     """A checked feed-forward network with ReLU between its layers."""
 
-    mean: Double  # [O] subtracted from observations
+    mean: Double  # [O] subtracted from what is seen
     scale: Double  # [O] then multiplied in
     layers: tuple[Layer, ...]
-    n_agents: int  # N if a one-hot robot index follows the observation, else 0
+    n_agents: int  # N if a one-hot robot index follows, else 0
+    frame: Frame | None  # in which it sees and acts; None for the world's
 
 
 class Saved(NamedTuple):
@@ -53,7 +58,7 @@ class Saved(NamedTuple):
 
 
 def forward(actor: Actor, observations: Float) -> Double:
-    """Returns mean actions, multiples of 2^-12 in [-1, 1], [E, N, A].
+    """Returns mean actions in [-1, 1], [E, N, A]; multiples of 2^-12 in the actor's frame.
 
     Args:
         actor: the network.
@@ -63,12 +68,14 @@ def forward(actor: Actor, observations: Float) -> Double:
         SchemaError: O is not what the actor was trained on.
     """
     n_copies, n_agents, size = observations.shape
-    if size != len(actor.mean):
+    expected = len(actor.mean) - (0 if actor.frame is None else actor.frame.n_added)
+    if size != expected:
         raise SchemaError(
-            f"observations have {size} features, the actor expects {len(actor.mean)}. "
+            f"observations have {size} features, the actor expects {expected}. "
             "Use the observation model of the spec it was trained on."
         )
-    x = round_to_grid((observations - actor.mean) * actor.scale, MAX_ACTIVATION)
+    seen = observations if actor.frame is None else actor.frame.seen(observations)
+    x = round_to_grid((seen - actor.mean) * actor.scale, MAX_ACTIVATION)
     if actor.n_agents:
         index = np.broadcast_to(np.eye(n_agents), (n_copies, n_agents, n_agents))
         x = np.concatenate([x, index], axis=-1)
@@ -76,8 +83,10 @@ def forward(actor: Actor, observations: Float) -> Double:
     for weight, bias in actor.layers[:-1]:
         x = round_to_grid(np.maximum(x @ weight + bias, 0.0), MAX_ACTIVATION)
     weight, bias = actor.layers[-1]
-    means = round_to_grid(x @ weight + bias, 1.0)
-    return (means + 0.0).reshape(n_copies, n_agents, -1)
+    means = (round_to_grid(x @ weight + bias, 1.0) + 0.0).reshape(n_copies, n_agents, -1)
+    if actor.frame is None:
+        return means
+    return np.clip(actor.frame.to_world(observations, means), -1.0, 1.0)
 
 
 def round_to_grid(values: Double, bound: float) -> Double:
@@ -93,7 +102,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
 
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
-    with the one-hot index of the robot appended.
+    with the one-hot index of the robot appended. An actor with a frame has `frame.anchor` [1],
+    `frame.vectors` [V] and `frame.closing` [C, 2] as well, and O is what its frame shows.
 
     Args:
         data: the file.
@@ -107,6 +117,7 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
         tensors = {name: _values(array) for name, array in load(data).items()}
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
+    frame = _frame({name: tensors.pop(name) for name in list(tensors) if name in FRAME}, source)
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
         f"layers.{i}.{part}" for i in range(n_layers) for part in ("weight", "bias")
@@ -121,8 +132,25 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     )
     mean, scale = tensors["input.mean"], tensors["input.scale"]
     _check_shapes(mean, scale, layers, n_agents, source)
+    if frame is not None and not frame.fits(len(mean) - frame.n_added):
+        raise CheckpointError(f"{source} has a frame of features that its observations lack.")
     _check_exact(layers, source)
-    return Actor(mean, scale, layers, n_agents if len(layers[0][0]) != len(mean) else 0)
+    return Actor(mean, scale, layers, n_agents if len(layers[0][0]) != len(mean) else 0, frame)
+
+
+def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
+    """The frame in a file's tensors, None if there is none."""
+    if not tensors:
+        return None
+    shapes = {name: tensors[name].shape for name in FRAME if name in tensors}
+    dimensions = [len(shape) for shape in shapes.values()]
+    if set(tensors) != set(FRAME) or dimensions != [1, 1, 2] or shapes[FRAME[2]][1] != 2:
+        raise CheckpointError(
+            f"{source} has frame tensors {shapes}, expected frame.anchor [1], frame.vectors [V] "
+            "and frame.closing [C, 2]."
+        )
+    anchor, vectors, closing = (tensors[name].astype(int).tolist() for name in FRAME)
+    return Frame(anchor[0], tuple(vectors), tuple((near, speed) for near, speed in closing))
 
 
 def _check_shapes(
@@ -179,6 +207,7 @@ def save_actor(
     mean: NDArray[np.floating],
     scale: NDArray[np.floating],
     n_agents: int = 0,
+    frame: Frame | None = None,
 ) -> Saved:
     """Rounds a network to the grid of 2^-12 and writes it as a checkpoint.
 
@@ -188,6 +217,7 @@ def save_actor(
         mean: subtracted from observations, [O].
         scale: then multiplied in, [O].
         n_agents: N if the first layer takes a one-hot robot index after the observation, else 0.
+        frame: in which the network sees and acts; None for the world's.
 
     Returns:
         The digest of the file and the largest rounding error.
@@ -200,6 +230,10 @@ def save_actor(
     for i, (weight, bias) in enumerate(exact):
         tensors[f"layers.{i}.weight"] = np.ascontiguousarray(weight * GRID, dtype=np.int16)
         tensors[f"layers.{i}.bias"] = np.ascontiguousarray(bias * GRID, dtype=np.int16)
+    if frame is not None:
+        indices = ([frame.anchor], frame.vectors, frame.closing)
+        tensors |= {k: np.array(v, np.int32) for k, v in zip(FRAME, indices, strict=True)}
+        tensors[FRAME[2]] = tensors[FRAME[2]].reshape(-1, 2)
     _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))
@@ -219,5 +253,5 @@ def _float32(values: NDArray[np.floating]) -> Float:
 
 def _values(array: NDArray[Any]) -> Double:
     """Weights and biases are stored as grid steps, which fit 16 bits."""
-    steps = np.issubdtype(array.dtype, np.integer)
+    steps = array.dtype == np.int16
     return array.astype(np.float64) * (1 / GRID if steps else 1.0)

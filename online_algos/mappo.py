@@ -102,7 +102,7 @@ class MAPPO:
     """
 
     Config = MAPPOConfig
-    LOSSES = ("policy", "value", "kl", "reward")
+    LOSSES = ("policy", "value", "kl", "reward", "std")
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
@@ -148,6 +148,7 @@ class MAPPO:
 
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps; returns means of losses and of rewards, each [K]."""
+        std = torch.full((len(self.generators),), self.std)
         rollout = self._collect()
         c = self.config
         self.frames += c.n_steps * c.n_copies
@@ -159,7 +160,7 @@ class MAPPO:
         self.scale.update(targets)
         losses = self._descend(rollout, advantages, self.scale.normalize(targets))
         reward = rollout.rewards.mean(axis=(0, 2, 3), dtype=np.float64)
-        return {**losses, "reward": torch.from_numpy(reward)}
+        return {**losses, "reward": torch.from_numpy(reward), "std": std}
 
     def inputs(self, seen: Float) -> Tensor:
         """Normalized observations and the robot's number, [K, E, N, O + N], of [K, E, N, O]."""

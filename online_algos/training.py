@@ -39,7 +39,14 @@ from swarmdata.spec import TaskSpec
 
 SPEED = "speed.csv"
 
-MEASURED = ("success", "clean_success", "return", "robot_collisions", "obstacle_collisions", "length")
+MEASURED = (
+    "success",
+    "clean_success",
+    "return",
+    "robot_collisions",
+    "obstacle_collisions",
+    "length",
+)
 """Columns of the curve that come from selection episodes, as means."""
 
 SELECTION_OFFSET = np.uint64(1 << 32)
@@ -129,7 +136,9 @@ def last_policy_path(folder: Path, seed: int) -> Path:
     """
     found = sorted((folder / "policies" / f"seed-{seed}").glob("*.safetensors"))
     if not found:
-        raise BuildError(f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint")
+        raise BuildError(
+            f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint"
+        )
     return found[-1]
 
 
@@ -211,9 +220,7 @@ class _Training:
             for name, value in row.items():
                 self.writers[k].add_scalar(name, value, frames)
             self.writers[k].flush()
-        save_checkpoint(
-            self.folder / CHECKPOINT, self.algorithm.state_dict(), {"frames": frames}
-        )
+        save_checkpoint(self.folder / CHECKPOINT, self.algorithm.state_dict(), {"frames": frames})
         self.algorithm.restart_worlds()  # as a run does that continues from this state
 
     def _log_speed(self, seconds: float, frames: int) -> None:

@@ -165,9 +165,13 @@ def train(
     task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
-    steps: Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")] = None,
+    steps: Annotated[
+        float | None, typer.Option(min=1, help="joint steps of a seed, online")
+    ] = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
-    config: Annotated[str | None, typer.Option(help="settings: a shipped name or a YAML file")] = None,
+    config: Annotated[
+        str | None, typer.Option(help="settings: a shipped name or a YAML file")
+    ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
@@ -212,20 +216,25 @@ def train(
 
 @app.command()
 def ship(
-    task: Annotated[str, typer.Argument(help="such as coop_nav")],
+    task: Annotated[str, typer.Argument(help="a preset, such as coop_nav")],
     out: Annotated[Path, typer.Option(help="the package's behavior_policies/checkpoints")],
-    medium: Annotated[list[Path], typer.Option(help="online run to take a medium from")],
-    expert: Annotated[list[Path], typer.Option(help="finished online run to take an expert from")],
+    medium: Annotated[list[Path] | None, typer.Option(help="online run, for mediums")] = None,
+    expert: Annotated[list[Path] | None, typer.Option(help="finished online run")] = None,
 ) -> None:
-    """Put the mediums and experts of online runs into the package."""
-    from swarmdata.presets import find_spec
+    """Put the mediums of online runs, their replays, and the experts of others into the package."""
+    from swarmdata.presets import preset
     from swarmdata.targets import require
 
     require("torch", "torch", "reading online runs")
-    from swarmdata.online_algos.training import ship as ship_runs
+    from swarmdata.online_algos.selection import seeds_of
+    from swarmdata.online_algos.selection import ship as ship_seeds
 
-    entry = ship_runs(medium, expert, find_spec(task), out)
-    typer.echo(json.dumps(entry, indent=1))
+    mediums, experts = seeds_of(medium or []), seeds_of(expert or [])
+    entry = ship_seeds(mediums, experts, task, preset(task), out)
+    for tier, checkpoints in entry.items():
+        for each in checkpoints:
+            success = 100 * each["figures"]["success"]
+            typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
 
 
 def _setting(text: str) -> tuple[str, str]:

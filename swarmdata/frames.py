@@ -39,6 +39,11 @@ class Frame:
         """How many features `seen` adds."""
         return 2 + len(self.closing)
 
+    def fits(self, n_features: int) -> bool:
+        """Whether every vector that this frame names is in observations of so many features."""
+        first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}
+        return min(first) >= 0 and max(first) + 1 < n_features
+
     def directions(self, observations: Float) -> tuple[Double, Double]:
         """Returns the unit vectors of the frame's x axis, two arrays [..., N].
 

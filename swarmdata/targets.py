@@ -7,7 +7,6 @@ from importlib.util import find_spec as find_module
 from pathlib import Path
 from typing import Any
 
-from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.behavior_policies.tiers import (
     MIXTURES,
     find_recipe,
@@ -17,7 +16,7 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
-from swarmdata.errors import CheckpointError, MissingExtraError, UnknownNameError
+from swarmdata.errors import MissingExtraError, UnknownNameError
 from swarmdata.evaluate import evaluate, save
 from swarmdata.interfaces import Policy
 from swarmdata.models import Source, check_senses, models_of, with_models
@@ -81,8 +80,7 @@ def find_target(
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`, which means
             its checkpoints without noise; a dataset's id, which means its behavior policies as
-            recorded; or a run folder, which means its policies, one per seed (the last actor of an
-            online run).
+            recorded; or a run folder, which means its newest policies, one per seed.
         task: of a policy or tier: a preset's name, or a spec's file.
         observation: what the robots sense, such as `lidar`; None: what the task, the dataset or
             the training had.
@@ -120,28 +118,35 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
     return Target(name, spec, policies, {"recipe": recipe.hash()})
 
 
-def _online_target(folder: Path, document: dict[str, Any], models: Models) -> Target:
-    """The last actor of an online run, so far."""
-    trained = TaskSpec.parse(document["spec"], str(folder / RUN_FILE))
-    actors = sorted((folder / "actors").glob("*.safetensors"))
-    if not actors:
-        raise CheckpointError(f"{folder} has no actors yet; wait for the run's first checkpoint")
-    metadata = {"run": {**document, "frames": int(actors[-1].stem)}}
-    spec = models.offered_to(str(folder), trained, is_fixed=True)
-    return Target(folder.resolve().name, spec, (own_actor(actors[-1], spec),), metadata)
-
-
 def _run_target(folder: Path, models: Models) -> Target:
-    document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
-    if document.get("algorithm") in ONLINE_ALGORITHMS:
-        return _online_target(folder, document, models)
     require("torch", "torch", f"loading the run {folder}")
+    document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    is_online = document.get("algorithm") in ONLINE_ALGORITHMS
+    policies, document = _online_run(folder) if is_online else _offline_run(folder)
+    spec = TaskSpec.parse(document.pop("spec"), str(folder / RUN_FILE))
+    spec = models.offered_to(str(folder), spec, is_fixed=True)
+    return Target(folder.resolve().name, spec, tuple(policies), {"run": document})
+
+
+def _online_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
+    """The newest policies of an online run, and what it is."""
+    from swarmdata.learn.policy_file import load_policy  # noqa: PLC0415  (torch is an extra)
+    from swarmdata.online_algos.training import (  # noqa: PLC0415  (the same)
+        last_policy_path,
+        read_online_run,
+    )
+
+    run = read_online_run(folder)
+    paths = [last_policy_path(folder, seed) for seed in run.seeds]
+    document = run.model_dump(mode="json") | {"frames": int(paths[0].stem)}
+    return [load_policy(path) for path in paths], document
+
+
+def _offline_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
+    """The policies of an offline run, and what it is."""
     from swarmdata.learn.run import load_run, read_run  # noqa: PLC0415  (torch is an extra)
 
-    run = read_run(folder)
-    metadata = {"run": run.model_dump(mode="json", exclude={"spec"})}
-    spec = models.offered_to(str(folder), run.spec, is_fixed=True)
-    return Target(folder.resolve().name, spec, tuple(load_run(folder)), metadata)
+    return load_run(folder), read_run(folder).model_dump(mode="json")
 
 
 def require(package: str, extra: str, purpose: str) -> None:

@@ -16,7 +16,7 @@ from swarmdata.types import Float, Int, Step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorchPolicy:
-    """One actor, shared by all agents or one each, on normalized observations and the agent's number.
+    """One actor for all agents, or one each, on normalized observations and the agent's number.
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
     depends on how many copies run together, and in float32 that would show in the actions.

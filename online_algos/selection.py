@@ -1,0 +1,237 @@
+"""Picks the policies that make datasets from online runs, and puts them into the package.
+
+- medium: a seed's first checkpoint whose team success lies in `MEDIUM_BAND`;
+- medium-replay: policies met on the way there, each for an equal part of the way, with the noise
+  that training had then;
+- expert: a seed's last policy.
+
+Everything is measured on the selection seeds, by exact inference, as the datasets run it.
+"""
+
+import csv
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarmdata.behavior_policies.learned import digest_of, own_actor, save_actor
+from swarmdata.errors import BuildError
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.policy_file import load_policy
+from swarmdata.learn.run import CONFIG, CURVE
+from swarmdata.online_algos.training import (
+    SELECTION_OFFSET,
+    last_policy_path,
+    measure,
+    policy_path,
+    read_online_run,
+)
+from swarmdata.registry import make_env
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+
+MEDIUM_BAND = (0.40, 0.60)
+"""Team success of a medium policy."""
+
+N_REPLAY = 5
+"""Policies that stand for the way of one seed to its medium."""
+
+N_EPISODES = 1024
+"""Selection episodes that decide."""
+
+
+class Seed(NamedTuple):
+    """One seed of one run."""
+
+    folder: Path
+    seed: int
+
+
+class Chosen(NamedTuple):
+    """A checkpoint that goes into the package."""
+
+    tier: str
+    policy: int  # number of the independent run
+    frames: int
+    share: float  # of its run's way to medium that it stands for; 1 of mediums and experts
+    noise: float | None  # standard deviation that its training had; None: the tier's
+    figures: dict[str, float]
+    file: Path
+
+
+def seeds_of(runs: Sequence[Path]) -> list[Seed]:
+    """All seeds of run folders, or of the runs inside a folder that several processes trained.
+
+    Raises:
+        BuildError: a folder holds no run.
+    """
+    found = []
+    for run in runs:
+        folders = [run] if (run / CONFIG).exists() else sorted(run.glob(f"seeds-*/{CONFIG}"))
+        if not folders:
+            raise BuildError(f"{run} holds no online run: there is no {CONFIG} in it")
+        for folder in (each if each.is_dir() else each.parent for each in folders):
+            found += [Seed(folder, seed) for seed in read_online_run(folder).seeds]
+    return found
+
+
+def read_curve(seed: Seed) -> list[dict[str, float]]:
+    """The rows of one seed in its run's `curve.csv`."""
+    with (seed.folder / CURVE).open(newline="", encoding="utf-8") as file:
+        rows = [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
+    return [row for row in rows if row["seed"] == seed.seed]
+
+
+def export(source: Path, target: Path, n_agents: int) -> None:
+    """Writes a run's policy as a checkpoint for exact inference.
+
+    Raises:
+        BuildError: the policy is not a network that can be run exactly.
+    """
+    policy = load_policy(source)
+    if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
+        raise BuildError(
+            f"{source} is not an actor with clipped outputs that all robots share; only those can "
+            "be run exactly. Train it with mappo and parameters=shared."
+        )
+    layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
+    mean, std = policy.observation_mean.numpy(), policy.observation_std.numpy()
+    save_actor(target, layers, mean, 1 / std, n_agents, policy.frame)
+
+
+def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
+    """The first checkpoint in `MEDIUM_BAND`.
+
+    Args:
+        seed: of a run.
+        spec: to measure in.
+        work: folder for exported checkpoints.
+
+    Raises:
+        BuildError: no checkpoint lies in the band.
+    """
+    low, high = MEDIUM_BAND
+    for row in read_curve(seed):
+        if low - 0.1 <= row["success"] <= high + 0.1:  # few episodes: a rough sieve
+            chosen = _measured("medium", seed, int(row["frames"]), spec, work)
+            if low <= chosen.figures["success"] <= high:
+                return chosen
+    raise BuildError(
+        f"no checkpoint of seed {seed.seed} in {seed.folder} has a team success in {MEDIUM_BAND}; "
+        "train it longer, or with more checkpoints"
+    )
+
+
+def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterator[Chosen]:
+    """The policies in the middle of `N_REPLAY` equal parts of the way to a medium."""
+    rows = {int(row["frames"]): row for row in read_curve(seed)}
+    for part in range(N_REPLAY):
+        wanted = medium.frames * (part + 0.5) / N_REPLAY
+        frames = min(rows, key=lambda there: abs(there - wanted))
+        chosen = _measured("medium-replay", seed, frames, spec, work)
+        yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY, noise=rows[frames]["std"])
+
+
+def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
+    """The last policy of a finished run, and what exact inference changes in its actions.
+
+    Raises:
+        BuildError: the run is not finished.
+    """
+    path = last_policy_path(*seed)
+    wanted = read_online_run(seed.folder).config["n_frames"]
+    if int(path.stem) < wanted:
+        raise BuildError(
+            f"seed {seed.seed} of {seed.folder} has {int(path.stem)} of {wanted} frames; run its "
+            "command again to go on"
+        )
+    chosen = _measured("expert", seed, int(path.stem), spec, work)
+    error = exact_error(path, chosen.file, spec)
+    return chosen._replace(figures=chosen.figures | {"exact_error": error})
+
+
+def _measured(tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path) -> Chosen:
+    file = work / f"{seed.folder.name}-{seed.seed}-{frames}.safetensors"
+    if not file.exists():
+        export(policy_path(seed.folder, seed.seed, frames), file, spec.n_agents)
+    figures = measure(own_actor(file, spec), spec, N_EPISODES)
+    return Chosen(tier, 0, frames, 1.0, None, figures, file)
+
+
+def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
+    """Largest difference of an action component between exact inference and the trained network.
+
+    Both see the observations of the selection episodes, played by the exact policy.
+
+    Args:
+        source: a run's policy.
+        exported: the same, for exact inference.
+        spec: to play in.
+        n_episodes: how many.
+    """
+    trained, exact, env = load_policy(source), own_actor(exported, spec), make_env(spec, n_episodes)
+    step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
+    worst = 0.0
+    while not step.ended.all():
+        actions = exact.act(step)
+        difference = np.abs(trained.act(step) - actions)[~step.ended]
+        worst = max(worst, float(difference.max()))
+        step = env.step(actions)
+    return worst
+
+
+def ship(
+    mediums: Sequence[Seed], experts: Sequence[Seed], name: str, spec: TaskSpec, folder: Path
+) -> dict[str, list[dict[str, Any]]]:
+    """Copies the mediums of some seeds, with their replays, and the last policies of others.
+
+    Args:
+        mediums: seeds from which the first checkpoint in the band is taken.
+        experts: seeds of finished runs.
+        name: of the preset that the datasets are of.
+        spec: that preset's.
+        folder: the package's `behavior_policies/checkpoints`; its `index.json` is updated.
+
+    Returns:
+        The preset's entry of the index.
+    """
+    work = folder / ".work"
+    work.mkdir(parents=True, exist_ok=True)
+    try:
+        chosen = []
+        for number, seed in enumerate(mediums):
+            medium = find_medium(seed, spec, work)._replace(policy=number)
+            chosen += [medium, *replay_of(seed, medium, spec, work)]
+        for number, seed in enumerate(experts):
+            chosen.append(last_of(seed, spec, work)._replace(policy=number))
+        entry = _install(chosen, name, folder)
+    finally:
+        shutil.rmtree(work)
+    index = folder / "index.json"
+    table = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
+    tiers = table.get(name, {}) | entry
+    text = json.dumps(table | {name: tiers}, indent=1, sort_keys=True)
+    index.write_text(text + "\n", encoding="utf-8")
+    return entry
+
+
+def _install(chosen: Sequence[Chosen], name: str, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Copies files under their names in the package; returns their entries by tier."""
+    entry: dict[str, list[dict[str, Any]]] = {}
+    for each in chosen:
+        tier = entry.setdefault(each.tier, [])
+        target = folder / f"{name}-{each.tier}-{len(tier)}.safetensors"
+        shutil.copyfile(each.file, target)
+        about = {
+            "file": target.name,
+            "sha256": digest_of(target),
+            "frames": each.frames,
+            "policy": each.policy,
+            "share": each.share,
+            "figures": each.figures,
+        }
+        tier.append(about if each.noise is None else about | {"noise": each.noise})
+    return entry
