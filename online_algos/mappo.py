@@ -60,7 +60,7 @@ from swarmdata.types import Float, Step, copy_step
 class MAPPOConfig:
     """Hyperparameters; frames are joint steps of one seed's worlds."""
 
-    n_frames: int = 5_000_000
+    n_frames: int = 2_000_000
     n_copies: int = 64  # for each seed
     n_steps: int = 64  # per rollout and copy
     hidden: int = 64

@@ -13,6 +13,7 @@ the same curve and the same policies, bit for bit, on the same machine.
 """
 
 import dataclasses
+import json
 import resource
 import time
 from collections.abc import Mapping, Sequence
@@ -62,8 +63,8 @@ class OnlineRun(Frozen):
     config: dict[str, Any]  # of the algorithm, every default written out
     spec: TaskSpec
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
-    n_checkpoints: Count = 50
-    n_episodes: Count = 256  # selection episodes of each seed and checkpoint
+    n_checkpoints: Count = 40
+    n_episodes: Count = 128  # selection episodes of each seed and checkpoint
     versions: dict[str, str]
 
     def build(self, folder: Path) -> OnlineAlgorithm:
@@ -84,7 +85,7 @@ def describe_run(
     return OnlineRun.parse(
         {
             "algorithm": algorithm,
-            "config": dataclasses.asdict(config),
+            "config": json.loads(json.dumps(dataclasses.asdict(config))),  # lists for tuples
             "spec": spec.model_dump(mode="json"),
             "seeds": list(seeds),
             "versions": versions(),

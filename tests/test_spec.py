@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
+from swarmdata.frozen import Frozen
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -110,3 +112,13 @@ def test_recipe_labels_are_unique_and_ids_well_formed() -> None:
         Recipe.parse({**base, "policies": (policy, policy)})
     with pytest.raises(SpecError, match="id: "):
         Recipe.parse({**base, "id": "../x"})
+
+
+@pytest.mark.parametrize("value", [5e-05, 1e22, -2.5e-7, 1e-9])
+def test_small_and_large_numbers_survive_json_inside_free_tables(value: float) -> None:
+    class Table(Frozen):
+        values: dict[str, Any]
+
+    table = Table(values={"x": value, "name": "5e-05x"})
+    assert Table.from_text(table.to_json()) == table
+    assert Table.from_text(table.to_yaml()) == table

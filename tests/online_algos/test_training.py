@@ -1,6 +1,9 @@
-"""Online runs: an interrupted run ends as a whole one, and shipping picks the right actors."""
+"""Online runs: whatever interrupts them, they end as a whole one."""
 
-import csv
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,86 +12,99 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import BuildError
+from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos import training
-from swarmdata.online_algos.mappo import Config
-from swarmdata.online_algos.training import find_medium, read_curve, ship, train_run
+from swarmdata.online_algos.mappo import MAPPOConfig
+from swarmdata.online_algos.training import (
+    OnlineRun,
+    describe_run,
+    last_policy_path,
+    policy_path,
+    train_run,
+)
+from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
-SMALL = Config(n_frames=3000, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+RUN = describe_run("mappo", SMALL, SPEC, (0, 3), n_checkpoints=4, n_episodes=2)
+SAME = ("config.json", "curve.csv", "checkpoint.safetensors")
 
 
-def finish(out: Path) -> Path:
-    return train_run(SPEC, SMALL, 0, out, n_episodes=2)
+def assert_same_run(ours: Path, theirs: Path) -> None:
+    for name in SAME:
+        assert (ours / name).read_bytes() == (theirs / name).read_bytes(), name
+    for seed in RUN.seeds:
+        mine, other = last_policy_path(ours, seed), last_policy_path(theirs, seed)
+        assert mine.name == other.name
+        assert mine.read_bytes() == other.read_bytes()
 
 
 def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = finish(tmp_path / "whole")
+    whole = train_run(RUN, tmp_path / "whole")
     measure, calls = training.measure, []
 
     def interrupt(*args: Any) -> dict[str, float]:
         calls.append(args)
-        if len(calls) == 3:
+        if len(calls) == 4:
             raise KeyboardInterrupt
         return measure(*args)
 
     monkeypatch.setattr(training, "measure", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        finish(tmp_path / "cut")
-    finish(tmp_path / "cut")
-    for name in ("curve.csv", "config.json", "state.safetensors"):
-        assert (whole / name).read_bytes() == (tmp_path / "cut" / name).read_bytes(), name
-    last = max(path.name for path in (whole / "actors").iterdir())
-    assert (whole / "actors" / last).read_bytes() == (tmp_path / "cut/actors" / last).read_bytes()
+        train_run(RUN, tmp_path / "cut")
+    train_run(RUN, tmp_path / "cut")
+    assert_same_run(whole, tmp_path / "cut")
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from swarmdata.online_algos.training import OnlineRun, train_run
+train_run(OnlineRun.from_text(sys.argv[1]), Path(sys.argv[2]))
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_run_ends_as_a_whole_one(tmp_path: Path) -> None:
+    whole, cut = train_run(RUN, tmp_path / "whole"), tmp_path / "cut"
+    for n_checkpoints in (1, 2):
+        command = [sys.executable, "-c", PROGRAM, RUN.to_json(), str(cut)]
+        process = subprocess.Popen(command)
+        while process.poll() is None:
+            if len(list(cut.glob("policies/seed-3/*"))) >= n_checkpoints:
+                os.kill(process.pid, signal.SIGKILL)  # while it measures or saves the rest
+                process.wait(60)
+        assert process.returncode == -signal.SIGKILL, "it ended before it could be killed"
+    train_run(RUN, cut)
+    assert_same_run(whole, cut)
+
+
+def test_a_run_folder_holds_what_it_promises(tmp_path: Path) -> None:
+    folder = train_run(RUN, tmp_path / "run")
+    assert OnlineRun.from_file(folder / "config.json") == RUN
+    rows = (folder / "curve.csv").read_text().splitlines()
+    assert rows[0].startswith("frames,seed,success,clean_success,return")
+    assert [row.split(",")[:2] for row in rows[1:3]] == [["96", "0"], ["96", "3"]]
+    assert len(rows) == 1 + 4 * 2
+    assert len((folder / "speed.csv").read_text().splitlines()) == 1 + 4
+    events = list((folder / "tensorboard" / "seed-3").glob("events.out.tfevents.*"))
+    assert len(events) == 1
+    assert events[0].stat().st_size > 200
+    step = make_env(SPEC, 2).reset(training.evaluation_seeds(2))
+    actions = load_policy(policy_path(folder, 3, 96)).act(step)
+    assert actions.shape == (2, 4, 2)
 
 
 def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
-    finish(tmp_path / "run")
-    with pytest.raises(BuildError, match="another configuration"):
-        train_run(SPEC, SMALL, 1, tmp_path / "run", n_episodes=2)
+    train_run(RUN, tmp_path / "run")
+    other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
+    with pytest.raises(BuildError, match="differs in seeds"):
+        train_run(other, tmp_path / "run")
 
 
-def test_the_medium_is_the_first_checkpoint_in_the_band(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = finish(tmp_path / "run")
-    rows = read_curve(run)
-    success = dict(zip([row["frames"] for row in rows], [0.1, 0.45, 0.5], strict=False))
-    with (run / "curve.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({**row, "success": success.get(row["frames"], 0.9)} for row in rows)
-    figures = {"success": 0.55}
-    monkeypatch.setattr(training, "measure", lambda *_: figures)
-    assert find_medium(run, SPEC) == (
-        run / "actors" / f"{int(rows[1]['frames']):010d}.safetensors",
-        figures,
-    )
-    monkeypatch.setattr(training, "measure", lambda *_: {"success": 0.7})
-    with pytest.raises(BuildError, match="no checkpoint"):
-        find_medium(run, SPEC)
-
-
-def test_shipping_writes_actors_curves_and_the_index(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = finish(tmp_path / "run")
-    source = next((run / "actors").iterdir())
-    monkeypatch.setattr(training, "find_medium", lambda *_: (source, {"success": 0.5}))
-    entry = ship([run], [run], SPEC, tmp_path / "shipped")
-    names = {path.name for path in (tmp_path / "shipped").iterdir()}
-    tiers = {"coop_nav-medium-0", "coop_nav-expert-0"}
-    assert names == {"index.json"} | {
-        f"{t}.{kind}" for t in tiers for kind in ("safetensors", "csv")
-    }
-    assert entry["expert"][0]["frames"] >= SMALL.n_frames
-    assert 0 <= entry["expert"][0]["figures"]["exact_error"] < 0.02
-
-
-def test_an_unfinished_run_is_no_expert(tmp_path: Path) -> None:
-    run = finish(tmp_path / "run")
-    max((run / "actors").iterdir()).unlink()
-    with pytest.raises(BuildError, match="run its command again"):
-        training.last_actor(run, SPEC)
+def test_a_run_without_checkpoints_has_no_policy(tmp_path: Path) -> None:
+    with pytest.raises(BuildError, match="wait for its first checkpoint"):
+        last_policy_path(tmp_path, 0)

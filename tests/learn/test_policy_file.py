@@ -1,0 +1,35 @@
+"""Policies that were written and read act the same."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
+
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.checkpoint import save_checkpoint
+from swarmdata.learn.policy_file import load_policy, save_policy
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("frame", ["world", "target"])
+def test_a_policy_comes_back_as_it_was(tmp_path: Path, parameters: str, frame: str) -> None:
+    config = MAPPOConfig(n_copies=2, n_steps=4, parameters=parameters, frame=frame)  # type: ignore[arg-type]
+    run = MAPPO(make_env(TaskSpec(), 4), (0, 1), config)
+    policy = run.policy(1)
+    save_policy(tmp_path / "new" / "policy.safetensors", policy)
+    read = load_policy(tmp_path / "new" / "policy.safetensors")
+    assert [f.name for f in fields(read)] == [f.name for f in fields(policy)]  # type: ignore[arg-type]
+    step = make_env(TaskSpec(), 3).reset(np.arange(3, dtype=np.uint64))
+    np.testing.assert_array_equal(read.act(step), policy.act(step))
+
+
+def test_another_checkpoint_is_no_policy(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "other.safetensors", {"x": torch.zeros(1)}, {"kind": "Cat"})
+    with pytest.raises(CheckpointError, match="'Cat', expected one of"):
+        load_policy(tmp_path / "other.safetensors")

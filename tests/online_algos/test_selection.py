@@ -1,0 +1,116 @@
+"""Shipping picks the right checkpoints of online runs and writes what recipes need."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.behavior_policies.learned import own_actor
+from swarmdata.errors import BuildError
+from swarmdata.learn.policy_file import load_policy
+from swarmdata.online_algos import selection
+from swarmdata.online_algos.mappo import MAPPOConfig
+from swarmdata.online_algos.selection import (
+    Seed,
+    export,
+    find_medium,
+    read_curve,
+    seeds_of,
+    ship,
+)
+from swarmdata.online_algos.training import describe_run, last_policy_path, train_run
+from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
+
+SPEC = TaskSpec(horizon=20)
+SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run whose curve pretends to pass the band."""
+    folder = tmp_path_factory.mktemp("runs") / "seeds-0-1"
+    train_run(describe_run("mappo", SMALL, SPEC, (0, 1), n_checkpoints=10, n_episodes=2), folder)
+    with (folder / "curve.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        row["success"] = str({"96": 0.1, "160": 0.45, "192": 0.5}.get(row["frames"], 0.9))
+    with (folder / "curve.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder
+
+
+@pytest.fixture
+def half(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every policy solves half of its episodes."""
+    monkeypatch.setattr(selection, "measure", lambda *_: {"success": 0.5})
+
+
+def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
+    wanted = [Seed(run, 0), Seed(run, 1)]
+    assert seeds_of([run]) == wanted
+    assert seeds_of([run.parent]) == wanted
+    with pytest.raises(BuildError, match="no online run"):
+        seeds_of([run.parent.parent / "nothing"])
+
+
+def test_the_medium_is_the_first_checkpoint_in_the_band(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = iter([{"success": 0.35}, {"success": 0.41}])
+    monkeypatch.setattr(selection, "measure", lambda *_: next(figures))
+    assert find_medium(Seed(run, 1), SPEC, tmp_path).frames == 192
+    monkeypatch.setattr(selection, "measure", lambda *_: {"success": 0.7})
+    with pytest.raises(BuildError, match="train it longer"):
+        find_medium(Seed(run, 1), SPEC, tmp_path)
+
+
+def test_an_exported_policy_acts_as_the_trained_one(run: Path, tmp_path: Path) -> None:
+    source = last_policy_path(run, 1)
+    export(source, tmp_path / "actor.safetensors", 4)
+    step = make_env(SPEC, 8).reset(np.arange(8, dtype=np.uint64))
+    exact = own_actor(tmp_path / "actor.safetensors", SPEC).act(step)
+    np.testing.assert_allclose(exact, load_policy(source).act(step), atol=0.01)
+
+
+@pytest.mark.usefixtures("half")
+def test_shipping_writes_actors_and_the_index(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "index.json").write_text('{"coop_nav": {"other": []}, "formation": {}}')
+    ship([Seed(run, 0)], [Seed(run, 0), Seed(run, 1)], "coop_nav", SPEC, tmp_path)
+    index = json.loads((tmp_path / "index.json").read_text())
+    assert set(index) == {"coop_nav", "formation"}
+    entry = index["coop_nav"]
+    assert [len(entry[t]) for t in ("medium", "medium-replay", "expert", "other")] == [1, 5, 2, 0]
+    files = {each["file"] for tier in entry.values() for each in tier}
+    assert {path.name for path in tmp_path.iterdir()} == files | {"index.json"}
+    replays = entry["medium-replay"]
+    frames = [each["frames"] for each in replays]
+    assert frames == sorted(frames)
+    assert max(frames) < entry["medium"][0]["frames"] == 160
+    assert sum(each["share"] for each in replays) == pytest.approx(1)
+    noise = [each["noise"] for each in replays]
+    assert 0.1 < min(noise) < max(noise) <= 0.5
+    assert noise == sorted(noise, reverse=True)
+    assert 0 <= entry["expert"][0]["figures"]["exact_error"] < 0.02
+
+
+@pytest.mark.usefixtures("half")
+def test_an_unfinished_run_is_no_expert(tmp_path: Path) -> None:
+    folder = train_run(
+        describe_run("mappo", SMALL, SPEC, (0,), n_checkpoints=4, n_episodes=2), tmp_path / "run"
+    )
+    last_policy_path(folder, 0).unlink()
+    with pytest.raises(BuildError, match="run its command again"):
+        ship([], [Seed(folder, 0)], "coop_nav", SPEC, tmp_path / "shipped")
+
+
+def test_curves_are_read_seed_by_seed(run: Path) -> None:
+    rows = read_curve(Seed(run, 1))
+    assert {row["seed"] for row in rows} == {1.0}
+    assert [row["frames"] for row in rows] == sorted(row["frames"] for row in rows)

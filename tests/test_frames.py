@@ -1,0 +1,105 @@
+"""Frames: turning the world turns what a policy sees by nothing, and its actions with it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.errors import SpecError
+from swarmdata.frames import Frame, find_frame
+from swarmdata.presets import preset
+from swarmdata.registry import make_env
+from swarmdata.types import Float
+
+FEATURES = make_env(preset("coop_nav"), 1).features
+FRAME = find_frame(FEATURES, "target")
+NAMES = [feature.name for feature in FEATURES]
+
+
+def some_observations() -> Float:
+    return make_env(preset("coop_nav"), 8).reset(np.arange(8, dtype=np.uint64)).observations
+
+
+def turned(observations: Float, angle: float) -> Float:
+    """The same scene in a world that is turned by an angle."""
+    out = observations.astype(np.float64)
+    for k, feature in enumerate(FEATURES):
+        if feature.axis == "x":
+            x, y = observations[..., k], observations[..., k + 1]
+            out[..., k] = math.cos(angle) * x - math.sin(angle) * y
+            out[..., k + 1] = math.sin(angle) * x + math.cos(angle) * y
+    return out.astype(np.float32)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(-math.pi, math.pi))
+def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    size = observations.shape[-1]
+    seen, again = FRAME.seen(observations), FRAME.seen(turned(observations, angle))
+    np.testing.assert_allclose(seen[..., :size], again[..., :size], atol=2e-6)
+    np.testing.assert_allclose(seen[..., size + 2 :], again[..., size + 2 :], atol=2e-6)
+    ux, uy = again[..., size], again[..., size + 1]
+    np.testing.assert_allclose(ux**2 + uy**2, 1, atol=1e-6)
+
+
+def test_the_anchor_lies_on_the_x_axis() -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    seen = FRAME.seen(observations)
+    x, y = NAMES.index("own.goal_dx"), NAMES.index("own.goal_dy")
+    np.testing.assert_allclose(
+        seen[..., x], np.hypot(observations[..., x], observations[..., y]), atol=1e-6
+    )
+    np.testing.assert_allclose(seen[..., y], 0, atol=1e-6)
+
+
+def test_actions_go_to_the_world_and_back() -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    actions = np.random.default_rng(0).uniform(-1, 1, (8, 4, 2))
+    there = FRAME.to_world(observations, actions)
+    np.testing.assert_allclose(FRAME.to_local(observations, there), actions, atol=1e-12)
+    lengths = np.linalg.norm(actions, axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(there, axis=-1), lengths, atol=1e-12)
+
+
+def test_what_closes_in_is_seen() -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    observations[...] = 0.0
+    observations[..., NAMES.index("own.vx")] = 0.5
+    observations[..., NAMES.index("obstacle_1.near_x")] = 0.8
+    observations[..., NAMES.index("neighbor_0.near_y")] = -0.5
+    observations[..., NAMES.index("neighbor_0.dvy")] = 0.6
+    added = FRAME.seen(observations)[..., observations.shape[-1] + 2 :]
+    assert added.shape[-1] == 6
+    pairs = {NAMES[near].partition(".")[0]: k for k, (near, _) in enumerate(FRAME.closing)}
+    np.testing.assert_allclose(added[..., pairs["obstacle_1"]], 0.4, atol=1e-6)
+    np.testing.assert_allclose(added[..., pairs["neighbor_0"]], -0.3, atol=1e-6)
+    assert (np.delete(added, [pairs["obstacle_1"], pairs["neighbor_0"]], -1) == 0).all()
+
+
+def test_without_a_direction_the_frame_is_the_worlds() -> None:
+    assert FRAME is not None
+    observations = np.zeros_like(some_observations())
+    actions = np.full((8, 4, 2), 0.25)
+    np.testing.assert_array_equal(FRAME.to_world(observations, actions), actions)
+
+
+def test_frames_are_found_by_name() -> None:
+    assert find_frame(FEATURES, "world") is None
+    heading = find_frame(make_env(preset("formation"), 1).features, "reference.heading")
+    assert heading is not None
+    with pytest.raises(SpecError, match="payload_goal"):
+        find_frame(FEATURES, "payload_goal")
+
+
+@pytest.mark.parametrize(("frame", "fits"), [((8, (8,), ()), True), ((9, (0,), ()), False)])
+def test_a_frame_knows_the_observations_it_fits(
+    frame: tuple[int, tuple[int, ...], tuple[tuple[int, int], ...]], fits: bool
+) -> None:
+    assert Frame(*frame).fits(10) is fits
