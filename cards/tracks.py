@@ -1,0 +1,91 @@
+"""The panels below in a card's picture: recorded episodes with obstacles, starts, goals, paths."""
+
+from typing import Any
+
+import numpy as np
+
+from swarmdata.cards.panels import SMALL, finish, note, signed
+from swarmdata.envs.render import draw
+from swarmdata.envs.render.canvas import WALL_SHOWN
+from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
+from swarmdata.envs.render.scene import n_bodies
+from swarmdata.figures import GRAY
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.states import BODY, N_COLUMNS, X, Y, robots_of
+from swarmdata.store import EpisodeTable
+from swarmdata.types import END_REASONS, Double, Episode
+
+N_TRACKS = 4
+
+_SIZE = 380  # pixels of a drawn arena's longer side
+
+
+def choose_episodes(table: EpisodeTable, n: int = N_TRACKS) -> list[int | None]:
+    """Chooses episodes that stand for the rest: of different policies, from all over their returns.
+
+    The policies, evenly spread if there are more than places, share the places in turn; the
+    episodes of a policy with m places are those at the middle of m equal parts of its episodes,
+    sorted by return. So one place is the median.
+
+    Returns:
+        n indices into the table, None where there are fewer episodes.
+    """
+    policies = np.unique(table.policy)
+    if len(policies) > n:
+        policies = policies[np.linspace(0, len(policies) - 1, n).round().astype(np.int64)]
+    places = [n // len(policies) + (k < n % len(policies)) for k in range(len(policies))]
+    chosen: list[int | None] = []
+    for policy, m in zip(policies.tolist(), places, strict=True):
+        rows = np.flatnonzero(table.policy == policy)
+        ranked = rows[np.argsort(table.team_return[rows], kind="stable")]
+        at = ((np.arange(m) + 0.5) / m * len(ranked)).astype(np.int64)
+        chosen += [int(ranked[k]) for k in np.unique(at)]
+    return chosen + [None] * (n - len(chosen))
+
+
+def draw_track(axes: Any, episode: Episode | None, recipe: Recipe) -> None:
+    """Draws the last state of an episode with whole paths; rings show where robots started."""
+    if episode is None:
+        note(axes, "no further episode")
+        return
+    spec, last = recipe.spec, len(episode)
+    image = draw(
+        spec, episode.layout, episode.states[last], events=episode.events[last - 1], size=_SIZE
+    )
+    x, y = spec.arena.width / 2 + WALL_SHOWN, spec.arena.height / 2 + WALL_SHOWN
+    axes.imshow(image, extent=(-x, x, -y, y), interpolation="antialiased")
+    for path, color in _paths(episode, spec):
+        axes.plot(path[:, 0], path[:, 1], color=color, lw=1.1, alpha=0.7)
+        axes.plot(*path[0], "o", mfc="white", mec=color, mew=1.3, ms=4.5)
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    finish(axes, recipe.policies[episode.policy].label)
+    axes.set_xlabel(
+        f"{END_REASONS[episode.end_reason]} after {last * spec.control_dt:.1f} s, "
+        f"return {signed(episode.team_return)}",
+        fontsize=SMALL,
+        color=GRAY,
+        labelpad=2,
+    )
+
+
+def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, ...]]]:
+    """Paths [T+1, 2] of robots and payloads with their colors; NaN below a robot at its last place.
+
+    The renderer's trails fade into the past, which is right in motion; here the way counts.
+    """
+    n = spec.n_agents
+    places = robots_of(episode.states, n)[..., [X, Y]].astype(np.float64)
+    colors = [robot_color(k) for k in range(n)]
+    radii = np.array([robot.radius for robot in spec.robots])
+    paths = []
+    for k in range(n_bodies(spec)):
+        first = N_COLUMNS * n + len(BODY) * k
+        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE))
+    for k in range(n):
+        gaps = np.sqrt(np.square(places[:, k, None] - places[-1]).sum(axis=-1))  # [T+1, N]
+        is_below = (gaps < radii).any(axis=1)
+        is_below[0] = False
+        paths.append((np.where(is_below[:, None], np.nan, places[:, k]), colors[k]))
+    return [(path, tuple(value / 255 for value in color)) for path, color in paths]
