@@ -31,8 +31,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from swarmdata.errors import CheckpointError
 from swarmdata.frames import find_frame
-from swarmdata.interfaces import VecEnv
+from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.learn.checkpoint import part
 from swarmdata.learn.inputs import with_agent_id
 from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
@@ -40,6 +41,7 @@ from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.conventions import on_the_wrong_side
 from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
 from swarmdata.online_algos.inputs import measure_inputs
 from swarmdata.online_algos.rollouts import (
@@ -51,6 +53,7 @@ from swarmdata.online_algos.rollouts import (
     ranks,
     sample_rows,
 )
+from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.worlds import Worlds, reweighted
 from swarmdata.registry import make_policy
 from swarmdata.types import Float, Step, copy_step
@@ -80,10 +83,12 @@ class MAPPOConfig:
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
     critic_warmup: float = 0.0  # part of training in which only the critic learns
+    start: str = ""  # folder of a run whose last policies the actors start from; empty for none
     teacher: str = ""  # registered policy that the actor first clones; empty for none
     teacher_remembers: bool = True  # else it is reset in each step: labels then fit the step alone
     contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
+    keep_right: float = 0.0  # cost in each step of an oncoming robot on the right
     rewards: tuple[str, ...] = ()  # weights to train with, such as "proximity=2", not the spec's
 
 
@@ -107,7 +112,7 @@ class MAPPO:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
     ) -> None:
-        self.config, self.frames = config, 0
+        self.config, self.frames, self.seeds = config, 0, tuple(seeds)
         env = reweighted(env, config.rewards)
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame))
         self.generators = [np.random.default_rng(seed) for seed in seeds]
@@ -186,10 +191,30 @@ class MAPPO:
         )
 
     def warm_start(self) -> None:
-        """Clones the teacher, if there is one."""
+        """Takes over the policies of another run, or clones the teacher, if there is one."""
+        if self.config.start:
+            for row, seed in enumerate(self.seeds):
+                self._take_over(row, last_policy(Path(self.config.start), seed))
         if self.config.teacher:
             teacher = make_policy(self.config.teacher, self.worlds.env.spec)
             clone_teacher(self, teacher, CloneConfig())
+
+    def _take_over(self, index: int, policy: Policy) -> None:
+        """Starts a seed from a policy of another run.
+
+        Raises:
+            CheckpointError: it is not an actor of these sizes, in this frame.
+        """
+        fits = isinstance(policy, TorchPolicy) and policy.frame == self.worlds.frame
+        rows = slice(index * self.n_rows, (index + 1) * self.n_rows)
+        if not fits:
+            raise CheckpointError(
+                f"{self.config.start} holds policies of another kind or frame; start from a run of "
+                "mappo with the same frame."
+            )
+        self.actor.load_layers(rows, policy.layers)
+        self.input_mean[index] = policy.observation_mean.numpy()
+        self.input_std[index] = policy.observation_std.numpy()
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
@@ -233,6 +258,8 @@ class MAPPO:
             np.float32,
         )
         rewards = step.rewards - extra * (step.events @ costs)
+        if c.keep_right:
+            rewards = rewards - np.float32(c.keep_right) * on_the_wrong_side(step)
         mixed = (1 - c.team_share) * rewards + c.team_share * rewards.mean(1, keepdims=True)
         return self.worlds.grouped(mixed)
 

@@ -22,13 +22,8 @@ from swarmdata.errors import BuildError
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import CONFIG, CURVE
-from swarmdata.online_algos.training import (
-    SELECTION_OFFSET,
-    last_policy_path,
-    measure,
-    policy_path,
-    read_online_run,
-)
+from swarmdata.online_algos.run_folder import last_policy_path, policy_path
+from swarmdata.online_algos.training import SELECTION_OFFSET, measure, read_online_run
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec

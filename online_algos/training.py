@@ -33,6 +33,7 @@ from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint, write_a
 from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.metrics import episode_metrics
+from swarmdata.online_algos.run_folder import policy_path
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
@@ -122,25 +123,6 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     finally:
         torch.set_num_threads(before)
     return folder
-
-
-def policy_path(folder: Path, seed: int, frames: int) -> Path:
-    """Where a run keeps the policy of a seed at a checkpoint."""
-    return folder / "policies" / f"seed-{seed}" / f"{frames:010d}.safetensors"
-
-
-def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
-
-    Raises:
-        BuildError: the run has not reached a checkpoint yet.
-    """
-    found = sorted((folder / "policies" / f"seed-{seed}").glob("*.safetensors"))
-    if not found:
-        raise BuildError(
-            f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint"
-        )
-    return found[-1]
 
 
 def read_online_run(folder: Path) -> OnlineRun:

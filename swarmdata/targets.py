@@ -131,10 +131,8 @@ def _run_target(folder: Path, models: Models) -> Target:
 def _online_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
     """The newest policies of an online run, and what it is."""
     from swarmdata.learn.policy_file import load_policy  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.online_algos.training import (  # noqa: PLC0415  (the same)
-        last_policy_path,
-        read_online_run,
-    )
+    from swarmdata.online_algos.run_folder import last_policy_path  # noqa: PLC0415  (the same)
+    from swarmdata.online_algos.training import read_online_run  # noqa: PLC0415  (the same)
 
     run = read_online_run(folder)
     paths = [last_policy_path(folder, seed) for seed in run.seeds]

@@ -119,6 +119,21 @@ class StackedMLP:
             )
         self.flat.copy_(flat)
 
+    def load_layers(self, rows: slice, layers: Sequence[Layer]) -> None:
+        """Replaces the weights of some networks.
+
+        Raises:
+            CheckpointError: they are of other layer sizes.
+        """
+        own = [[part[rows] for part in present(layer)] for layer in self._frozen]
+        given = [present(layer) for layer in layers]
+        shapes = [[[part.shape for part in layer] for layer in side] for side in (own, given)]
+        if shapes[0] != shapes[1]:
+            raise CheckpointError(f"weights have shapes {shapes[1]}, expected {shapes[0]}")
+        for mine, theirs in zip(own, given, strict=True):
+            for part, other in zip(mine, theirs, strict=True):
+                part.copy_(other)
+
     def clone(self) -> "StackedMLP":
         """Returns networks with equal parameters in memory of their own."""
         copy = StackedMLP(self.shape, len(self.flat), self.flat.device)

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
+pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
+
+import torch
 
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.checkpoint import save_checkpoint

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -14,6 +14,7 @@ from swarmdata.errors import BuildError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos import selection
 from swarmdata.online_algos.mappo import MAPPOConfig
+from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import (
     Seed,
     export,
@@ -22,7 +23,7 @@ from swarmdata.online_algos.selection import (
     seeds_of,
     ship,
 )
-from swarmdata.online_algos.training import describe_run, last_policy_path, train_run
+from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
 

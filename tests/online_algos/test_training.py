@@ -15,13 +15,8 @@ from swarmdata.errors import BuildError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos import training
 from swarmdata.online_algos.mappo import MAPPOConfig
-from swarmdata.online_algos.training import (
-    OnlineRun,
-    describe_run,
-    last_policy_path,
-    policy_path,
-    train_run,
-)
+from swarmdata.online_algos.run_folder import last_policy_path, policy_path
+from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
 

@@ -1,0 +1,39 @@
+"""Where online runs keep the policies of their seeds."""
+
+from pathlib import Path
+
+from swarmdata.errors import BuildError
+from swarmdata.interfaces import Policy
+from swarmdata.learn.policy_file import load_policy
+
+POLICIES = "policies"
+
+
+def policy_path(folder: Path, seed: int, frames: int) -> Path:
+    """Where a run keeps the policy of a seed at a checkpoint."""
+    return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
+
+
+def last_policy_path(folder: Path, seed: int) -> Path:
+    """The newest policy of a seed.
+
+    Raises:
+        BuildError: the run has not reached a checkpoint yet.
+    """
+    found = sorted((folder / POLICIES / f"seed-{seed}").glob("*.safetensors"))
+    if not found:
+        raise BuildError(
+            f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint"
+        )
+    return found[-1]
+
+
+def last_policy(run: Path, seed: int) -> Policy:
+    """The newest policy of a seed of a run, or of one of the runs inside a folder.
+
+    Raises:
+        BuildError: there is none.
+    """
+    inside = sorted(run.glob(f"seeds-*/{POLICIES}/seed-{seed}"))
+    folder = inside[0].parent.parent if inside else run
+    return load_policy(last_policy_path(folder, seed))
