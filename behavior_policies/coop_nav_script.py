@@ -13,6 +13,7 @@ from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.compiling import kernel
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.rules import Doorway, NavigationRules
@@ -81,6 +82,7 @@ class CoopNavScript:
         if not isinstance(spec.rules, NavigationRules):
             raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
         self._noise = check_noise(noise)
+        self._last = LastMeans()
         self._n_agents, self._action_size = spec.n_agents, spec.action_size
         self._navigator = Navigator(spec)
         self._is_shared = spec.rules.goals == "unassigned"
@@ -104,4 +106,8 @@ class CoopNavScript:
         if self._through is not None:
             targets = turns_at_door(robots_of(step.states, self._n_agents), self._through)
         commands = self._navigator.commands(step, targets)
+        self._last.keep(step, commands)
         return actions_of(commands, step, self._noise, self._action_size)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self._last.require(step), actions, self._noise)

@@ -14,6 +14,7 @@ from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.compiling import kernel
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.formation import Formation
 from swarmdata.envs.reference import write_pose
 from swarmdata.envs.slots import slot_velocity
@@ -130,6 +131,7 @@ class FormationScript:
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         task = Formation(spec)
         self._noise = check_noise(noise)
+        self._last = LastMeans()
         self._action_size = spec.action_size
         self._navigator = Navigator(spec)
         radii = np.array([robot.radius for robot in spec.robots])
@@ -146,4 +148,8 @@ class FormationScript:
         targets, drifts = np.empty((2, len(step.states), len(self._body[0]), 2))
         aim_at_slots(step.states, step.times, step.layouts, self._body, self._path, targets, drifts)
         commands = self._navigator.commands(step, targets, drifts)
+        self._last.keep(step, commands)
         return actions_of(commands, step, self._noise, self._action_size)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self._last.require(step), actions, self._noise)

@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor, save_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import CheckpointError
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Float, Int, Step
@@ -46,13 +47,20 @@ class Learned:
     def __init__(self, spec: TaskSpec, *, checkpoint: str, sha256: str, noise: float = 0.0) -> None:
         self._actor = load_actor(read_checkpoint(checkpoint, sha256), spec.n_agents, checkpoint)
         self._noise = check_noise(noise)
+        self._last = LastMeans()
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy remembers nothing."""
 
     def act(self, step: Step) -> Float:
-        actions = forward(self._actor, step.observations)
-        return add_noise(actions, step, self._noise).astype(np.float32)
+        means = self._last.keep(step, forward(self._actor, step.observations))
+        return add_noise(means, step, self._noise).astype(np.float32)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        means = self._last.recall(step)  # right after `act`: the network need not run again
+        if means is None:
+            means = forward(self._actor, step.observations)
+        return noisy_log_probs(means, actions, self._noise)
 
 
 def own_actor(path: Path, spec: TaskSpec) -> Learned:

@@ -22,6 +22,7 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigator import Navigator, turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
@@ -46,6 +47,7 @@ class Scripted:
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         self._noise = check_noise(noise)
+        self._last = LastMeans()
         self._action_size = spec.action_size
         self._navigator = Navigator(spec)
 
@@ -54,7 +56,11 @@ class Scripted:
         self._navigator.reset(step, copies)
 
     def act(self, step: Step) -> Float:
-        return actions_of(self._navigator.commands(step), step, self._noise, self._action_size)
+        commands = self._last.keep(step, self._navigator.commands(step))
+        return actions_of(commands, step, self._noise, self._action_size)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self._last.require(step), actions, self._noise)
 
 
 def actions_of(commands: Double, step: Step, noise: float, action_size: int) -> Float:

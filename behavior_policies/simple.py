@@ -6,6 +6,7 @@ from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.noise import counters
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.compiling import kernel
+from swarmdata.density import noisy_log_probs, uniform_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.seeding import uniform
 from swarmdata.spec import TaskSpec
@@ -30,6 +31,9 @@ class Idle:
     def act(self, step: Step) -> Float:
         return np.zeros((len(step.seeds), *self._shape), dtype=np.float32)
 
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
+
 
 class Random:
     """Every robot draws its command uniformly from [-1, 1]^2, anew in each step."""
@@ -45,6 +49,9 @@ class Random:
     def act(self, step: Step) -> Float:
         draws = uniform(counters(step, "policy", *self._shape))
         return (2.0 * draws - 1.0).astype(np.float32)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return uniform_log_probs(actions)
 
 
 class Straight:
@@ -73,6 +80,9 @@ class Straight:
         actions = np.zeros((len(robots), *self._shape), dtype=np.float32)
         actions[..., :2] = commands
         return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
 
 
 @kernel

@@ -46,6 +46,7 @@ from swarmdata.behavior_policies.pushing import (
 )
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
 from swarmdata.compiling import kernel
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
@@ -269,6 +270,7 @@ class TransportScript:
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         payload = _payload_of(spec)
         self._noise = check_noise(noise)
+        self._last = LastMeans()
         self._size, self._dt = spec.action_size, spec.control_dt
         self._shape, self._grid_shape = shape_of(payload), grid_shape(spec)
         self._n_primitives = n_primitives(make_task(spec).kinds)
@@ -341,5 +343,8 @@ class TransportScript:
         push = (velocities - robots[..., 2:4]) / (self._dt * most)
         commands = np.where(self._by_velocity[:, None], velocities / speeds, push)
         actions = np.zeros((e, n, self._size), dtype=np.float32)
-        actions[..., :2] = add_noise(commands, step, self._noise)
+        actions[..., :2] = add_noise(self._last.keep(step, commands), step, self._noise)
         return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self._last.require(step), actions, self._noise)

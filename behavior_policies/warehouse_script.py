@@ -33,6 +33,7 @@ from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.behavior_policies.warehouse_routes import steer, tracks_of
 from swarmdata.compiling import kernel
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.envs.floor_plan import FloorPlan
 from swarmdata.spec import TaskSpec
@@ -185,6 +186,7 @@ class WarehouseScript:
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         self._plan, self._noise = FloorPlan.of(spec), check_noise(noise)
+        self._last = LastMeans()
         self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
         bodies = np.array([(robot.radius, robot.max_speed) for robot in spec.robots])
         limits = limits_of(spec)
@@ -197,6 +199,16 @@ class WarehouseScript:
         """Does nothing: the policy remembers nothing."""
 
     def act(self, step: Step) -> Float:
+        commands = self._last.keep(step, self._commands(step))
+        return actions_of(commands, step, self._noise, self._action_size)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        commands = self._last.recall(step)
+        if commands is None:
+            commands = self._commands(step)
+        return noisy_log_probs(commands, actions, self._noise)
+
+    def _commands(self, step: Step) -> Double:
         plan, states = self._plan, robots_of(step.states, self._n_agents).astype(np.float64)
         robots = np.ascontiguousarray(states[..., [X, Y, VX, VY, TX, TY, UX, UY]])
         commands = np.empty((*robots.shape[:2], 2))
@@ -204,4 +216,4 @@ class WarehouseScript:
             robots, self._team, self._half, step.layouts, plan.lanes, plan.rows, plan.middles,
             self._tracks, commands,
         )  # fmt: skip
-        return actions_of(commands, step, self._noise, self._action_size)
+        return commands

@@ -96,7 +96,9 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
         "\n## Arrays\n\n"
         + table(("array", "dtype", "shape"), arrays)
         + f"\nColumns of `events`: {', '.join(EVENTS)}. Actions are commands in [-1, 1], scaled by "
-        "the robot's limit.\n"
+        "the robot's limit. `log_probs` are the log-probabilities of the robots' actions under the "
+        "policy that made them: sums over components of the log-density of the action noise inside "
+        "(-1, 1) and of the log of the mass that was clipped to a bound; 0 without noise.\n"
         + "\n### Observation of one robot\n\n"
         + _fieldtable(rows)
         + "\n### State\n\n"

@@ -1,28 +1,40 @@
 """What the package knows about published datasets and about the reference policies of each task."""
 
 import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
-from swarmdata.frozen import Frozen
-from swarmdata.store import Manifest
+from swarmdata.frozen import Frozen, Probability
+from swarmdata.store import EpisodeTable, StoredDataset
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class Published(Frozen):
-    """The digest and size of one published (id, version)."""
+class Figures(Frozen):
+    """Sums and means over recorded episodes, action noise included."""
 
-    digest: Sha256
     n_steps: Annotated[int, Field(ge=1)]
     n_episodes: Annotated[int, Field(ge=1)]
+    mean_return: float
+    success: Probability
+    clean_success: Probability  # solved without any contact
+
+
+class Published(Figures):
+    """One published (id, version): what it is made from, what it is, what is in it."""
+
+    recipe_hash: Sha256
+    digest: Sha256  # logical: of names, dtypes, shapes and values of the arrays
+    transport_digest: Sha256  # of the files: `Manifest.transport_digest`
     n_bytes: Annotated[int, Field(ge=1)]
-    mean_return: float  # of its episodes
+    policies: dict[str, Figures]  # by label in the recipe
     made_with: dict[str, str]  # versions and platform
 
 
@@ -66,15 +78,43 @@ class TaskReferences(Frozen):
         return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
 
 
-def publication(manifest: Manifest, mean_return: float) -> Published:
+def publication(stored: StoredDataset) -> Published:
     """Returns what is published of a built dataset."""
+    manifest, table = stored.manifest, stored.table
+    labels = [source.label for source in stored.recipe.policies]
     return Published(
+        **figures_of(table).model_dump(),
+        recipe_hash=manifest.recipe_hash,
         digest=manifest.digest,
-        n_steps=manifest.n_steps,
-        n_episodes=manifest.n_episodes,
+        transport_digest=manifest.transport_digest,
         n_bytes=sum(entry.size for entry in manifest.files.values()),
-        mean_return=mean_return,
+        policies={
+            label: figures_of(table.take(np.flatnonzero(table.policy == index)))
+            for index, label in enumerate(labels)
+            if (table.policy == index).any()
+        },
         made_with=manifest.provenance,
+    )
+
+
+def figures_of(table: EpisodeTable) -> Figures:
+    """Figures of all episodes of a table; means are of exact sums, the same on every machine."""
+    untouched = (table.robot_collisions == 0) & (table.obstacle_collisions == 0)
+    return Figures(
+        n_steps=int(table.lengths.sum()),
+        n_episodes=len(table),
+        mean_return=math.fsum(table.team_return.tolist()) / len(table),
+        success=int(table.success.sum()) / len(table),
+        clean_success=int((table.success & untouched).sum()) / len(table),
+    )
+
+
+def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
+    """What differs from the versions and the platform that something was made with, in words."""
+    return tuple(
+        f"{name} {here.get(name, 'none')} instead of {version}"
+        for name, version in sorted(made_with.items())
+        if here.get(name) != version
     )
 
 

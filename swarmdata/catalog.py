@@ -12,7 +12,13 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
-from swarmdata.cards.schema import Published, TaskReferences, published, references_of
+from swarmdata.cards.schema import (
+    Published,
+    TaskReferences,
+    changed_versions,
+    published,
+    references_of,
+)
 from swarmdata.dataset import Dataset
 from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
@@ -130,12 +136,7 @@ def known_references(spec: TaskSpec) -> Reference | None:
 
 
 def _differs(dataset: Dataset, entry: Published) -> str:
-    made, here = entry.made_with, dataset.stored.manifest.provenance
-    changed = [
-        f"{name} {here.get(name, 'none')} instead of {version}"
-        for name, version in sorted(made.items())
-        if here.get(name) != version
-    ]
+    changed = changed_versions(entry.made_with, dataset.stored.manifest.provenance)
     return (
         f"{dataset.id} at {dataset.path} has digest {dataset.digest[:12]}, the published one has "
         f"{entry.digest[:12]}. It is kept and usable, but results on it are not exactly comparable."

@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from swarmdata import __version__
 from swarmdata.errors import SwarmdataError
+from swarmdata.registry_commands import registry_app
 from swarmdata.task_commands import Communication, Observation, task_app
 
 
@@ -35,6 +36,7 @@ app = typer.Typer(
     help="Offline multi-agent RL datasets for multi-robot tasks.",
 )
 app.add_typer(task_app, name="task")
+app.add_typer(registry_app, name="registry")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
 IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
@@ -347,29 +349,11 @@ def references(
         _update(out, {Path(task).stem: table.model_dump(mode="json")})
 
 
-@app.command()
-def digests(
-    datasets: Annotated[list[str], typer.Argument(metavar="ID...")],
-    out: Annotated[
-        Path | None, typer.Option(help="JSON file in which to replace these ids")
-    ] = None,
-) -> None:
-    """Take the digests of built datasets, for publishing (cards/published.json)."""
-    from swarmdata.cards.schema import publication
-    from swarmdata.dataset import Dataset
-
-    opened = [Dataset.open(_folder(dataset)) for dataset in datasets]
-    entries = {
-        d.id: publication(d.stored.manifest, float(d.episodes.team_return.mean())) for d in opened
-    }
-    _update(out, {key: entry.model_dump(mode="json") for key, entry in entries.items()})
-
-
 def _update(path: Path | None, entries: dict[str, Any]) -> None:
     """Prints the entries, or puts them into a JSON file."""
-    there = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
-    text = json.dumps({**there, **entries}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    from swarmdata.publishing import put_entries
+
     if path is None:
-        typer.echo(text, nl=False)
+        typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
     else:
-        path.write_text(text, encoding="utf-8")
+        put_entries(path, entries)

@@ -285,7 +285,8 @@ class Dataset:
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
-            [n, N, A]; rewards [n, N]; terminations, truncations [n]; episodes [n].
+            [n, N, A]; log_probs of the actions under the policies that made them (`density`),
+            rewards [n, N]; terminations, truncations [n]; episodes [n].
         """
         rows = Rows.locate(self.stored.table, self.selection)
         batch = gather_transitions(self.stored.arrays, rows, rows.valid)
@@ -293,6 +294,7 @@ class Dataset:
         return {
             "observations": batch.observations,
             "actions": batch.actions,
+            "log_probs": self.stored.arrays["log_probs"].take(rows.valid, axis=0),
             "rewards": batch.rewards,
             "next_observations": batch.next_observations,
             "states": batch.states,

@@ -115,6 +115,19 @@ class Policy(Protocol):
         """
         ...
 
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        """Returns the log-probability of each robot's action, float32 [E, N], as `density` says.
+
+        Pure, elementwise over copies, and finite for what `act` returned on this step. A policy
+        with memory knows it of the step that it acted on last only, and raises SchemaError for
+        any other; the others know it of every step and action.
+
+        Args:
+            step: what the actions answer.
+            actions: joint actions in [-1, 1], float32 [E, N, A].
+        """
+        ...
+
 
 @runtime_checkable
 class OnlineAlgorithm(Protocol):

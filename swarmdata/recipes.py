@@ -118,13 +118,14 @@ def make_part(
 
 def work() -> None:
     """Makes parts until told to stop; runs in worker processes."""
-    copies: dict[TaskSpec, VecEnv] = {}  # kept from part to part
+    copies: dict[tuple[TaskSpec, int], VecEnv] = {}  # kept from part to part
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         recipe = Recipe.from_text(payload["recipe"])
-        if recipe.spec not in copies:
-            copies[recipe.spec] = make_env(recipe.spec, N_COPIES)
-        env = copies[recipe.spec]
+        kind = recipe.spec, min(N_COPIES, recipe.part_episodes)  # more copies would run in vain
+        if kind not in copies:
+            copies[kind] = make_env(*kind)
+        env = copies[kind]
         episodes = make_part(recipe, payload["policy"], payload["part"], env, report)
         write_part(Path(payload["folder"]), episodes)
 

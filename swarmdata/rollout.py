@@ -12,6 +12,7 @@ from swarmdata.types import (
     STEP_FIELDS,
     Bool,
     Episode,
+    Float,
     Int,
     Seeds,
     Step,
@@ -46,8 +47,9 @@ def rollout(
         An iterator of `len(seeds)` episodes; their arrays are the caller's.
 
     Raises:
-        SchemaError: `seeds` is not uint64 [n], the policy's actions are not float32 [E, N, A], or
-            an episode outlives the horizon of its spec.
+        SchemaError: `seeds` is not uint64 [n], the policy's actions are not float32 [E, N, A] or
+            their log-probabilities not float32 [E, N], or an episode outlives the horizon of its
+            spec.
     """
     if seeds.dtype != np.uint64 or seeds.ndim != 1:
         raise SchemaError(
@@ -114,7 +116,7 @@ class _Tape:
         self.starts: Int = np.zeros(E, np.int64)  # row of each copy's first observation
         self.lengths: Int = np.zeros(E, np.int64)  # steps recorded since then
         actions = np.empty((*step.rewards.shape, env.action_size), np.float32)
-        like = {**step._asdict(), "actions": actions}
+        like = {**step._asdict(), "actions": actions, "log_probs": step.rewards}
         self.tapes = {
             name: np.empty((R, *like[name].shape), like[name].dtype)
             for name in (*STATE_FIELDS, *STEP_FIELDS)
@@ -130,15 +132,10 @@ class _Tape:
     def advance(self, env: VecEnv, policy: Policy, step: Step, wanted: Bool) -> Step:
         """Lets the policy act once in all copies; the rows of copies not `wanted` [E] are noise."""
         actions = policy.act(step)
-        expected = self.tapes["actions"].shape[1:]
-        if actions.dtype != np.float32 or actions.shape != expected:
-            raise SchemaError(
-                f"{type(policy).__name__}.act returned {actions.dtype} {list(actions.shape)}, "
-                f"expected float32 {list(expected)} (copies, agents, action size)."
-            )
-        self.tapes["actions"][self.row] = actions
+        self._write(policy, "act", "actions", actions)
+        self._write(policy, "log_probs", "log_probs", policy.log_probs(step, actions))
         step = env.step(actions)
-        for name in STEP_FIELDS[1:]:
+        for name in STEP_FIELDS[2:]:
             self.tapes[name][self.row] = getattr(step, name)
         self.row = (self.row + 1) % self.n_rows
         for name in STATE_FIELDS:
@@ -146,6 +143,21 @@ class _Tape:
         self.lengths += 1
         self._check_horizon(step, wanted)
         return step
+
+    def _write(self, policy: Policy, method: str, name: str, values: Float) -> None:
+        """Records what a policy said of the current step.
+
+        Raises:
+            SchemaError: the values are of another dtype or shape.
+        """
+        expected = self.tapes[name].shape[1:]
+        if values.dtype != np.float32 or values.shape != expected:
+            raise SchemaError(
+                f"{type(policy).__name__}.{method} returned {values.dtype} {list(values.shape)}, "
+                f"expected float32 {list(expected)} (copies, agents"
+                f"{', action size' if name == 'actions' else ''})."
+            )
+        self.tapes[name][self.row] = values
 
     def _check_horizon(self, step: Step, wanted: Bool) -> None:
         """Raises before the ring would overwrite the beginning of an episode that goes on."""

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.behavior_policies.tiers import (
-    MIXTURES,
+    TIERS,
+    TRAINED,
     find_recipe,
     is_dataset,
     shipped_recipes,
@@ -97,7 +98,7 @@ def find_target(
     if name in POLICIES and name != "learned":
         spec = models.offered_to(name, find_spec(task), is_fixed=False)
         return Target(name, spec, (make_policy(name, spec),), {"policy": name})
-    if name in MIXTURES and MIXTURES[name][0] == (name,) and (found := sources(task, name, 0.0)):
+    if name in TRAINED and (found := sources(task, name, 0.0)):
         spec = models.offered_to(name, find_spec(task), is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
         digests = [source.sha256 for source in found]
@@ -107,8 +108,7 @@ def find_target(
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
     if not is_dataset(name):
-        tiers = {tier for tier, (parts, _) in MIXTURES.items() if parts == (tier,)}
-        trained = {tier for tier in tiers if sources(task, tier)}
+        trained = {tier for tier in TRAINED if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)
@@ -198,6 +198,6 @@ def measure_references(
         SpecError: the file is not a spec.
     """
     find_spec(task)
-    there = [name for name in names if name not in MIXTURES or sources(task, name)]
+    there = [name for name in names if name not in TIERS or sources(task, name)]
     targets = [find_target(name, task) for name in there]
     return summarize({t.label: evaluate_target(t, n_episodes, progress=progress) for t in targets})

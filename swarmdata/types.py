@@ -74,7 +74,7 @@ class Step(NamedTuple):
 STATE_FIELDS = ("observations", "states", "sent", "delivered", "ages")
 """Fields of an episode with a row for each state, T + 1."""
 
-STEP_FIELDS = ("actions", "rewards", "terminations", "truncations", "events")
+STEP_FIELDS = ("actions", "log_probs", "rewards", "terminations", "truncations", "events")
 """Fields of an episode with a row for each joint action, T."""
 
 
@@ -107,6 +107,7 @@ class Episode:
     observations: Float  # [T+1, N, O]
     states: Float  # [T+1, S]
     actions: Float  # [T, N, A]
+    log_probs: Float  # [T, N] of each robot's action under the policy that made it: `density`
     rewards: Float  # [T, N]
     terminations: Bool  # [T]
     truncations: Bool  # [T]

@@ -88,8 +88,7 @@ def test_load_through_other_models(cache_folder: Path) -> None:
 def test_other_digest_than_the_published_is_kept_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    manifest = load("x", path=tmp_path / "d", workers=1, progress=False).stored.manifest
-    right = publication(manifest, mean_return=1.0)
+    right = publication(load("x", path=tmp_path / "d", workers=1, progress=False).stored)
     wrong = Published(
         **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
     )

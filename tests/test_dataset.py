@@ -137,6 +137,7 @@ def test_transitions_are_aligned_and_complete(dataset: Dataset) -> None:
         assert np.array_equal(transitions[name][:, 1, 2], np.ones(view.n_steps))
     assert np.array_equal(transitions["next_states"][:, 1], times + 1)
     assert np.array_equal(transitions["actions"], np.concatenate([e.actions for e in view]))
+    assert np.array_equal(transitions["log_probs"], np.concatenate([e.log_probs for e in view]))
     ends = transitions["terminations"] | transitions["truncations"]
     assert np.array_equal(np.flatnonzero(ends), np.cumsum(lengths) - 1)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from swarmdata import __version__
+from swarmdata.density import noisy_log_probs
 from swarmdata.errors import FormatVersionError, SchemaError
 from swarmdata.evaluate import check_comparable, evaluate, load, load_metadata, save
 from swarmdata.metrics import metrics_of
@@ -32,6 +33,9 @@ class Seek:
 
     def act(self, step: Step) -> Float:
         return np.clip(step.observations[..., 6:8], -1.0, 1.0)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
 
 
 def result(policy: str = "seek", n: int = 5, **changes: Any) -> EvalResult:

@@ -35,6 +35,7 @@ def episode(**changes: Any) -> Episode:
         "observations": np.zeros((4, 2, 1), np.float32),
         "states": states.reshape(4, -1),
         "actions": np.zeros((3, 2, 2), np.float32),
+        "log_probs": np.zeros((3, 2), np.float32),
         "rewards": np.array([[1, 2], [3, 4], [5, 7]], np.float32),
         "terminations": np.array([False, False, True]),
         "truncations": np.zeros(3, np.bool_),

@@ -105,6 +105,10 @@ class Noisy:
         self.buffer[:] = (bits.astype(np.float32) * np.float32(2.0**-24))[:, None, None]
         return self.buffer  # reused on purpose: a recorder must copy
 
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        assert actions is self.buffer
+        return -actions[..., 0] * (1 + step.times[:, None]).astype(np.float32)
+
 
 def run(
     seeds: Seeds, n_copies: int, progress: Callable[[int], object] | None = None
@@ -137,6 +141,8 @@ def test_episodes_are_complete_and_in_order(n_copies: int) -> None:
         assert (episode.states == [[episode.seed, t] for t in range(T + 1)]).all()
         assert (episode.events[..., 0] == np.arange(1, T + 1)[:, None]).all()
         assert (episode.rewards == episode.actions.sum(2)).all()
+        times = np.arange(1, T + 1, dtype=np.float32)[:, None]
+        assert (episode.log_probs == -episode.actions[..., 0] * times).all()
         gained = np.diff(episode.observations[:, 0, 3])
         np.testing.assert_allclose(gained, episode.actions.sum((1, 2)), rtol=1e-5)
         ended = episode.terminations | episode.truncations
@@ -207,6 +213,15 @@ def test_wrong_actions_are_refused() -> None:
         SchemaError, match=r"Noisy.act returned float64 \[2, 3, 2\], expected float32"
     ):
         next(rollout(Counting(2), policy, SEEDS))
+
+
+def test_wrong_log_probs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Noisy, "log_probs", lambda self, step, actions: actions)
+    with pytest.raises(
+        SchemaError,
+        match=r"Noisy.log_probs returned float32 \[2, 3, 2\], expected float32 \[2, 3\]",
+    ):
+        next(rollout(Counting(2), Noisy(2), SEEDS))
 
 
 def test_an_episode_beyond_the_horizon_is_an_error() -> None:

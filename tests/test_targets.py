@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from swarmdata import catalog, targets
+from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.models import with_models
@@ -31,7 +32,7 @@ def test_scripted_policies_act_under_any_models(name: str, communication: str) -
 
 def test_a_tier_accepts_noise_and_refuses_other_features() -> None:
     target = find_target("expert", "coop_nav", "state+noise-0.1")
-    assert len(target.policies) == 3
+    assert len(target.policies) == len(checkpoints("coop_nav", "expert"))
     assert target.spec.observation.noise.position == 0.1
     for models in (("lidar", None), (None, "perfect")):
         with pytest.raises(SchemaError, match="expert was trained with observation state, comm"):

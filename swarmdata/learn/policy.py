@@ -1,12 +1,13 @@
 """TorchPolicy, the greedy policy of one seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame
 from swarmdata.learn.inputs import standardize, with_agent_id
@@ -35,12 +36,21 @@ class TorchPolicy:
     squash: bool
     frame: Frame | None = None
     uses_state: bool = False
+    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
-        return self.actions(step.observations)
+        actions = self.actions(step.observations)
+        self._last.keep(step, actions.astype(np.float64))
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        means = self._last.recall(step)  # right after `act`: the network need not run again
+        if means is None:
+            means = self.actions(step.observations).astype(np.float64)
+        return noisy_log_probs(means, actions, 0.0)
 
     def actions(self, observations: Float) -> Float:
         """Returns the actor's actions, float32 [E, N, A], for observations [E, N, O].

@@ -24,6 +24,8 @@ def save_policy(path: Path, policy: Policy) -> None:
     metadata: dict[str, Any] = {"kind": type(policy).__name__}
     for field in fields(policy):  # type: ignore[arg-type]
         value = getattr(policy, field.name)
+        if not field.init:  # what a policy remembers of its last step
+            continue
         if field.name == "layers":
             for index, layer in enumerate(value):
                 parts = layer._asdict().items()

@@ -51,6 +51,7 @@ FIELDS = {
     "delivered": Field("bool", "states", ("state", "agent", "sender")),
     "ages": Field("uint8", "states", ("state", "agent", "sender")),
     "actions": Field("float32", "steps", ("step", "agent", "action")),
+    "log_probs": Field("float32", "steps", ("step", "agent")),
     "rewards": Field("float32", "steps", ("step", "agent")),
     "terminations": Field("bool", "steps", ("step",)),
     "truncations": Field("bool", "steps", ("step",)),

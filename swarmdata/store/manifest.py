@@ -87,6 +87,17 @@ class Manifest(_Section):
     statistics: StatisticsEntry
     provenance: dict[str, str]  # versions and platform; in no digest
 
+    @property
+    def transport_digest(self) -> str:
+        """SHA-256 over the lines `<sha256>  <path>` of all `files`, sorted by path, as hex.
+
+        It changes with every byte of every file but the manifest, and so with chunks, metadata and
+        the recipe's text, where `digest` changes with values only. In a dataset's folder,
+        `sha256sum $(find data.zarr recipe.json -type f | LC_ALL=C sort) | sha256sum` gives it.
+        """
+        lines = (f"{self.files[path].sha256}  {path}\n" for path in sorted(self.files))
+        return hashlib.sha256("".join(lines).encode()).hexdigest()
+
     def to_bytes(self) -> bytes:
         """The file's content, checksum included."""
         content = {"checksum": "0" * 64, **self.model_dump(mode="json")}

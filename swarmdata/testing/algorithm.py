@@ -75,6 +75,10 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
     assert actions.dtype == np.float32, f"actions have dtype {actions.dtype}"
     assert actions.shape[:2] == (n_copies, n_agents), f"actions have shape {actions.shape}"
     assert np.abs(actions).max() <= 1, "actions leave [-1, 1]"
+    sure = policy.log_probs(step, actions)
+    assert sure.dtype == np.float32, f"log_probs have dtype {sure.dtype}"
+    assert sure.shape == (n_copies, n_agents), f"log_probs have shape {sure.shape}"
+    assert not sure.any(), "a greedy policy is not sure of its own actions"
     single = _act(policy, Step._make(field[:1] for field in step))
     assert np.array_equal(single, actions[:1]), "actions depend on the other copies"
     other = _act(algorithm.policy(1), step)

@@ -67,7 +67,7 @@ def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
     _require(not (episode.terminations & episode.truncations).any(), where + "ended in two ways")
     is_horizon = END_REASONS[episode.end_reason] == "horizon"
     _require(bool(episode.truncations[-1]) == is_horizon, where + "end reason and flags differ")
-    for name in ("observations", "states", "actions", "rewards", "layout"):
+    for name in ("observations", "states", "actions", "log_probs", "rewards", "layout"):
         _require(bool(np.isfinite(getattr(episode, name)).all()), f"{where}{name} is not finite")
     _require(bool((np.abs(episode.actions) <= 1).all()), where + "actions leave [-1, 1]")
     row: tuple[Any, ...] = (

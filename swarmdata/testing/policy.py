@@ -38,6 +38,7 @@ def check_policy(
         AssertionError: a promise is broken.
     """
     check_actions(policy, spec, make_env, n_steps)
+    check_log_probs(policy, spec, make_env, n_steps)
     check_batch_invariance(policy, spec, make_env, n_episodes)  # first: sight needs repeatable acts
     check_sight(policy, spec, make_env, n_steps)
 
@@ -45,7 +46,8 @@ def check_policy(
 def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
     """Actions are fresh, finite, in range, and asked for without side effects."""
     assert isinstance(policy, Policy), (
-        f"{type(policy).__name__} lacks one of uses_state, reset(step, copies), act(step)"
+        f"{type(policy).__name__} lacks one of uses_state, reset(step, copies), act(step), "
+        "log_probs(step, actions)"
     )
     assert isinstance(policy.uses_state, bool), f"uses_state is {policy.uses_state!r}, not a bool"
     env, step = _start(policy, spec, make_env)
@@ -65,6 +67,33 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
         kept = actions.copy()
         step = env.step(actions)
         assert np.array_equal(actions, kept), "the environment changed the actions"
+
+
+def check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+    """Log-probabilities are finite for what the policy did, elementwise, pure, and repeatable."""
+    env, step = _start(policy, spec, make_env)
+    expected = env.n_copies, spec.n_agents
+    for _ in range(n_steps):
+        actions = policy.act(step).copy()
+        kept, before, generators = actions.copy(), [f.copy() for f in step], _global_generators()
+        log_probs = policy.log_probs(step, actions).copy()
+        assert _global_generators() == generators, "log_probs drew from a global generator"
+        for name, old, new in zip(Step._fields, before, step, strict=True):
+            assert np.array_equal(old, np.asarray(new)), f"log_probs wrote to step.{name}"
+        assert np.array_equal(actions, kept), "log_probs wrote to the actions"
+        assert log_probs.dtype == np.float32, f"log_probs are {log_probs.dtype}, not float32"
+        assert log_probs.shape == expected, (
+            f"log_probs are {log_probs.shape}, not [E, N] {expected}"
+        )
+        assert np.isfinite(log_probs).all(), "log_probs of the policy's own actions are not finite"
+        again = policy.log_probs(step, actions)
+        assert np.array_equal(again, log_probs), "log_probs change when they are asked for again"
+        other = actions.copy()
+        other[0, 0] = np.where(other[0, 0] > 0.0, -0.5, 0.5)
+        changed = policy.log_probs(step, other) != log_probs
+        changed[0, 0] = False
+        assert not changed.any(), "the log-probability of an action depends on other robots'"
+        step = env.step(actions)
 
 
 def check_sight(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
@@ -114,14 +143,17 @@ def _global_generators() -> tuple[object, ...]:
 def _actions(
     policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int, *, hidden: bool
 ) -> Float:
-    """Actions of three copies, [n_steps, E, N, A]."""
+    """Actions of three copies and their log-probabilities, [n_steps, E, N, A + 1]."""
     env = make_env(spec, 3)
     step = env.reset(np.arange(_BASE, _BASE + 3, dtype=np.uint64))
     policy.reset(_hide(step) if hidden else step, np.arange(3))
     rows = []
     for _ in range(n_steps):
-        rows.append(policy.act(_hide(step) if hidden else step).copy())
-        step = env.step(rows[-1])
+        seen = _hide(step) if hidden else step
+        actions = policy.act(seen).copy()
+        log_probs = policy.log_probs(seen, actions)[..., None]
+        rows.append(np.concatenate([actions, log_probs], axis=-1))
+        step = env.step(actions)
     return np.stack(rows)
 
 

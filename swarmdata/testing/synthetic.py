@@ -43,6 +43,7 @@ def make_episode(
         observations=observations,
         states=states,
         actions=rng.uniform(-1, 1, size=(length, n_agents, A)).astype(np.float32),
+        log_probs=rng.standard_normal((length, n_agents), dtype=np.float32),
         rewards=rng.standard_normal((length, n_agents), dtype=np.float32),
         terminations=ends & (not horizon),
         truncations=ends & horizon,

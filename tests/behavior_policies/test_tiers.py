@@ -1,40 +1,64 @@
 """The shipped recipes."""
 
 from types import MappingProxyType
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from swarmdata.behavior_policies import tiers
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import (
+    FAMILIES,
+    SPECS,
+    TIERS,
+    TRAINED,
     Checkpoint,
+    Index,
     checkpoints,
     find_recipe,
     is_dataset,
+    part_size,
     shipped_recipes,
     sources,
 )
-from swarmdata.errors import UnknownNameError
-from swarmdata.spec import Recipe
+from swarmdata.errors import BuildError, UnknownNameError
+from swarmdata.spec import PolicySource, Recipe
+
+FRAMES = {0: 1_000_000, 1: 3_000_000}
+"""Joint steps of two runs to their mediums."""
+
+
+def checkpoint(tier: str, k: int, **changes: Any) -> Checkpoint:
+    fields = {"file": f"{tier}-{k}.safetensors", "sha256": "a" * 64, "frames": 5, "policy": k}
+    return Checkpoint.parse({**fields, "share": 1.0, "figures": {}, **changes})
+
+
+INDEX = {
+    "medium": tuple(checkpoint("medium", k, frames=FRAMES[k]) for k in FRAMES),
+    "expert": tuple(checkpoint("expert", k) for k in range(3)),
+    "medium-replay": tuple(
+        checkpoint("replay", 4 * k + part, policy=k, share=0.25, noise=0.5 - 0.1 * part)
+        for k in FRAMES
+        for part in range(4)
+    ),
+    "mixed-conventions": tuple(checkpoint("mixed", k) for k in range(2)),
+}
 
 
 @pytest.fixture
 def trained(monkeypatch: pytest.MonkeyPatch) -> MappingProxyType[str, Recipe]:
-    """The recipes there would be with three medium and two expert checkpoints."""
-    table = {
-        tier: tuple(
-            Checkpoint(file=f"{tier}-{k}.safetensors", sha256="a" * 64, frames=1, figures={})
-            for k in range(n)
-        )
-        for tier, n in (("medium", 3), ("expert", 2))
-    }
-    monkeypatch.setattr(tiers, "checkpoints", lambda task, tier: table[tier])
+    """The recipes there would be with checkpoints for `coop_nav` and `formation-n8`."""
+    table = {"coop_nav": INDEX, "formation-n8": {"expert": INDEX["expert"]}}
+    monkeypatch.setattr(tiers, "checkpoints", lambda name, tier: table.get(name, {}).get(tier, ()))
     return shipped_recipes.__wrapped__()
 
 
 def test_without_version_means_the_newest() -> None:
     assert find_recipe("coop_nav-random") is find_recipe("coop_nav-random-v0")
     assert is_dataset("coop_nav-random")
+    assert is_dataset("formation-n8-scripted-mini")
     assert not is_dataset("random")
 
 
@@ -46,19 +70,30 @@ def test_unknown_id_or_version() -> None:
 def test_every_tier_has_a_mini_of_the_same_episodes(
     trained: MappingProxyType[str, Recipe],
 ) -> None:
-    names = ("random", "scripted", "medium", "expert", "medium-expert")
-    assert set(trained) == {f"coop_nav-{n}{s}-v0" for n in names for s in ("", "-mini")}
+    names = {f"coop_nav-{name}" for name in TIERS}
+    names |= {f"{family}-{name}" for family in FAMILIES for name in ("random", "scripted")}
+    names |= {"formation-n8-expert"}
+    assert set(trained) == {f"{n}{s}-v0" for n in names for s in ("", "-mini")}
     for name in names:
-        full, mini = trained[f"coop_nav-{name}-v0"], trained[f"coop_nav-{name}-mini-v0"]
+        full, mini = trained[f"{name}-v0"], trained[f"{name}-mini-v0"]
         free = {"id", "n_steps", "part_episodes"}  # none of which decides what an episode is
         assert full.model_dump(exclude=free) == mini.model_dump(exclude=free)
         assert mini.n_steps * 20 == full.n_steps == 1_000_000
 
 
+def test_recipes_are_of_the_spec_of_their_preset(
+    trained: MappingProxyType[str, Recipe],
+) -> None:
+    assert {spec.n_agents for spec in SPECS.values()} == {4, 8}
+    for key, recipe in trained.items():
+        family = max((name for name in FAMILIES if key.startswith(f"{name}-")), key=len)
+        assert recipe.spec == SPECS[family]
+
+
 def test_no_two_tiers_share_their_episodes(trained: MappingProxyType[str, Recipe]) -> None:
     seeds = {recipe.tier: recipe.seed for recipe in trained.values()}
 
-    assert len(set(seeds.values())) == len(seeds) == 5
+    assert len(set(seeds.values())) == len(seeds) == len(TIERS)
 
 
 def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> None:
@@ -73,13 +108,64 @@ def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> Non
     assert {policy.noise for policy in policies} == {0.1}
 
 
-def test_reference_policies_have_no_noise(trained: MappingProxyType[str, Recipe]) -> None:
+def test_replay_is_in_the_proportion_of_training_with_its_noise(
+    trained: MappingProxyType[str, Recipe],
+) -> None:
+    policies = trained["coop_nav-medium-replay-v0"].policies
+    shares = [policy.share for policy in policies]
+
+    assert len({policy.label for policy in policies}) == 8
+    assert shares[4:] == [3.0 * share for share in shares[:4]]
+    assert len(set(shares[:4])) == 1
+    assert [policy.noise for policy in policies[:4]] == pytest.approx([0.5, 0.4, 0.3, 0.2])
+
+
+def test_replay_without_its_medium_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = {**INDEX, "medium": INDEX["medium"][:1]}
+    monkeypatch.setattr(tiers, "checkpoints", lambda name, tier: table[tier])
+    with pytest.raises(BuildError, match="of run 1 of coop_nav, which has 0 mediums"):
+        sources("coop_nav", "medium-replay")
+
+
+def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> None:
+    mixed = trained["coop_nav-mixed-conventions-v0"].policies
+    (narrow,) = trained["coop_nav-narrow-v0"].policies
+
+    assert [policy.noise for policy in mixed] == [0.05, 0.05]
+    assert (narrow.checkpoint, narrow.noise) == ("expert-0.safetensors", 0.02)
+
+
+def test_evaluated_policies_have_no_noise(trained: MappingProxyType[str, Recipe]) -> None:
     assert trained
-    assert [source.noise for source in sources("coop_nav", "expert", 0.0)] == [0.0, 0.0]
+    for tier in TRAINED:
+        found = sources("coop_nav", tier, 0.0)
+        assert [source.noise for source in found] == [0.0] * len(INDEX[tier])
     assert sources("coop_nav", "scripted")[0].noise == 0.0
+    assert sources("warehouse", "expert") == ()
 
 
-@pytest.mark.parametrize("tier", ["medium", "expert"])
-def test_shipped_checkpoints_are_those_of_the_index(tier: str) -> None:
-    for checkpoint in checkpoints("coop_nav", tier):
-        assert read_checkpoint(checkpoint.file, checkpoint.sha256)
+@given(
+    shares=st.lists(st.floats(0.01, 10.0), min_size=1, max_size=40),
+    n_steps=st.sampled_from([50_000, 1_000_000]),
+    family=st.sampled_from(FAMILIES),
+)
+def test_parts_suit_the_smallest_share(shares: list[float], n_steps: int, family: str) -> None:
+    policies = [PolicySource(label=str(k), name="x", share=s) for k, s in enumerate(shares)]
+    size = part_size(SPECS[family], policies, n_steps)
+
+    assert size in (4, 8, 16, 32, 64, 128, 256)
+    needed = n_steps * min(shares) / sum(shares)
+    assert size == 4 or size * SPECS[family].horizon <= needed / 2 + 1e-6
+
+
+@pytest.mark.parametrize("tier", TRAINED)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_shipped_checkpoints_are_those_of_the_index(family: str, tier: str) -> None:
+    for shipped in checkpoints(family, tier):
+        assert read_checkpoint(shipped.file, shipped.sha256)
+
+
+def test_an_index_with_unknown_keys_is_refused() -> None:
+    entry = checkpoint("medium", 0).model_dump() | {"steps": 3}
+    with pytest.raises(ValueError, match="steps"):
+        Index.model_validate({"coop_nav": {"medium": [entry]}})

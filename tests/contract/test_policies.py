@@ -10,6 +10,7 @@ import pytest
 
 from swarmdata import registry
 from swarmdata.interfaces import Policy
+from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.spec import TaskSpec
 from swarmdata.testing.policy import check_policy
@@ -30,6 +31,14 @@ def checkpoints() -> list[Any]:
 @pytest.mark.parametrize("name", sorted(set(registry.POLICIES) - {"learned"}))
 def test_registered_policies_keep_the_contract(name: str) -> None:
     check_policy(make_policy(name, SPEC), SPEC, make_env)
+
+
+@pytest.mark.parametrize("task", sorted(registry.TASKS))
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: float) -> None:
+    spec = preset(task).with_updates(horizon=6)
+    policy = make_policy("scripted", spec, noise=noise)
+    check_policy(policy, spec, make_env, n_episodes=3, n_steps=5)
 
 
 @pytest.mark.parametrize("checkpoint", checkpoints(), ids=lambda item: item.name)
@@ -54,6 +63,9 @@ class Good:
     def act(self, step: Step) -> Float:
         self.calls += 1
         return np.clip(step.observations[..., 6:8], -1.0, 1.0)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros(actions.shape[:2], np.float32)
 
 
 class Loud(Good):
@@ -111,6 +123,27 @@ class Crowd(Good):
         return mixed
 
 
+class Impossible(Good):
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.full(actions.shape[:2], -np.inf, np.float32)
+
+
+class PerComponent(Good):
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros_like(actions)
+
+
+class Forgetful(Good):
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        self.calls += 1
+        return np.full(actions.shape[:2], -self.calls, np.float32)
+
+
+class Team(Good):
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.broadcast_to(actions.sum(), actions.shape[:2]).astype(np.float32)
+
+
 def test_a_good_policy_passes() -> None:
     check_policy(Good(), SPEC, make_env)
 
@@ -131,6 +164,10 @@ def test_what_is_no_policy_is_named() -> None:
         (Vandal, "act wrote to step.observations"),
         (Seer, "declare uses_state = True"),
         (Moody, "has other"),
+        (Impossible, "own actions are not finite"),
+        (PerComponent, r"log_probs are \(3, 4, 2\), not \[E, N\]"),
+        (Forgetful, "change when they are asked for again"),
+        (Team, "depends on other robots"),
         (Crowd, "has other .* copies than alone"),
     ],
 )

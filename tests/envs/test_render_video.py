@@ -35,6 +35,7 @@ def make_episode(*, is_solved: bool = True, has_channel: bool = False) -> Episod
         observations=np.zeros((T + 1, N, 1), np.float32),
         states=states.reshape(T + 1, -1),
         actions=np.zeros((T, N, 2), np.float32),
+        log_probs=np.zeros((T, N), np.float32),
         rewards=np.zeros((T, N), np.float32),
         terminations=ends & is_solved,
         truncations=ends & (not is_solved),

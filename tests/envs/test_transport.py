@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.density import noisy_log_probs
 from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.payload import obstacle_gap, payload_radius, payload_wall_gap, place_row
@@ -325,6 +326,9 @@ class Push:
 
     def act(self, step: Step) -> Float:
         return np.clip(crowd(step, 4), -1, 1).astype(np.float32)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return noisy_log_probs(crowd(step, 4).astype(np.float64), actions, 0.0)
 
 
 @pytest.mark.parametrize("spec", [DEFAULT, POSE], ids=["disc", "pose"])

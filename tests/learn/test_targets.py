@@ -23,6 +23,7 @@ def episode(rewards: list[float], level: float) -> Episode:
         observations=np.full((steps + 1, 2, 3), level, dtype=np.float32),
         states=np.full((steps + 1, 4), level, dtype=np.float32),
         actions=np.zeros((steps, 2, 2), dtype=np.float32),
+        log_probs=np.zeros((steps, 2), dtype=np.float32),
         rewards=np.repeat(np.array(rewards, dtype=np.float32)[:, None], 2, 1),
         terminations=last,
         truncations=np.zeros(steps, dtype=np.bool_),

@@ -43,6 +43,7 @@ def dataset() -> MemoryDataset:
             observations=rng.normal(size=(steps + 1, 2, 5)).astype("f4"),
             states=rng.normal(size=(steps + 1, 6)).astype("f4"),
             actions=rng.uniform(-1, 1, (steps, 2, 2)).astype("f4"),
+            log_probs=np.zeros((steps, 2), dtype="f4"),
             rewards=rng.normal(size=(steps, 2)).astype("f4"),
             terminations=last,
             truncations=np.zeros(steps, dtype=np.bool_),

@@ -35,6 +35,7 @@ def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
         observations=np.array(observations, dtype=np.float32),
         states=np.array(states, dtype=np.float32),
         actions=np.array(actions, dtype=np.float32),
+        log_probs=np.zeros((LENGTH, N_AGENTS), dtype=np.float32),
         rewards=np.array(rewards, dtype=np.float32),
         terminations=last & (not cut),
         truncations=last & cut,

@@ -90,6 +90,7 @@ def two_episodes() -> MemoryDataset:
             observations=np.zeros((steps + 1, 2, 3), dtype=np.float32),
             states=states,
             actions=np.zeros((steps, 2, 2), dtype=np.float32),
+            log_probs=np.zeros((steps, 2), dtype=np.float32),
             rewards=np.array([[1.0, 3.0], [5.0, 7.0]], dtype=np.float32),  # team: 2, 6
             terminations=last & (not cut),
             truncations=last & cut,

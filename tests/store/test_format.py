@@ -1,3 +1,4 @@
+import hashlib
 import json
 import math
 import subprocess
@@ -11,6 +12,8 @@ import zarr
 from swarmdata.store import assemble, merge_order, open_store, write_part
 from swarmdata.store import layout as layout_module
 from swarmdata.store.layout import FIELDS, array_file, crc32c, plan_shard
+from swarmdata.store.manifest import FileEntry
+from swarmdata.store.shards import file_digest
 from swarmdata.store.statistics import Moments
 from swarmdata.store.verification import logical_digest
 from swarmdata.testing.dataset import check_dataset
@@ -81,6 +84,21 @@ def test_digest_ignores_parts_and_chunks(tmp_path: Path, monkeypatch: pytest.Mon
     assert second.digest == first.digest
     assert second.statistics == first.statistics
     assert second.arrays["actions"].checksums != first.arrays["actions"].checksums
+
+
+def test_transport_digest_is_that_of_the_files(tmp_path: Path) -> None:
+    manifest, _ = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
+    files = [p for p in (tmp_path / "ds").rglob("*") if p.is_file() and p.name != "manifest.json"]
+    names = sorted(path.relative_to(tmp_path / "ds").as_posix() for path in files)
+    lines = [f"{file_digest(tmp_path / 'ds' / name)}  {name}\n" for name in names]
+    expected = hashlib.sha256("".join(lines).encode()).hexdigest()
+    assert manifest.transport_digest == expected
+
+    first = names[0]
+    other = FileEntry(size=manifest.files[first].size, sha256="0" * 64)
+    changed = manifest.model_copy(update={"files": {**manifest.files, first: other}})
+    assert changed.transport_digest != expected
+    assert changed.digest == manifest.digest
 
 
 def test_digest_depends_on_every_value(tmp_path: Path) -> None:

@@ -1,0 +1,55 @@
+"""What measured figures a tier must have: the bands, and what lies outside of them."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, checkpoints
+
+MEDIUM_SUCCESS = (0.4, 0.6)
+"""Success of a medium team, both ends included."""
+
+EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "coop_nav": {"success": 0.95, "clean_success": 0.85},
+        "formation": {"success": 0.95, "clean_success": 0.85},
+        "transport": {"success": 0.9},
+        "warehouse": {"success": 0.9},
+    }
+)
+"""Least figures of an expert team, by task."""
+
+N_POLICIES = 4
+"""Independently trained policies of a learned tier."""
+
+
+def complete_families() -> tuple[str, ...]:
+    """The presets whose mediums and experts are all trained: `out_of_band` must find nothing."""
+    return tuple(
+        family
+        for family in FAMILIES
+        if all(len(checkpoints(family, tier)) >= N_POLICIES for tier in ("medium", "expert"))
+    )
+
+
+def out_of_band(family: str, figures: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+    """What measured figures say against the tiers of a preset; empty if all keep their bands.
+
+    Args:
+        family: a preset's name.
+        figures: mean of each metric over the reserved episodes, by policy: `scripted`, `medium`
+            and `expert`, without noise.
+    """
+    medium, expert = figures["medium"], figures["expert"]
+    low, high = MEDIUM_SUCCESS
+    problems = []
+    if not low <= medium["success"] <= high:
+        problems.append(f"medium success is {medium['success']:.3f}, expected {low} to {high}")
+    for metric, least in EXPERT_AT_LEAST[SPECS[family].task].items():
+        if not expert[metric] >= least:
+            problems.append(f"expert {metric} is {expert[metric]:.3f}, expected at least {least}")
+    if not expert["return"] >= figures["scripted"]["return"]:
+        problems.append(
+            f"expert return is {expert['return']:.3f}, expected at least the scripted "
+            f"{figures['scripted']['return']:.3f}"
+        )
+    return tuple(f"{family}: {problem}" for problem in problems)

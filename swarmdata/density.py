@@ -1,0 +1,111 @@
+"""What a dataset's `log_probs` mean, and their computation.
+
+The log-probability of a robot's action is the sum over its components of
+
+- the log-density of the normal N(mean, noise^2) at a component strictly inside (-1, 1);
+- the log of the normal's mass beyond a bound for a component that lies at it: noisy actions are
+  clipped to [-1, 1], so that their measure is a density inside and a point mass at either bound;
+- 0 for a component without noise that is the one chosen (probability 1), else -infinity;
+- -log 2 for a uniform draw from [-1, 1].
+
+So the exponential of the difference of two policies' values is an importance weight wherever both
+have a density or both have a mass. Everything is computed from the stored, float32 action, whether
+it is at a bound included, so that anybody can compute it again from the dataset and the policy. The
+noise of `seeding.normal` takes 4,096 equally likely values; the density is that of the normal they
+stand for.
+
+All values are elementwise float64 (`exact_math`), rounded once to float32: the same bits on every
+platform and in every batch.
+"""
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.exact_math import HALF_LOG_TWO_PI, log, log_tail
+from swarmdata.types import Double, Float, Step
+
+LOG_2 = 0.6931471805599453094
+
+
+def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
+    """Returns the log-probability of each robot's action, [E, N].
+
+    Args:
+        means: what the policy would do without noise, not rounded, [E, N, C]. Actions have A >= C
+            components; those without a mean (messages that the policy never sends) are zeros for
+            certain.
+        actions: what it did, clipped to [-1, 1], [E, N, A].
+        noise: standard deviation of the Gaussian noise; 0 for a deterministic policy.
+    """
+    size = means.shape[-1]
+    driven = actions[..., :size]
+    if noise > 0.0:
+        parts = _normal(means, driven.astype(np.float64), noise)
+    else:
+        parts = _certain(np.clip(means, -1.0, 1.0).astype(np.float32), driven)
+    return _joint(np.concatenate([parts, _certain(np.float32(0.0), actions[..., size:])], axis=-1))
+
+
+def uniform_log_probs(actions: Float) -> Float:
+    """Returns the log-probability of actions drawn uniformly from [-1, 1]^A, [E, N]."""
+    return _joint(np.where(np.abs(actions) <= 1.0, -LOG_2, -np.inf))
+
+
+def _normal(means: Double, actions: Double, noise: float) -> Double:
+    """Log-densities inside the bounds, log-masses at them, -infinity outside; [E, N, C]."""
+    distances = (actions - means) / noise
+    log_scale = log(np.array(noise)) + HALF_LOG_TWO_PI
+    parts = -0.5 * distances * distances - log_scale
+    at_bound = np.abs(actions) >= 1.0
+    if at_bound.any():
+        outward = np.where(actions > 0.0, distances, -distances)[at_bound]
+        impossible = np.abs(actions[at_bound]) > 1.0
+        parts[at_bound] = np.where(impossible, -np.inf, log_tail(outward))
+    return parts
+
+
+def _certain(chosen: "Float | np.float32", actions: Float) -> Double:
+    return np.where(actions == chosen, 0.0, -np.inf)
+
+
+def _joint(parts: Double) -> Float:
+    """Sums over components one after the other, then rounds once."""
+    total = np.zeros(parts.shape[:-1])
+    for component in range(parts.shape[-1]):
+        total = total + parts[..., component]
+    return total.astype(np.float32)
+
+
+class LastMeans:
+    """What a policy meant to do in the step that it acted on last, known by the step's identity.
+
+    It saves the second run of a network, and lets a policy with memory, which cannot act on a step
+    twice, say what its action was.
+    """
+
+    def __init__(self) -> None:
+        self._step: Step | None = None
+        self._means: Double = np.empty(0)
+
+    def keep(self, step: Step, means: Double) -> Double:
+        """Remembers the means, [E, N, C], of a step, and returns them."""
+        self._step, self._means = step, means
+        return means
+
+    def recall(self, step: Step) -> Double | None:
+        """Returns the means of `step` if it is the last one kept."""
+        return self._means if step is self._step else None
+
+    def require(self, step: Step) -> Double:
+        """Returns the means of `step`, [E, N, C].
+
+        Raises:
+            SchemaError: it is not the last one kept.
+        """
+        if step is not self._step:
+            raise SchemaError(
+                "log_probs got another step than act got last, expected the same object: a policy "
+                "with memory cannot act on a step twice. Call act(step), then "
+                "log_probs(step, actions), in the order of the episode."
+            )
+        return self._means

@@ -1,0 +1,54 @@
+"""Figures outside of their bands are named, each of them; figures inside are not."""
+
+import pytest
+
+from swarmdata.behavior_policies import tier_bands
+from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, complete_families, out_of_band
+from swarmdata.behavior_policies.tiers import FAMILIES, SPECS
+
+GOOD = {
+    "scripted": {"return": 5.0},
+    "medium": {"success": 0.4},
+    "expert": {"success": 0.95, "clean_success": 0.85, "return": 5.0},
+}
+
+
+def changed(policy: str, metric: str, value: float) -> dict[str, dict[str, float]]:
+    return {**GOOD, policy: {**GOOD[policy], metric: value}}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_good_figures_pass_everywhere(family: str) -> None:
+    assert SPECS[family].task in EXPERT_AT_LEAST
+    assert out_of_band(family, GOOD) == ()
+
+
+@pytest.mark.parametrize(
+    ("policy", "metric", "value", "message"),
+    [
+        ("medium", "success", 0.39, "coop_nav: medium success is 0.390, expected 0.4 to 0.6"),
+        ("medium", "success", 0.61, "medium success is 0.610"),
+        ("expert", "success", 0.94, "expert success is 0.940, expected at least 0.95"),
+        ("expert", "clean_success", 0.84, "expert clean_success is 0.840"),
+        ("expert", "return", 4.9, "expert return is 4.900, expected at least the scripted 5.000"),
+        ("expert", "return", float("nan"), "expert return is nan"),
+    ],
+)
+def test_each_figure_is_checked(policy: str, metric: str, value: float, message: str) -> None:
+    (problem,) = out_of_band("coop_nav", changed(policy, metric, value))
+    assert message in problem
+
+
+def test_pushing_and_storing_may_touch() -> None:
+    figures = changed("expert", "clean_success", 0.0)
+    assert out_of_band("transport", figures) == out_of_band("warehouse", figures) == ()
+
+
+def test_a_family_is_complete_with_four_mediums_and_four_experts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counts = {("coop_nav", "medium"): 4, ("coop_nav", "expert"): 4, ("formation", "expert"): 4}
+    monkeypatch.setattr(
+        tier_bands, "checkpoints", lambda name, tier: [tier] * counts.get((name, tier), 3)
+    )
+    assert complete_families() == ("coop_nav",)

@@ -1,0 +1,74 @@
+"""`swarmdata registry`: what it prints, what it writes, and its exit codes."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata import publishing
+from swarmdata.behavior_policies import tiers
+from swarmdata.cards import schema
+from swarmdata.cards.schema import Published
+from swarmdata.cli import app
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+
+TINY = Recipe(
+    id="coop_nav-tiny-mini-v0",
+    tier="random",
+    spec=TaskSpec(horizon=40),
+    policies=(PolicySource(label="random", name="random"),),
+    n_steps=400,
+    part_episodes=8,
+)
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["registry", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of what is published, of a package that ships one tiny recipe."""
+    path = tmp_path / "published.json"
+
+    def published() -> dict[str, Published]:
+        return {key: Published.parse(value) for key, value in json.loads(path.read_text()).items()}
+
+    for module in (tiers, publishing):
+        monkeypatch.setattr(module, "find_recipe", lambda name: TINY)
+        monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
+    monkeypatch.setattr(publishing, "is_dataset", lambda name: True)
+    for module in (schema, publishing):
+        monkeypatch.setattr(module, "published", published)
+    path.write_text("{}")
+    return path
+
+
+def test_update_check_and_list(file: Path) -> None:
+    assert "coop_nav-tiny-mini-v0                  not published" in run("list")
+    assert "0 datasets checked" in run("check")
+    output = run("update", "--id", "coop_nav-tiny-mini", "--out", file, "--workers", "1")
+    entry = json.loads(file.read_text())[TINY.id]
+
+    assert f"digest {entry['digest']}" in output
+    assert "of another recipe" not in run("list")
+    assert entry["transport_digest"][:12] in run("list")
+    assert f"{TINY.id}: as published" in run("check", "--minis", "--workers", "1")
+
+    entry |= {"mean_return": 1.5, "recipe_hash": "0" * 64}
+    file.write_text(json.dumps({TINY.id: entry}))
+    output = run("check", "--id", "coop_nav-tiny-mini", "--workers", "1", code=1)
+    assert f"{TINY.id}: 2 differences" in output
+    assert f"{TINY.id}  mean_return  1.5" in output
+    assert "of another recipe" in run("list")
+
+
+def test_update_needs_ids() -> None:
+    run("update", code=2)
+
+
+def test_an_unpublished_id_is_an_error(file: Path) -> None:
+    assert "unknown published dataset" in run("check", "--id", "coop_nav-tiny", code=1)
