@@ -1,36 +1,17 @@
 """Learning curves and comparisons, drawn with matplotlib and saved as PNG, SVG or PDF."""
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.errors import SchemaError
+from swarmdata.figures import COLORS, FAINT, colors, figure, thousands
 from swarmdata.metrics import Estimate
 from swarmdata.types import Double
-
-COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
-"""From Okabe and Ito, "Color Universal Design", 2008; the same as of the robots."""
-
-_INK, _FAINT = "#2D333C", "#E3E5E8"
-_SUFFIXES = (".png", ".svg", ".pdf")
-_STYLE = {
-    "font.size": 10,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 10,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "text.color": _INK,
-    "legend.frameon": False,
-    "svg.hashsalt": "swarmdata",  # the same file for the same figure
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,9 +91,9 @@ def plot_curves(
     """
     if not curves:
         raise SchemaError("there are no curves to draw, expected at least one.")
-    with _figure(path, width=6.4, height=3.8) as figure:
-        axes = figure.add_subplot()
-        for (label, curve), color in zip(curves.items(), _colors(len(curves)), strict=True):
+    with figure(path, width=6.4, height=3.8) as drawing:
+        axes = drawing.add_subplot()
+        for (label, curve), color in zip(curves.items(), colors(len(curves)), strict=True):
             values = factor * curve.values
             n_runs = f" ({len(values)} seeds)" if len(values) > 1 else ""
             axes.plot(curve.progress, values.mean(0), color=color, lw=1.8, label=label + n_runs)
@@ -133,9 +114,9 @@ def plot_curves(
                 annotation_clip=False,
             )
         axes.set(xlabel=xlabel, ylabel=ylabel)
-        axes.xaxis.set_major_formatter(_thousands)
+        axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
-        axes.grid(axis="y", color=_FAINT, lw=0.8)
+        axes.grid(axis="y", color=FAINT, lw=0.8)
         axes.set_axisbelow(True)
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
 
@@ -159,8 +140,8 @@ def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> 
             "the same rows in every panel."
         )
     labels = rows[0]
-    with _figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as figure:
-        axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    with figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as drawing:
+        axes = drawing.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
             _points(panel, list(estimates.values()))
             panel.set_xlabel(xlabel)
@@ -172,38 +153,8 @@ def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
     for y, (value, low, high) in enumerate(estimates):
         panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
         panel.plot([value], [y], "o", color=COLORS[0], ms=5)
-    panel.grid(axis="x", color=_FAINT, lw=0.8)
+    panel.grid(axis="x", color=FAINT, lw=0.8)
     panel.set_axisbelow(True)
     panel.margins(x=0.08)
     panel.spines["left"].set_visible(False)
     panel.tick_params(axis="y", length=0)
-
-
-def _colors(n: int) -> list[str]:
-    return [COLORS[k % len(COLORS)] for k in range(n)]
-
-
-def _thousands(value: float, _position: int) -> str:
-    """10000 as 10k, 2000000 as 2M."""
-    for size, letter in ((1e6, "M"), (1e3, "k")):
-        if abs(value) >= size:
-            return f"{value / size:g}{letter}"
-    return f"{value:g}"
-
-
-@contextmanager
-def _figure(path: Path, *, width: float, height: float) -> Iterator[Any]:
-    """A figure in inches, in the house style, saved at the end; pyplot's global state stays."""
-    path = Path(path)
-    if path.suffix.lower() not in _SUFFIXES:
-        raise SchemaError(f"{path} has suffix {path.suffix!r}, expected one of {_SUFFIXES}.")
-    try:
-        import matplotlib as mpl  # noqa: PLC0415  (matplotlib is an extra)
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "plots", "drawing a figure") from error
-    with mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **_STYLE}):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure
-        dated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        figure.savefig(path, dpi=160, metadata=dated[path.suffix.lower()])

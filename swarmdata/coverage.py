@@ -1,0 +1,209 @@
+"""How much of its task a dataset covers: places, entropies, dependence, sides of passing.
+
+The share of distinct joint states and actions that is published elsewhere saturates at 1 on every
+continuous dataset (arXiv 2409.12001). These figures do not. They are taken from a fixed sample, so
+that a gigabyte takes no longer than a mini.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from swarmdata.encounters import Passings, passings, total
+from swarmdata.information import (
+    at_bounds,
+    correlation,
+    distinct_share,
+    dither,
+    knn_entropy,
+    mutual_information,
+)
+from swarmdata.occupancy import Occupancy, occupancy
+from swarmdata.seeding import derive, uniform
+from swarmdata.spec import TaskSpec
+from swarmdata.states import VX, VY, X, Y, robots_of
+from swarmdata.store import EpisodeTable, StoredDataset
+from swarmdata.types import Double, Int
+
+N_ROWS, N_TEAM_ROWS = 5_000, 2_500
+"""Joint steps from which the entropies of one robot, and of the whole team, are estimated."""
+
+N_PAIR_ROWS, N_PAIRS = 2_000, 12
+"""Joint steps, and most pairs of robots, whose mutual information is estimated."""
+
+N_VISITS = 100_000
+"""States, in whole episodes, whose places are counted."""
+
+N_ENCOUNTERS = 200
+"""Episodes of each policy in which passings are counted."""
+
+RESOLUTION = 0.01
+"""Width of the noise that gives repeated values a density: m, m/s, and shares of a command."""
+
+SEED = 0
+"""Of the samples and the noise."""
+
+_DRIVING = 2  # commands of a robot; what follows in an action is a learned message
+
+
+@dataclass(frozen=True, slots=True)
+class Entropies:
+    """Differential entropies at `RESOLUTION`, nats."""
+
+    robot: float  # of one robot
+    team: float  # of all at once, per robot; in so many dimensions too high, but comparable
+
+
+@dataclass(frozen=True, slots=True)
+class Dependence:
+    """How much two robots' commands tell of each other, means over pairs."""
+
+    n_pairs: int
+    information: float  # mutual information, nats
+    correlation: float  # absolute Pearson correlation of like components
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Coverage statistics of a dataset or view.
+
+    Attributes:
+        n_steps: joint steps that entropies are of.
+        places: where robots were.
+        n_states: states counted there.
+        states: positions (m) and velocities (m/s).
+        actions: driving commands, in [-1, 1].
+        bounds: share of the commands' components that lie at a bound.
+        distinct: share of distinct joint states and actions, for comparison.
+        dependence: between robots' commands, None for a single robot.
+        passings: by index of the policy, those that made sampled episodes.
+    """
+
+    n_steps: int
+    places: Occupancy
+    n_states: int
+    states: Entropies
+    actions: Entropies
+    bounds: float
+    distinct: float
+    dependence: Dependence | None
+    passings: dict[int, Passings]
+
+
+def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
+    """Measures how much a dataset covers.
+
+    Args:
+        stored: the open dataset.
+        selection: stored episodes to look at, all by default, [n].
+
+    Raises:
+        SchemaError: fewer than a handful of joint steps, so that nothing can be estimated.
+    """
+    chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
+    spec, table = stored.recipe.spec, stored.table
+    steps, states = sample_steps(table, chosen, N_ROWS)
+    moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
+    commands = stored.arrays["actions"][steps][..., :_DRIVING]
+    visited = _visited(stored, chosen)
+    return Coverage(
+        n_steps=len(steps),
+        places=occupancy(visited, table.layouts[chosen], spec),
+        n_states=len(visited),
+        states=_entropies(moves.astype(np.float64), SEED),
+        actions=_entropies(commands.astype(np.float64), SEED + 1),
+        bounds=float(at_bounds(commands).mean()),
+        distinct=distinct_share(
+            np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
+        ),
+        dependence=dependence(commands.astype(np.float64)),
+        passings=_sides(stored, chosen, spec),
+    )
+
+
+def sample_steps(table: EpisodeTable, selection: Int, n_rows: int) -> tuple[Int, Int]:
+    """Draws joint steps, one from each of `n_rows` equal stretches; all where there are fewer.
+
+    Returns:
+        rows of the arrays with T rows, and of the states before these steps, both [n].
+    """
+    ends = np.cumsum(table.lengths[selection])
+    n = min(n_rows, int(ends[-1]))
+    edges = (np.arange(n + 1) * ends[-1]) // n
+    drawn = uniform(derive(SEED, np.arange(n))) * np.diff(edges)
+    rows = edges[:-1] + drawn.astype(np.int64)
+    index = np.searchsorted(ends, rows, side="right")
+    within = rows - (ends - table.lengths[selection])[index]
+    steps = table.starts[selection][index] + within
+    return steps, steps + selection[index]  # each earlier episode has one state more than steps
+
+
+def spread(items: Int, n: int) -> Int:
+    """At most `n` of the items, evenly spread over them and in their order."""
+    if len(items) <= n:
+        return items
+    return items[(np.arange(n) * len(items)) // n]
+
+
+def dependence(actions: Double) -> Dependence | None:
+    """Measures how much robots' commands tell of each other; common causes count as well.
+
+    Repeated values get a density by `dither`, each robot's by its own noise. Of many pairs and rows
+    a fixed part is taken.
+
+    Args:
+        actions: joint commands, [n, N, A].
+    """
+    rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
+    pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
+    if not len(pairs):
+        return None
+    pairs = pairs[spread(np.arange(len(pairs)), N_PAIRS)]
+    blurred = [dither(actions[rows, i], RESOLUTION, SEED + 2 + i) for i in range(actions.shape[1])]
+    return Dependence(
+        n_pairs=len(pairs),
+        information=float(
+            np.mean([mutual_information(blurred[i], blurred[j]) for i, j in pairs.tolist()])
+        ),
+        correlation=float(
+            np.mean([correlation(actions[rows, i], actions[rows, j]) for i, j in pairs.tolist()])
+        ),
+    )
+
+
+def _entropies(values: Double, seed: int) -> Entropies:
+    """Of joint values [n, N, d]; one robot's are taken from the robots in turn."""
+    n, n_agents = values.shape[:2]
+    one = values[np.arange(n), np.arange(n) % n_agents]
+    joint = values[spread(np.arange(n), N_TEAM_ROWS)].reshape(-1, n_agents * values.shape[2])
+    return Entropies(
+        robot=knn_entropy(dither(one, RESOLUTION, seed)),
+        team=knn_entropy(dither(joint, RESOLUTION, seed)) / n_agents,
+    )
+
+
+def _visited(stored: StoredDataset, chosen: Int) -> Double:
+    """States of whole episodes, evenly spread, about `N_VISITS` of them, [n, S]."""
+    table = stored.table
+    n_states = int(table.lengths[chosen].sum()) + len(chosen)
+    taken = spread(chosen, max(1, (N_VISITS * len(chosen)) // n_states))
+    return np.concatenate([_states(stored, episode) for episode in taken.tolist()])
+
+
+def _states(stored: StoredDataset, episode: int) -> Double:
+    first = int(stored.table.starts[episode]) + episode
+    return stored.arrays["states"][first : first + int(stored.table.lengths[episode]) + 1]
+
+
+def _sides(stored: StoredDataset, chosen: Int, spec: TaskSpec) -> dict[int, Passings]:
+    policies = stored.table.policy[chosen]
+    return {
+        policy: total(
+            [
+                passings(_states(stored, episode), spec)
+                for episode in spread(chosen[policies == policy], N_ENCOUNTERS).tolist()
+            ]
+        )
+        for policy in np.unique(policies).tolist()
+    }

@@ -1,0 +1,120 @@
+"""On which side robots pass each other head on: conventions that no observation shows."""
+
+from typing import NamedTuple
+
+from swarmdata.compiling import kernel
+from swarmdata.errors import SchemaError
+from swarmdata.spec import TaskSpec
+from swarmdata.states import VX, VY, robots_of
+from swarmdata.types import Double, Float
+
+REACH = 1.0
+"""Distance between two robots' centres at which an encounter begins and ends, m."""
+
+NEAR = 0.5
+"""Robots that never come closer than this have not had to give way, m."""
+
+OPPOSED = -0.7
+"""Greatest cosine between the velocities at the beginning: at least 134 degrees apart."""
+
+MOVING = 0.1
+"""Least speed of both at the beginning, m/s."""
+
+
+class Passings(NamedTuple):
+    """How often two robots that met head on passed each other on either side."""
+
+    n_right: int  # each kept to its own right: the other one was on its left
+    n_left: int
+
+    @property
+    def n(self) -> int:
+        """Passings of both kinds."""
+        return self.n_right + self.n_left
+
+    @property
+    def right_share(self) -> float | None:
+        """Share that kept to the right, None without any passing."""
+        return self.n_right / self.n if self.n else None
+
+
+def passings(
+    states: Float, spec: TaskSpec, *, near: float = NEAR, reach: float = REACH
+) -> Passings:
+    """Counts the sides on which pairs of robots passed each other in one episode.
+
+    An encounter of two robots is a stretch of time in which they are closer than `reach`. It is
+    head on if they were farther apart before, are both moving at its first state, with velocities
+    that point against each other, and towards each other. It is a passing if they come closer than
+    `near`, and at its last state each has the other behind, seen along the first state's relative
+    velocity. The side is that of the other robot at the closest approach. Stretches that the
+    episode's end cuts count as well, if the robots have passed by then.
+
+    Args:
+        states: of one episode, [T+1, S].
+        spec: the task.
+        near: distance of centres, m.
+        reach: distance of centres, m; more than `near`.
+
+    Raises:
+        SchemaError: distances that are not in order.
+    """
+    if not 0.0 < near < reach:
+        raise SchemaError(f"near is {near:g} m and reach {reach:g} m, expected 0 < near < reach.")
+    robots = robots_of(states, spec.n_agents).astype("float64")
+    n_right, n_left = 0, 0
+    for i in range(spec.n_agents):
+        for j in range(i):
+            right, left = _passings(robots[:, i], robots[:, j], near, reach)
+            n_right, n_left = n_right + right, n_left + left
+    return Passings(n_right, n_left)
+
+
+def total(counts: "list[Passings]") -> Passings:
+    """The passings of several episodes."""
+    return Passings(sum(each.n_right for each in counts), sum(each.n_left for each in counts))
+
+
+@kernel
+def _is_head_on(a: Double, b: Double) -> bool:
+    """Whether two robots move against and towards each other; rows of one state, [8]."""
+    va, vb = a[VX] * a[VX] + a[VY] * a[VY], b[VX] * b[VX] + b[VY] * b[VY]
+    if min(va, vb) < MOVING * MOVING:
+        return False
+    product = a[VX] * b[VX] + a[VY] * b[VY]
+    if product > 0.0 or product * product < OPPOSED * OPPOSED * va * vb:
+        return False
+    return (b[0] - a[0]) * (a[VX] - b[VX]) + (b[1] - a[1]) * (a[VY] - b[VY]) > 0.0
+
+
+@kernel
+def _side(a: Double, b: Double, first: int, last: int, near: float) -> int:
+    """1 if they passed on the right in the states first to last, -1 on the left, 0 not at all."""
+    wx, wy = a[first, VX] - b[first, VX], a[first, VY] - b[first, VY]
+    best, side = near * near, 0
+    for t in range(first, last + 1):
+        x, y = b[t, 0] - a[t, 0], b[t, 1] - a[t, 1]
+        if x * x + y * y < best:
+            best = x * x + y * y
+            side = 1 if wx * y - wy * x > 0.0 else -1  # the other one is on the left
+    x, y = b[last, 0] - a[last, 0], b[last, 1] - a[last, 1]
+    return side if x * wx + y * wy < 0.0 else 0
+
+
+@kernel
+def _passings(a: Double, b: Double, near: float, reach: float) -> tuple[int, int]:
+    """Right and left passings of two robots, [T+1, 8] each."""
+    n_right, n_left, first = 0, 0, 0
+    was_apart, together = False, False
+    for t in range(len(a)):
+        x, y = b[t, 0] - a[t, 0], b[t, 1] - a[t, 1]
+        is_close = x * x + y * y < reach * reach
+        if is_close and was_apart:
+            first, together = t, _is_head_on(a[t], b[t])
+        if together and (not is_close or t == len(a) - 1):
+            side = _side(a, b, first, t, near)
+            n_right += side == 1
+            n_left += side == -1
+            together = False
+        was_apart = not is_close
+    return n_right, n_left

@@ -1,0 +1,243 @@
+"""Entropy and mutual information of continuous samples, by distances to nearest neighbors.
+
+Differential entropies are in nats and depend on the units of the coordinates. All distances are
+maximum norms. These numbers describe data, so they may differ in the last digits between machines.
+"""
+
+import numpy as np
+
+from swarmdata.compiling import kernel
+from swarmdata.errors import SchemaError
+from swarmdata.seeding import derive, uniform
+from swarmdata.types import Bool, Double, Int
+
+NEIGHBOR = 4
+"""Which nearest neighbor is used. Kraskov et al. 2004 (section III.A) recommend 2 to 4: fewer give
+more variance, more give more bias."""
+
+EULER = 0.5772156649015329
+
+
+@kernel
+def _gap(points: Double, i: int, j: int, limit: float) -> float:
+    """Distance of two points if it is below the limit, else something that is not."""
+    gap = 0.0
+    for c in range(points.shape[1]):
+        gap = max(gap, abs(points[i, c] - points[j, c]))
+        if gap >= limit:
+            break
+    return gap
+
+
+@kernel
+def _sorted_kth_distances(points: Double, k: int) -> Double:
+    """Distance of each point to its k-th nearest other point, [n].
+
+    Points are sorted by their first coordinate: the search goes outward from each and ends where
+    the first coordinate alone is too far.
+    """
+    n = len(points)
+    nearest = np.empty(k)
+    distances = np.empty(n)
+    for i in range(n):
+        nearest[:] = np.inf
+        below, above = i - 1, i + 1
+        while True:
+            down = points[i, 0] - points[below, 0] if below >= 0 else np.inf
+            up = points[above, 0] - points[i, 0] if above < n else np.inf
+            if min(down, up) >= nearest[k - 1]:
+                break
+            j = below if down <= up else above
+            below, above = below - (down <= up), above + (down > up)
+            gap = _gap(points, i, j, nearest[k - 1])
+            if gap < nearest[k - 1]:
+                place = k - 1
+                while place > 0 and nearest[place - 1] > gap:
+                    nearest[place] = nearest[place - 1]
+                    place -= 1
+                nearest[place] = gap
+        distances[i] = nearest[k - 1]
+    return distances
+
+
+@kernel
+def _sorted_counts(points: Double, distances: Double) -> Int:
+    """How many other points lie strictly closer to each point than its distance, [n].
+
+    Points are sorted by their first coordinate.
+    """
+    n = len(points)
+    counts = np.zeros(n, np.int64)
+    for i in range(n):
+        for step in (-1, 1):
+            j = i + step
+            while 0 <= j < n and abs(points[j, 0] - points[i, 0]) < distances[i]:
+                counts[i] += _gap(points, i, j, distances[i]) < distances[i]
+                j += step
+    return counts
+
+
+def _kth_distances(points: Double, k: int) -> Double:
+    order = np.argsort(points[:, 0], kind="stable")
+    distances = np.empty(len(points))
+    distances[order] = _sorted_kth_distances(points[order], k)
+    return distances
+
+
+def _count_within(points: Double, distances: Double) -> Int:
+    order = np.argsort(points[:, 0], kind="stable")
+    counts = np.empty(len(points), np.int64)
+    counts[order] = _sorted_counts(points[order], distances[order])
+    return counts
+
+
+def knn_entropy(points: Double, k: int = NEIGHBOR) -> float:
+    """Differential entropy of the distribution that points were drawn from, nats.
+
+    The Kozachenko-Leonenko estimator as Kraskov, Stoegbauer and Grassberger write it ("Estimating
+    mutual information", Physical Review E 69:066138, 2004, equation 20), with the maximum norm, in
+    which the unit ball has log-volume 0:
+
+        H = -psi(k) + psi(n) + d / n * sum over i of log(epsilon_i)
+
+    where epsilon_i is twice the distance from point i to its k-th neighbor. Every coordinate is
+    divided by its standard deviation first and the logarithms of the deviations are added back, so
+    that one unit for metres and another for metres per second do not matter to who is a neighbor.
+
+    Args:
+        points: independent draws, [n, d].
+        k: which neighbor.
+
+    Raises:
+        SchemaError: fewer than k + 2 points, or values that are not finite; k + 1 equal points or a
+            constant coordinate, of which the entropy is minus infinity: `dither` the points.
+    """
+    scaled, scales = _standardized(points, k)
+    distances = _kth_distances(scaled, k)
+    if (distances == 0.0).any():
+        raise SchemaError(
+            f"{int((distances == 0.0).sum())} of {len(points)} points have {k} copies, so their "
+            "density is infinite. Pass dither(points, resolution, seed), and say so."
+        )
+    n, d = points.shape
+    psi = digamma(n)
+    mean_log = np.log(2.0 * distances).mean()
+    return float(psi[n] - psi[k] + d * mean_log + np.log(scales).sum())
+
+
+def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
+    """Mutual information between x and y, nats; about 0 for independent ones, and then also below.
+
+    The first estimator of Kraskov, Stoegbauer and Grassberger 2004, equation 8:
+
+        I = psi(k) - mean of (psi(n_x + 1) + psi(n_y + 1)) + psi(n)
+
+    where n_x and n_y count the points that are strictly closer in x, and in y, than the k-th
+    neighbor in (x, y). Every coordinate is divided by its standard deviation first, which changes
+    no mutual information.
+
+    Args:
+        x: independent draws, [n, d_x].
+        y: drawn with them, [n, d_y].
+        k: which neighbor.
+
+    Raises:
+        SchemaError: as `knn_entropy`, or x and y of different lengths.
+    """
+    if len(x) != len(y):
+        raise SchemaError(f"x has {len(x)} rows and y has {len(y)}, expected pairs of rows.")
+    a, b = _standardized(x, k)[0], _standardized(y, k)[0]
+    distances = _kth_distances(np.concatenate([a, b], axis=1), k)
+    if (distances == 0.0).any():
+        raise SchemaError(
+            f"{int((distances == 0.0).sum())} of {len(x)} pairs have {k} copies, so that no "
+            "density exists. Dither x and y with different seeds, and say so."
+        )
+    psi = digamma(len(x))
+    marginal = psi[_count_within(a, distances) + 1] + psi[_count_within(b, distances) + 1]
+    return float(psi[k] + psi[len(x)] - marginal.mean())
+
+
+def correlation(x: Double, y: Double) -> float:
+    """Mean over columns of the absolute Pearson correlation of x with y, in [0, 1].
+
+    A column that does not vary has no correlation and counts as 0. This misses whatever is not
+    linear, and whatever links different columns.
+
+    Args:
+        x: draws, [n, d].
+        y: drawn with them, [n, d].
+
+    Raises:
+        SchemaError: x and y of different shapes.
+    """
+    if x.shape != y.shape or x.ndim != 2:
+        raise SchemaError(f"x is {list(x.shape)} and y {list(y.shape)}, expected the same [n, d].")
+    a, b = x - x.mean(axis=0), y - y.mean(axis=0)
+    scale = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
+    products = np.abs((a * b).sum(axis=0))
+    return float(np.where(scale > 0.0, products / np.where(scale > 0.0, scale, 1.0), 0.0).mean())
+
+
+def dither(points: Double, resolution: float, seed: int) -> Double:
+    """Moves every value by less than half of `resolution`, uniformly; same shape, seeded.
+
+    Recorded values repeat: robots rest, commands are clipped at their bounds. Such a distribution
+    has no density, and its differential entropy is minus infinity. That of the dithered values is
+    finite, and at least log(resolution) for each coordinate; it is the entropy at this resolution.
+    Where the density hardly changes within `resolution`, nothing changes. Independently dithered
+    values have no more mutual information than the values (data processing inequality).
+
+    Args:
+        points: values, any shape.
+        resolution: width of the uniform noise, in the values' unit.
+        seed: of the noise.
+
+    Raises:
+        SchemaError: a resolution that is not positive.
+    """
+    if not resolution > 0.0:
+        raise SchemaError(f"resolution is {resolution:g}, expected a positive width.")
+    noise = uniform(derive(seed, np.arange(points.size))).reshape(points.shape) - 0.5
+    return points + resolution * noise
+
+
+def digamma(n: int) -> Double:
+    """The digamma function psi of 0 (NaN), 1, ..., n: psi(m + 1) = psi(m) + 1 / m, [n + 1]."""
+    steps = np.concatenate([[np.nan, -EULER], 1.0 / np.arange(1, n)])
+    steps[1:] = np.cumsum(steps[1:])
+    return steps
+
+
+def distinct_share(rows: Double) -> float:
+    """Share of rows that are the first of their kind; 1 when nothing repeats.
+
+    Over joint states and actions this is the coverage that is published for other datasets of teams
+    (Joint SACo, arXiv 2409.12001). On continuous data it is nearly always 1 and so tells nothing;
+    it is here for comparison.
+    """
+    return len(np.unique(rows, axis=0)) / len(rows)
+
+
+def at_bounds(actions: Double, bound: float = 1.0) -> Bool:
+    """Which commands are as large as is allowed; same shape."""
+    return np.asarray(np.abs(actions) >= bound)
+
+
+def _standardized(points: Double, k: int) -> tuple[Double, Double]:
+    """Points with unit deviation in each coordinate, [n, d], and the deviations, [d]."""
+    if points.ndim != 2 or points.shape[1] == 0 or not 1 <= k <= len(points) - 2:
+        raise SchemaError(
+            f"points are {list(points.shape)}, expected [n, d] with at least {k + 2} rows for "
+            f"neighbor {k} (itself at least 1)."
+        )
+    if not np.isfinite(points).all():
+        raise SchemaError("points hold values that are not finite, expected finite ones.")
+    scales = points.std(axis=0)
+    if not (scales > 0.0).all():
+        raise SchemaError(
+            f"coordinates {np.flatnonzero(scales == 0.0).tolist()} are constant, so the entropy is "
+            "minus infinity. Pass dither(points, resolution, seed), and say so."
+        )
+    centered = np.ascontiguousarray((points - points.mean(axis=0)) / scales, dtype=np.float64)
+    return centered, scales

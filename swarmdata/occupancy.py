@@ -1,0 +1,116 @@
+"""Where robots were: visits to the cells of a grid over the arena, and which cells are free."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.compiling import kernel
+from swarmdata.errors import SchemaError
+from swarmdata.geometry import clearance
+from swarmdata.spec import TaskSpec
+from swarmdata.states import X, Y, robots_of
+from swarmdata.types import Bool, Double, Float, Int
+
+CELL = 0.1
+"""Side of a cell, m."""
+
+LAYOUTS = 32
+"""Most layouts that decide which cells are free. Where obstacles are drawn anew in every episode,
+nearly every cell is free in one of so many; where they stand still, all layouts say the same."""
+
+_PROBES = 4  # points along each side of a cell, where a robot's centre could be
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occupancy:
+    """Visits of robots' centres to the cells of the arena, the lowest row at the bottom wall.
+
+    Visits of cells that count as not free (a robot pressed into a wall) are in `visits` but not in
+    the figures.
+    """
+
+    visits: Int  # [rows, columns] robot-steps
+    free: Bool  # [rows, columns] a robot's centre can be there in some episode
+    cell: float  # m
+
+    @property
+    def n_free(self) -> int:
+        """Free cells."""
+        return int(self.free.sum())
+
+    @property
+    def visited(self) -> float:
+        """Share of the free cells that a robot visited at least once."""
+        return float((self.visits[self.free] > 0).mean())
+
+    @property
+    def entropy(self) -> float:
+        """Evenness of the visits over the free cells: 0 all in one cell, 1 all cells alike.
+
+        The Shannon entropy of the distribution of visits, divided by the logarithm of the number of
+        free cells; 1 if there is only one.
+        """
+        counts = self.visits[self.free & (self.visits > 0)]
+        if self.n_free == 1 or len(counts) == 0:
+            return float(self.n_free == 1)
+        shares = counts / counts.sum()
+        return float(-(shares * np.log(shares)).sum() / math.log(self.n_free))
+
+
+def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL) -> Occupancy:
+    """Counts the visits of all robots.
+
+    A cell is free if one of 4 x 4 points in it keeps the smallest robot's radius of distance to
+    walls and obstacles, in one of at most `LAYOUTS` layouts spread evenly over those given.
+
+    Args:
+        states: any states of the task, [n, S].
+        layouts: obstacles of the episodes, [E, M, 8]; M may be 0, E may not.
+        spec: the task.
+        cell: side of a cell, m; the last row and column are cut where the arena is no multiple.
+
+    Raises:
+        SchemaError: no states, no layouts, or a cell that is not positive.
+    """
+    if not len(states) or not len(layouts) or not cell > 0.0:
+        raise SchemaError(
+            f"got {len(states)} states, {len(layouts)} layouts and cells of {cell:g} m, expected "
+            "at least one state and one layout, and a positive side."
+        )
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    shape = tuple(max(1, math.ceil(round(2 * side / cell, 9))) for side in half[::-1])
+    places = robots_of(states, spec.n_agents)[..., [X, Y]].reshape(-1, 2)
+    columns, rows = (
+        np.clip(((places[:, axis] + half[axis]) / cell).astype(np.int64), 0, shape[1 - axis] - 1)
+        for axis in (0, 1)
+    )
+    visits = np.bincount(rows * shape[1] + columns, minlength=shape[0] * shape[1]).reshape(shape)
+    chosen = np.unique(np.linspace(0, len(layouts) - 1, LAYOUTS).astype(np.int64))
+    radius = min(robot.radius for robot in spec.robots)
+    free = np.zeros(shape, np.bool_)
+    _find_free(np.ascontiguousarray(layouts[chosen]), half, radius, cell, free)
+    return Occupancy(visits, free, cell)
+
+
+@kernel
+def _is_free(
+    row: int, column: int, layout: Float, half: Double, radius: float, cell: float
+) -> bool:
+    """Whether some point of a cell is far enough from everything in one layout."""
+    for k in range(_PROBES * _PROBES):
+        x = (column + (k % _PROBES + 0.5) / _PROBES) * cell - half[0]
+        y = (row + (k // _PROBES + 0.5) / _PROBES) * cell - half[1]
+        if clearance(x, y, layout, half) >= radius:
+            return True
+    return False
+
+
+@kernel
+def _find_free(layouts: Float, half: Double, radius: float, cell: float, free: Bool) -> None:
+    for row in range(free.shape[0]):
+        for column in range(free.shape[1]):
+            for layout in layouts:
+                if _is_free(row, column, layout, half, radius, cell):
+                    free[row, column] = True
+                    break
