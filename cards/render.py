@@ -1,30 +1,33 @@
 """Writes a dataset's card from its files; nothing on it is typed by hand.
 
 The card is Markdown with the front matter that the Hugging Face Hub reads, and a pure function of
-the manifest, the recipe, the episode table and the measured references.
+its `Facts`: manifest, recipe, episode table, statistics of the arrays and measured references.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from swarmdata.cards import markdown
+from swarmdata.cards.facts import Facts, facts_of
+from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER, limits_of
 from swarmdata.cards.problem import arrays_section, senses_section, task_section
-from swarmdata.cards.schema import Interval, TaskReferences, references_of
+from swarmdata.cards.schema import Interval
+from swarmdata.cards.statistics import (
+    coverage_section,
+    log_probs_section,
+    policies_section,
+    statistics_section,
+)
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import EPISODE_METRICS
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import Recipe
-from swarmdata.store import SPLITS, EpisodeTable, Manifest, open_store, write_file
+from swarmdata.store import SPLITS, write_file
 from swarmdata.store.layout import CARD
-from swarmdata.types import END_REASONS, Bool, Double
-
-BINS, BAR = 12, 40
-"""Rows of the return histogram, and characters of its longest bar."""
+from swarmdata.types import END_REASONS
 
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """The Hub's size categories, by joint steps below."""
@@ -39,62 +42,50 @@ SHOWN = (
 )
 """Metrics of the reference table."""
 
-LIMITS = (
-    "Simulated: planar, circular robots of equal mass, no wheel slip, no sensor noise unless the "
-    "observation model says so.",
-    "Every episode ends for the whole team at once; no robot leaves or joins.",
-    "States hold the targets; they are for training and analysis, not for deployed policies.",
-    "Actions of learned tiers are noisy, and each episode was made by one policy only.",
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Facts:
-    """Everything a card is made from."""
-
-    manifest: Manifest
-    recipe: Recipe
-    table: EpisodeTable
-    references: TaskReferences | None
-
 
 def write_card(folder: Path) -> None:
     """Writes the card of a finished dataset beside its files; errors are those of `card_of`."""
     write_file(folder / CARD, card_of(folder).encode())
 
 
-def card_of(folder: Path) -> str:
+def card_of(folder: Path, picture: str | None = None) -> str:
     """Renders the card of a finished dataset.
+
+    Args:
+        folder: the dataset's.
+        picture: file name of its picture, if the card shows one.
 
     Raises:
         DatasetError: the dataset cannot be used.
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    stored = open_store(folder, verify="none")
-    references = references_of(stored.recipe.spec.hash())
-    return render(Facts(stored.manifest, stored.recipe, stored.table, references))
+    return render(facts_of(folder), picture)
 
 
-def render(facts: Facts) -> str:
-    """Returns the card's text.
+def render(facts: Facts, picture: str | None = None) -> str:
+    """Returns the card's text; with a picture in the place of the histogram in text.
 
     Raises:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    task = make_task(facts.recipe.spec)
+    spec = facts.recipe.spec
+    task = make_task(spec)
     sections = (
         _identity(facts),
+        f"\n## Tier\n\n{TIERS.get(facts.recipe.tier, UNKNOWN_TIER)}\n",
         task_section(task),
-        senses_section(facts.recipe.spec),
+        senses_section(spec),
         arrays_section(task, facts.manifest),
-        _policies(facts),
-        _statistics(facts),
+        policies_section(facts),
+        statistics_section(facts, picture),
+        coverage_section(facts),
+        log_probs_section(facts),
         _splits(facts),
         _references(facts),
-        _checks(facts),
-        _bullets("Known limits", LIMITS),
+        _bullets("Checks passed", check(facts)),
+        _bullets("Known limits", limits_of(spec.task, facts.recipe.tier)),
         _rebuild(facts),
     )
     return "".join([_front_matter(facts), *sections])
@@ -129,61 +120,6 @@ def _identity(facts: Facts) -> str:
     )
     snippet = f'```python\nimport swarmdata\n\ndataset = swarmdata.load("{recipe.id}")\n```\n'
     return f"\n# {recipe.id}\n\n{snippet}\n" + markdown.table(("", ""), rows)
-
-
-def _policies(facts: Facts) -> str:
-    table, rows = facts.table, []
-    for index, source in enumerate(facts.recipe.policies):
-        chosen = table.policy == index
-        if not chosen.any():
-            raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
-        checkpoint = f"`{source.checkpoint}`" if source.checkpoint else "none"
-        rows.append(
-            (
-                source.label,
-                source.name,
-                checkpoint,
-                f"{source.noise:g}",
-                f"{chosen.sum():,}",
-                f"{table.lengths[chosen].sum():,}",
-                f"{table.team_return[chosen].mean():.2f}",
-                _percent(table.success[chosen]),
-            )
-        )
-    head = ("label", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success")
-    return "\n## Behavior policies\n\n" + markdown.table(head, rows)
-
-
-def _statistics(facts: Facts) -> str:
-    table = facts.table
-    quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
-    rows = [
-        ("return, mean", f"{table.team_return.mean():.3f}"),
-        ("return, standard deviation", f"{table.team_return.std():.3f}"),
-        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
-        ("success", _percent(table.success)),
-        ("length, mean", f"{table.lengths.mean():.1f} steps"),
-        ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
-        ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
-    ]
-    for code, reason in enumerate(END_REASONS):
-        rows.append((f"ended by {reason}", _percent(table.end_reason == code)))
-    return (
-        "\n## Statistics\n\n"
-        + markdown.table(("", "per episode"), rows)
-        + f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
-    )
-
-
-def histogram(values: Double, bins: int = BINS) -> str:
-    """Returns a histogram as text, one line per bin."""
-    counts, edges = np.histogram(values, bins=bins)
-    scale = BAR / counts.max()
-    lines = [
-        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{BAR}} {n}"
-        for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
-    ]
-    return "\n".join(lines) + "\n"
 
 
 def _splits(facts: Facts) -> str:
@@ -226,10 +162,6 @@ def _references(facts: Facts) -> str:
     )
 
 
-def _checks(facts: Facts) -> str:
-    return _bullets("Checks passed", check(facts))
-
-
 def check(facts: Facts) -> tuple[str, ...]:
     """Returns what holds of this dataset.
 
@@ -264,10 +196,6 @@ def _rebuild(facts: Facts) -> str:
 
 def _bullets(title: str, lines: Sequence[str]) -> str:
     return f"\n## {title}\n\n" + "".join(f"- {line}\n" for line in lines)
-
-
-def _percent(values: Bool) -> str:
-    return f"{100 * values.mean():.1f} %"
 
 
 def _interval(interval: Interval | None) -> str:

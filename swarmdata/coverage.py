@@ -11,7 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from swarmdata.encounters import Passings, passings, total
+from swarmdata.errors import SchemaError
 from swarmdata.information import (
+    NEIGHBOR,
     at_bounds,
     correlation,
     distinct_share,
@@ -44,6 +46,9 @@ RESOLUTION = 0.01
 SEED = 0
 """Of the samples and the noise."""
 
+FEWEST = NEIGHBOR + 2
+"""Joint steps that the estimators need."""
+
 _DRIVING = 2  # commands of a robot; what follows in an action is a learned message
 
 
@@ -72,19 +77,19 @@ class Coverage:
         n_steps: joint steps that entropies are of.
         places: where robots were.
         n_states: states counted there.
-        states: positions (m) and velocities (m/s).
-        actions: driving commands, in [-1, 1].
+        states: positions (m) and velocities (m/s), None for fewer than `FEWEST` joint steps.
+        actions: driving commands, in [-1, 1]; the same.
         bounds: share of the commands' components that lie at a bound.
         distinct: share of distinct joint states and actions, for comparison.
-        dependence: between robots' commands, None for a single robot.
+        dependence: between robots' commands, None for a single robot; the same.
         passings: by index of the policy, those that made sampled episodes.
     """
 
     n_steps: int
     places: Occupancy
     n_states: int
-    states: Entropies
-    actions: Entropies
+    states: Entropies | None
+    actions: Entropies | None
     bounds: float
     distinct: float
     dependence: Dependence | None
@@ -99,9 +104,11 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         selection: stored episodes to look at, all by default, [n].
 
     Raises:
-        SchemaError: fewer than a handful of joint steps, so that nothing can be estimated.
+        SchemaError: no episodes.
     """
     chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
+    if not len(chosen):
+        raise SchemaError("no episodes are selected, expected at least one to measure coverage of.")
     spec, table = stored.recipe.spec, stored.table
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
@@ -154,10 +161,13 @@ def dependence(actions: Double) -> Dependence | None:
 
     Args:
         actions: joint commands, [n, N, A].
+
+    Returns:
+        None for a single robot, or fewer than `FEWEST` joint commands.
     """
     rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
     pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
-    if not len(pairs):
+    if not len(pairs) or len(rows) < FEWEST:
         return None
     pairs = pairs[spread(np.arange(len(pairs)), N_PAIRS)]
     blurred = [dither(actions[rows, i], RESOLUTION, SEED + 2 + i) for i in range(actions.shape[1])]
@@ -172,9 +182,11 @@ def dependence(actions: Double) -> Dependence | None:
     )
 
 
-def _entropies(values: Double, seed: int) -> Entropies:
+def _entropies(values: Double, seed: int) -> Entropies | None:
     """Of joint values [n, N, d]; one robot's are taken from the robots in turn."""
     n, n_agents = values.shape[:2]
+    if n < FEWEST:
+        return None
     one = values[np.arange(n), np.arange(n) % n_agents]
     joint = values[spread(np.arange(n), N_TEAM_ROWS)].reshape(-1, n_agents * values.shape[2])
     return Entropies(

@@ -1,0 +1,59 @@
+"""What a card measures in the arrays of a dataset, from fixed samples of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.store import StoredDataset
+
+LOG_PROBS = "log_probs"
+"""Array of the logarithm of each action's density under its behavior policy, [T, N]."""
+
+QUANTILES = (0.01, 0.5, 0.99)
+
+
+@dataclass(frozen=True, slots=True)
+class LogProbabilities:
+    """Log-probabilities of one policy's actions, per robot and step, nats."""
+
+    n: int
+    undefined: float  # share that is not finite: policies without a density
+    mean: float  # of the finite ones; NaN if there are none
+    quantiles: tuple[float, ...]  # at QUANTILES, the same
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Findings:
+    """Statistics of the arrays over time; the rest of a card comes from the episode table."""
+
+    coverage: Coverage
+    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: not recorded
+
+
+def measure(stored: StoredDataset) -> Findings:
+    """Measures an open dataset; a second of work at most, however large it is.
+
+    Raises:
+        SchemaError: too few joint steps to estimate anything.
+    """
+    return Findings(coverage(stored), _log_probs(stored))
+
+
+def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
+    if LOG_PROBS not in stored.arrays:
+        return None
+    table = stored.table
+    found = {}
+    for policy in np.unique(table.policy).tolist():
+        steps, _ = sample_steps(table, np.flatnonzero(table.policy == policy), N_ROWS)
+        values = stored.arrays[LOG_PROBS][steps].astype(np.float64).ravel()
+        finite = values[np.isfinite(values)]
+        known = finite if len(finite) else np.array([np.nan])
+        found[policy] = LogProbabilities(
+            n=len(values),
+            undefined=1.0 - len(finite) / len(values),
+            mean=float(known.mean()),
+            quantiles=tuple(np.quantile(known, QUANTILES).tolist()),
+        )
+    return found

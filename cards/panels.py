@@ -1,0 +1,213 @@
+"""The panels above in a card's picture: returns, lengths, places, commands."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from swarmdata.figures import COLORS, FAINT, GRAY, INK, thousands
+from swarmdata.occupancy import Occupancy
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.store import EpisodeTable
+from swarmdata.types import END_REASONS, Double, Float
+
+SMALL = 8
+"""Points of ticks and notes."""
+
+MOST_RIDGES = 8
+"""Policies that are shown as ridges; more become rows of a table of shades."""
+
+_BINS = 36
+_ENDS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1]), strict=True))
+_SOLID, _FLOOR = "#545D6A", "#FCFCFA"  # as in pictures of worlds
+_SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
+
+
+def finish(axes: Any, title: str, xlabel: str = "", ylabel: str = "") -> None:
+    """Writes what a panel shows, and its axes, in the sizes that all panels share."""
+    axes.set_title(title, fontsize=9, fontweight="bold", loc="left")
+    axes.set_xlabel(xlabel, fontsize=SMALL)
+    axes.set_ylabel(ylabel, fontsize=SMALL)
+    axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
+
+
+def draw_returns(axes: Any, table: EpisodeTable, recipe: Recipe) -> None:
+    """Distribution of the team return, a ridge for each policy with a mark at its mean."""
+    labels = [source.label for source in recipe.policies]
+    groups = [table.team_return[table.policy == k] for k in range(len(labels))]
+    there = [(label, group) for label, group in zip(labels, groups, strict=True) if len(group)]
+    edges = np.linspace(*_range(table.team_return), _BINS + 1)
+    shares = [np.histogram(group, edges)[0] / len(group) for _, group in there]
+    if len(there) > MOST_RIDGES:
+        _draw_rows(axes, [label for label, _ in there], shares, edges)
+    else:
+        _draw_ridges(axes, there, shares, edges)
+    finish(axes, "Team return by policy", "team return of an episode")
+
+
+def _range(values: Double) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.02 * (high - low), 1e-3)
+    return low - margin, high + margin
+
+
+def _draw_ridges(
+    axes: Any, groups: Sequence[tuple[str, Double]], shares: Sequence[Double], edges: Double
+) -> None:
+    n, peak = len(groups), max(float(share.max()) for share in shares)
+    middles = (edges[:-1] + edges[1:]) / 2
+    kernel = np.array([0.25, 0.5, 0.25])
+    for k, ((label, group), share) in enumerate(zip(groups, shares, strict=True)):
+        base, color = float(n - 1 - k), COLORS[k % len(COLORS)]
+        height = base + 0.86 / peak * np.convolve(share, kernel, mode="same")
+        axes.fill_between(middles, base, height, color=color, alpha=0.35, lw=0, step="mid")
+        axes.step(middles, height, where="mid", color=color, lw=1.2)
+        axes.axhline(base, color=FAINT, lw=0.8, zorder=0)
+        mean = float(group.mean())
+        axes.plot([mean, mean], [base, base + 0.86], color=INK, lw=1.0, ls=(0, (2, 1.5)))
+        is_left = mean > (edges[0] + edges[-1]) / 2  # of the panel there is room
+        axes.annotate(
+            f"{label}\nmean {mean:.2f}",
+            (0.02 if is_left else 0.98, base + 0.9),
+            xycoords=("axes fraction", "data"),
+            fontsize=SMALL - 0.5 if n <= 5 else SMALL - 2,
+            color=color,
+            fontweight="bold",
+            va="top",
+            ha="left" if is_left else "right",
+            linespacing=1.1,
+        )
+    axes.set(xlim=(edges[0], edges[-1]), ylim=(-0.06, n), yticks=[])
+    axes.spines["left"].set_visible(False)
+
+
+def _draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges: Double) -> None:
+    table = np.stack(shares) / np.stack(shares).max(axis=1, keepdims=True)
+    n = len(labels)
+    axes.imshow(
+        table,
+        aspect="auto",
+        extent=(edges[0], edges[-1], n, 0),
+        cmap=_shades(from_floor=True),
+        interpolation="nearest",
+    )
+    shown = np.unique(np.linspace(0, n - 1, min(n, 12)).round().astype(int))
+    axes.set_yticks(shown + 0.5, [labels[k] for k in shown], fontsize=SMALL - 2)
+
+
+def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
+    """How long episodes were, stacked by the reason of their end."""
+    edges = np.linspace(0.0, spec.horizon, 33)
+    bottom = np.zeros(32)
+    for code, reason in enumerate(END_REASONS):
+        lengths = table.lengths[table.end_reason == code]
+        if not len(lengths):
+            continue
+        counts = np.histogram(lengths, edges)[0].astype(np.float64)
+        label = f"{reason} {100 * len(lengths) / len(table):.0f} %"
+        axes.bar(
+            edges[:-1],
+            counts,
+            np.diff(edges),
+            bottom,
+            align="edge",
+            color=_ENDS[reason],
+            label=label,
+        )
+        bottom += counts
+    axes.set_xlim(0.0, spec.horizon)
+    axes.set_ylim(0.0, 1.32 * bottom.max())
+    axes.yaxis.set_major_formatter(thousands)
+    axes.grid(axis="y", color=FAINT, lw=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(fontsize=SMALL, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25)
+    finish(axes, "Length by how it ended", f"joint steps of {spec.control_dt:g} s", "episodes")
+
+
+def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
+    """Visits of each cell, logarithmic; what no robot's centre can reach is solid."""
+    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+
+    x, y = spec.arena.width / 2, spec.arena.height / 2
+    rows, columns = places.visits.shape
+    extent = (-x, columns * places.cell - x, -y, rows * places.cell - y)
+    axes.set_facecolor(_SOLID)
+    floor = np.where(places.free, 1.0, np.nan)
+    axes.imshow(floor, origin="lower", extent=extent, cmap=_one_color(_FLOOR))
+    visits = np.where(places.visits > 0, places.visits, np.nan)
+    shown = axes.imshow(
+        visits,
+        origin="lower",
+        extent=extent,
+        cmap=_shades(),
+        norm=LogNorm(1.0, max(10.0, float(places.visits.max()))),
+        interpolation="nearest",
+    )
+    axes.set(xlim=(-x, x), ylim=(-y, y))
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=_SOLID, linewidth=1.2)
+    bar = axes.figure.colorbar(shown, ax=axes, location="right", shrink=0.72, aspect=24, pad=0.03)
+    bar.set_label("robot-steps in a cell", fontsize=SMALL - 0.5)
+    bar.ax.tick_params(labelsize=SMALL - 1, length=2, width=0.5)
+    bar.ax.minorticks_off()
+    bar.outline.set_visible(False)
+    finish(axes, f"Places: {100 * places.visited:.0f} % of free cells", "x (m)", "y (m)")
+
+
+def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
+    """Two-dimensional histogram of the driving commands with its marginals.
+
+    Args:
+        axes: the panel.
+        actions: commands in [-1, 1], [n, N, 2].
+        spec: the task.
+    """
+    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+
+    kinds = {robot.dynamics for robot in spec.robots}
+    names = {"holonomic": ("along x", "along y"), "unicycle": ("forward", "turn")}
+    first, second = names[kinds.pop()] if len(kinds) == 1 else ("1st", "2nd")
+    edges = np.linspace(-1.0, 1.0, 42)
+    flat = actions.reshape(-1, 2)
+    counts = np.histogram2d(flat[:, 0], flat[:, 1], bins=(edges, edges))[0].T
+    axes.set_facecolor(_FLOOR)
+    axes.imshow(
+        np.where(counts > 0, counts, np.nan),
+        origin="lower",
+        extent=(-1, 1, -1, 1),
+        cmap=_shades(),
+        norm=LogNorm(1.0, max(10.0, float(counts.max()))),
+        interpolation="nearest",
+    )
+    middles = (edges[:-1] + edges[1:]) / 2
+    above = axes.inset_axes((0.0, 1.02, 1.0, 0.16))
+    above.fill_between(middles, counts.sum(axis=0), color=COLORS[0], alpha=0.8, lw=0, step="mid")
+    beside = axes.inset_axes((1.02, 0.0, 0.16, 1.0))
+    beside.fill_betweenx(middles, counts.sum(axis=1), color=COLORS[0], alpha=0.8, lw=0, step="mid")
+    above.set(xlim=(-1, 1), ylim=(0, None))
+    beside.set(ylim=(-1, 1), xlim=(0, None))
+    for marginal in (above, beside):
+        marginal.axis("off")
+    axes.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1))
+    finish(axes, "", f"command {first}", f"command {second}")
+    above.set_title("Commands", fontsize=9, fontweight="bold", loc="left")
+
+
+def _shades(*, from_floor: bool = False) -> Any:
+    """From light to dark blue, evenly in lightness; in gray prints as well."""
+    from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415  (an extra)
+
+    steps = (_FLOOR, *_SHADES) if from_floor else _SHADES
+    return LinearSegmentedColormap.from_list("swarmdata", steps, N=48)
+
+
+def _one_color(color: str) -> Any:
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415  (an extra)
+
+    return ListedColormap([color])
+
+
+def note(axes: Any, text: str) -> None:
+    """One line in gray instead of a panel's content."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=SMALL, color=GRAY)
+    axes.axis("off")

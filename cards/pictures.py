@@ -1,0 +1,82 @@
+"""The picture of a card: one sheet with what was achieved, where robots were, and how they drove."""
+
+from pathlib import Path
+
+import numpy as np
+
+from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw_returns
+from swarmdata.cards.tracks import choose_episodes, draw_track
+from swarmdata.coverage import coverage, sample_steps
+from swarmdata.dataset import Dataset
+from swarmdata.envs.render.canvas import pillow
+from swarmdata.errors import SchemaError
+from swarmdata.figures import GRAY, figure
+
+WIDTH, HEIGHT = 10.0, 6.25
+"""Inches of the sheet; 1600 x 1000 pixels."""
+
+N_COLORS = 96
+"""Of the palette that the sheet is reduced to, so that it has less than `MOST_BYTES`."""
+
+MOST_BYTES = 120_000
+
+N_ACTIONS = 20_000
+"""Joint steps whose commands are counted."""
+
+_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
+
+
+def draw_card(dataset: Dataset, path: Path) -> None:
+    """Draws a dataset on one sheet.
+
+    Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
+    A gigabyte takes as long as a mini: everything over time comes from samples.
+
+    Args:
+        dataset: what to show.
+        path: the `.png` file; its folder is made if absent.
+
+    Raises:
+        SchemaError: another kind of file, or a dataset without episodes.
+        MissingExtraError: matplotlib or Pillow is not installed.
+    """
+    if path.suffix.lower() != ".png":
+        raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
+    table, recipe, spec = dataset.episodes, dataset.recipe, dataset.recipe.spec
+    found = coverage(dataset.stored, dataset.selection)
+    steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_ACTIONS)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with figure(path, width=WIDTH, height=HEIGHT, purpose=_PURPOSE) as sheet:
+        sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
+        head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
+        _write_head(head, dataset)
+        axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
+        draw_returns(axes[0], table, recipe)
+        draw_lengths(axes[1], table, spec)
+        draw_places(axes[2], found.places, spec)
+        draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
+        tracks = below.subplots(1, 4)
+        for panel, index in zip(tracks, choose_episodes(table), strict=True):
+            draw_track(panel, None if index is None else dataset[index], recipe)
+    _reduce(path)
+
+
+def _write_head(head: object, dataset: Dataset) -> None:
+    table, spec = dataset.episodes, dataset.recipe.spec
+    made_by = len(np.unique(table.policy))
+    facts = (
+        f"{spec.task} with {spec.n_agents} robots",
+        f"{dataset.n_steps:,} joint steps in {len(table):,} episodes",
+        f"{made_by} {'policy' if made_by == 1 else 'policies'}",
+        f"success {100 * table.success.mean():.0f} %",
+    )
+    head.text(0.012, 0.62, dataset.id, fontsize=14, fontweight="bold", va="center")  # type: ignore[attr-defined]  # matplotlib is untyped here
+    head.text(0.012, 0.12, "   ·   ".join(facts), fontsize=9, color=GRAY, va="center")  # type: ignore[attr-defined]
+
+
+def _reduce(path: Path) -> None:
+    """Rewrites a picture with a palette: a third of the bytes, and no visible difference."""
+    pil = pillow()
+    with pil.open(path) as full:
+        reduced = full.convert("RGB").quantize(N_COLORS, method=0, dither=0)  # median cut
+    reduced.save(path, format="PNG", optimize=True)

@@ -1,0 +1,235 @@
+"""The sections of a card with statistics: policies, episodes, coverage, log-probabilities."""
+
+import numpy as np
+
+from swarmdata.cards import markdown
+from swarmdata.cards.facts import Facts
+from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
+from swarmdata.encounters import NEAR, REACH
+from swarmdata.errors import SchemaError
+from swarmdata.metrics import wilson_interval
+from swarmdata.spec import PolicySource
+from swarmdata.store import EpisodeTable
+from swarmdata.types import END_REASONS, Bool, Double
+
+BINS, BAR = 12, 40
+"""Rows of the return histogram, and characters of its longest bar."""
+
+_POLICY_HEAD = (
+    "id",
+    "policy",
+    "checkpoint",
+    "noise",
+    "episodes",
+    "steps",
+    "return",
+    "success",
+    "clean success",
+    "robot collisions",
+    "obstacle collisions",
+    "length",
+)
+
+
+def policies_section(facts: Facts) -> str:
+    """Who made the episodes, and what came of it.
+
+    Raises:
+        SchemaError: a policy of the recipe made no episode.
+    """
+    rows = []
+    for index, source in enumerate(facts.recipe.policies):
+        chosen = np.flatnonzero(facts.table.policy == index)
+        if not len(chosen):
+            raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
+        rows.append(_policy_row(source, facts.table.take(chosen)))
+    return (
+        "\n## Behavior policies\n\n"
+        + markdown.table(_POLICY_HEAD, rows)
+        + "\nNoise is the standard deviation of the Gaussian added to each command. Returns are "
+        "means ± standard deviations over episodes; collisions are contacts that began, per "
+        "episode; lengths are mean joint steps. A clean success touched nothing.\n"
+    )
+
+
+def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
+    return (
+        source.label,
+        source.name,
+        f"`{source.checkpoint}`" if source.checkpoint else "none",
+        f"{source.noise:g}",
+        f"{len(table):,}",
+        f"{table.lengths.sum():,}",
+        f"{table.team_return.mean():.2f} ± {table.team_return.std():.2f}",
+        percent(table.success),
+        percent(_clean(table)),
+        f"{table.robot_collisions.mean():.3f}",
+        f"{table.obstacle_collisions.mean():.3f}",
+        f"{table.lengths.mean():.1f}",
+    )
+
+
+def _clean(table: EpisodeTable) -> Bool:
+    """Solved without touching anything: every contact has its beginning among the collisions."""
+    return table.success & (table.robot_collisions + table.obstacle_collisions == 0)
+
+
+def statistics_section(facts: Facts, picture: str | None) -> str:
+    """All episodes together, with a picture, or without one a histogram in text.
+
+    Args:
+        facts: of the card.
+        picture: file name of the picture that the card shows.
+    """
+    table = facts.table
+    quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
+    rows = [
+        ("return, mean", f"{table.team_return.mean():.3f}"),
+        ("return, standard deviation", f"{table.team_return.std():.3f}"),
+        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
+        ("success", percent(table.success)),
+        ("clean success", percent(_clean(table))),
+        ("length, mean", f"{table.lengths.mean():.1f} steps"),
+        ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
+        ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
+    ]
+    for code, reason in enumerate(END_REASONS):
+        rows.append((f"ended by {reason}", percent(table.end_reason == code)))
+    if picture is None:
+        shown = (
+            f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
+        )
+    else:
+        shown = (
+            "\n![Return and length of episodes, places, commands, and four episodes of "
+            f"{facts.recipe.id}]({picture})\n"
+        )
+    return "\n## Statistics\n\n" + markdown.table(("", "per episode"), rows) + shown
+
+
+def histogram(values: Double, bins: int = BINS) -> str:
+    """Returns a histogram as text, one line per bin."""
+    counts, edges = np.histogram(values, bins=bins)
+    scale = BAR / counts.max()
+    lines = [
+        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{BAR}} {n}"
+        for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def coverage_section(facts: Facts) -> str:
+    """How much of the task the data cover."""
+    found = facts.findings.coverage
+    return (
+        "\n## Coverage\n\n"
+        + markdown.table(("", "measured", "reading"), _coverage_rows(found))
+        + f"\nPlaces are counted in {found.n_states:,} states of whole episodes; entropies are "
+        f"estimated by nearest neighbors from {found.n_steps:,} joint steps at a resolution of "
+        f"{RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
+        "bound, are spread over that width, so entropies end at about "
+        f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
+        "entropies come out too high; compare them between datasets of one task only. Dependence counts common causes too, such as the time that is left.\n"
+        + _passings_table(facts)
+    )
+
+
+def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
+    places = found.places
+    rows = [
+        (
+            "places visited",
+            f"{100 * places.visited:.1f} %",
+            f"of the {places.n_free:,} free cells of {places.cell:g} m",
+        ),
+        ("evenness of the visits", f"{places.entropy:.3f}", "1: every free cell alike"),
+        *_entropy_rows("state", found.states, "position and velocity"),
+        *_entropy_rows("command", found.actions, "uniform: 1.39"),
+        ("commands at a bound", f"{100 * found.bounds:.1f} %", "of all components"),
+    ]
+    if found.dependence is not None:
+        pairs = f"mean over {found.dependence.n_pairs} pairs"
+        rows += [
+            (
+                "mutual information of two robots' commands",
+                f"{found.dependence.information:.3f} nats",
+                f"{pairs}; 0: independent",
+            ),
+            (
+                "correlation of two robots' commands",
+                f"{found.dependence.correlation:.3f}",
+                f"{pairs}, absolute value",
+            ),
+        ]
+    return [
+        *rows,
+        (
+            "distinct joint states and actions",
+            f"{100 * found.distinct:.1f} %",
+            "as published elsewhere; saturates on continuous data",
+        ),
+    ]
+
+
+def _entropy_rows(what: str, found: Entropies | None, reading: str) -> list[tuple[str, str, str]]:
+    if found is None:
+        return [(f"entropy of a robot's {what}", "unknown", f"needs {FEWEST} joint steps")]
+    return [
+        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading),
+        (f"entropy of the team's {what}s", f"{found.team:.2f} nats a robot", "see below"),
+    ]
+
+
+def _passings_table(facts: Facts) -> str:
+    rows = []
+    for index, counts in facts.findings.coverage.passings.items():
+        if counts.n:
+            share = wilson_interval(counts.n_right, counts.n)
+            cells = (f"{100 * value:.0f}" for value in share)
+            rows.append(
+                (
+                    facts.recipe.policies[index].label,
+                    str(counts.n),
+                    "{} % [{}, {}]".format(*cells),
+                )
+            )
+    sampled = f"in the sampled episodes, at most {N_ENCOUNTERS} of each policy"
+    if not rows:
+        return f"\nNo two robots passed each other head on {sampled}.\n"
+    return (
+        "\nOn which side robots that meet head on pass each other:\n\n"
+        + markdown.table(("id", "passings", "kept to the right"), rows)
+        + f"\nCounted {sampled}: two robots come within {REACH:g} m with velocities against each "
+        f"other, then within {NEAR:g} m, and part behind each other. Intervals are Wilson's, 95 "
+        "%.\n"
+    )
+
+
+def log_probs_section(facts: Facts) -> str:
+    """Densities of the actions under their policies, nothing where they were not recorded."""
+    found = facts.findings.log_probs
+    if found is None:
+        return ""
+    rows = [
+        (
+            facts.recipe.policies[index].label,
+            *(_nats(value) for value in (each.mean, *each.quantiles)),
+            f"{100 * each.undefined:.1f} %",
+        )
+        for index, each in found.items()
+    ]
+    return (
+        "\n## Log-probabilities of the actions\n\n"
+        + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)
+        + "\n`log_probs`: per robot and step, under the policy that acted, noise included. "
+        "Undefined are those of policies without a density, which choose one action for sure.\n"
+    )
+
+
+def _nats(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "none"
+
+
+def percent(values: Bool) -> str:
+    """A share of episodes."""
+    return f"{100 * values.mean():.1f} %"
