@@ -23,6 +23,11 @@ _SOLID, _FLOOR = "#545D6A", "#FCFCFA"  # as in pictures of worlds
 _SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
 
 
+def signed(value: float) -> str:
+    """Two decimals, with the minus sign of axes."""
+    return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
+
+
 def finish(axes: Any, title: str, xlabel: str = "", ylabel: str = "") -> None:
     """Writes what a panel shows, and its axes, in the sizes that all panels share."""
     axes.set_title(title, fontsize=9, fontweight="bold", loc="left")
@@ -40,9 +45,10 @@ def draw_returns(axes: Any, table: EpisodeTable, recipe: Recipe) -> None:
     shares = [np.histogram(group, edges)[0] / len(group) for _, group in there]
     if len(there) > MOST_RIDGES:
         _draw_rows(axes, [label for label, _ in there], shares, edges)
+        finish(axes, "Team return by policy", "team return; darker: more of its episodes")
     else:
         _draw_ridges(axes, there, shares, edges)
-    finish(axes, "Team return by policy", "team return of an episode")
+        finish(axes, "Team return by policy", "team return of an episode")
 
 
 def _range(values: Double) -> tuple[float, float]:
@@ -67,7 +73,7 @@ def _draw_ridges(
         axes.plot([mean, mean], [base, base + 0.86], color=INK, lw=1.0, ls=(0, (2, 1.5)))
         is_left = mean > (edges[0] + edges[-1]) / 2  # of the panel there is room
         axes.annotate(
-            f"{label}\nmean {mean:.2f}",
+            f"{label}\nmean {signed(mean)}",
             (0.02 if is_left else 0.98, base + 0.9),
             xycoords=("axes fraction", "data"),
             fontsize=SMALL - 0.5 if n <= 5 else SMALL - 2,
@@ -91,8 +97,8 @@ def _draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges
         cmap=_shades(from_floor=True),
         interpolation="nearest",
     )
-    shown = np.unique(np.linspace(0, n - 1, min(n, 12)).round().astype(int))
-    axes.set_yticks(shown + 0.5, [labels[k] for k in shown], fontsize=SMALL - 2)
+    shown = np.arange(0, n, -(-n // 14))
+    axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL - 2)
 
 
 def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
@@ -144,12 +150,16 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
         interpolation="nearest",
     )
     axes.set(xlim=(-x, x), ylim=(-y, y))
+    axes.set_anchor("N")
     for spine in axes.spines.values():
         spine.set(visible=True, color=_SOLID, linewidth=1.2)
-    bar = axes.figure.colorbar(shown, ax=axes, location="right", shrink=0.72, aspect=24, pad=0.03)
+    bar = axes.figure.colorbar(
+        shown, ax=axes, shrink=0.8, aspect=24, pad=0.03, anchor=(0.0, 0.9), panchor=(0.5, 1.0)
+    )
     bar.set_label("robot-steps in a cell", fontsize=SMALL - 0.5)
     bar.ax.tick_params(labelsize=SMALL - 1, length=2, width=0.5)
     bar.ax.minorticks_off()
+    bar.ax.yaxis.set_major_formatter(thousands)
     bar.outline.set_visible(False)
     finish(axes, f"Places: {100 * places.visited:.0f} % of free cells", "x (m)", "y (m)")
 
@@ -170,7 +180,6 @@ def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
     edges = np.linspace(-1.0, 1.0, 42)
     flat = actions.reshape(-1, 2)
     counts = np.histogram2d(flat[:, 0], flat[:, 1], bins=(edges, edges))[0].T
-    axes.set_facecolor(_FLOOR)
     axes.imshow(
         np.where(counts > 0, counts, np.nan),
         origin="lower",
@@ -180,17 +189,18 @@ def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
         interpolation="nearest",
     )
     middles = (edges[:-1] + edges[1:]) / 2
-    above = axes.inset_axes((0.0, 1.02, 1.0, 0.16))
-    above.fill_between(middles, counts.sum(axis=0), color=COLORS[0], alpha=0.8, lw=0, step="mid")
-    beside = axes.inset_axes((1.02, 0.0, 0.16, 1.0))
-    beside.fill_betweenx(middles, counts.sum(axis=1), color=COLORS[0], alpha=0.8, lw=0, step="mid")
-    above.set(xlim=(-1, 1), ylim=(0, None))
-    beside.set(ylim=(-1, 1), xlim=(0, None))
-    for marginal in (above, beside):
-        marginal.axis("off")
-    axes.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1))
-    finish(axes, "", f"command {first}", f"command {second}")
-    above.set_title("Commands", fontsize=9, fontweight="bold", loc="left")
+    look = {"color": COLORS[0], "alpha": 0.8, "lw": 0, "step": "mid"}
+    for fill, sums in (
+        (axes.fill_between, counts.sum(axis=0)),
+        (axes.fill_betweenx, counts.sum(axis=1)),
+    ):
+        fill(middles, 1.04, 1.04 + 0.32 * sums / sums.max(), **look)
+    axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=_SOLID, lw=0.9)
+    axes.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), xlim=(-1.02, 1.37), ylim=(-1.02, 1.37))
+    axes.set_anchor("N")
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    finish(axes, "Commands", f"command {first}", f"command {second}")
 
 
 def _shades(*, from_floor: bool = False) -> Any:

@@ -129,8 +129,8 @@ def coverage_section(facts: Facts) -> str:
         f"{RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
         "bound, are spread over that width, so entropies end at about "
         f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
-        "entropies come out too high; compare them between datasets of one task only. Dependence counts common causes too, such as the time that is left.\n"
-        + _passings_table(facts)
+        "entropies come out too high; compare them between datasets of one task only. Dependence "
+        "counts common causes too, such as the time that is left.\n" + _passings_table(facts)
     )
 
 

@@ -4,14 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.panels import SMALL, finish, note
-from swarmdata.envs.render import ROBOT_COLORS, draw
+from swarmdata.cards.panels import SMALL, finish, note, signed
+from swarmdata.envs.render import draw
 from swarmdata.envs.render.canvas import WALL_SHOWN
+from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
+from swarmdata.envs.render.scene import n_bodies
 from swarmdata.figures import GRAY
-from swarmdata.spec import Recipe
-from swarmdata.states import X, Y, robots_of
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.states import BODY, N_COLUMNS, X, Y, robots_of
 from swarmdata.store import EpisodeTable
-from swarmdata.types import END_REASONS, Episode
+from swarmdata.types import END_REASONS, Double, Episode
 
 N_TRACKS = 4
 
@@ -48,27 +50,42 @@ def draw_track(axes: Any, episode: Episode | None, recipe: Recipe) -> None:
         return
     spec, last = recipe.spec, len(episode)
     image = draw(
-        spec,
-        episode.layout,
-        episode.states[last],
-        trails=episode.states,
-        events=episode.events[last - 1],
-        size=_SIZE,
+        spec, episode.layout, episode.states[last], events=episode.events[last - 1], size=_SIZE
     )
     x, y = spec.arena.width / 2 + WALL_SHOWN, spec.arena.height / 2 + WALL_SHOWN
     axes.imshow(image, extent=(-x, x, -y, y), interpolation="antialiased")
-    starts = robots_of(episode.states[:1], spec.n_agents)[0]
-    for k, row in enumerate(starts):
-        color = [value / 255 for value in ROBOT_COLORS[k % len(ROBOT_COLORS)]]
-        axes.plot(row[X], row[Y], "o", mfc="white", mec=color, mew=1.3, ms=4.5)
+    for path, color in _paths(episode, spec):
+        axes.plot(path[:, 0], path[:, 1], color=color, lw=1.1, alpha=0.7)
+        axes.plot(*path[0], "o", mfc="white", mec=color, mew=1.3, ms=4.5)
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set_visible(False)
     finish(axes, recipe.policies[episode.policy].label)
     axes.set_xlabel(
         f"{END_REASONS[episode.end_reason]} after {last * spec.control_dt:.1f} s, "
-        f"return {episode.team_return:.2f}",
+        f"return {signed(episode.team_return)}",
         fontsize=SMALL,
         color=GRAY,
         labelpad=2,
     )
+
+
+def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, ...]]]:
+    """Paths [T+1, 2] of robots and payloads with their colors; NaN below a robot at its last place.
+
+    The renderer's trails fade into the past, which is right in motion; here the way counts.
+    """
+    n = spec.n_agents
+    places = robots_of(episode.states, n)[..., [X, Y]].astype(np.float64)
+    colors = [robot_color(k) for k in range(n)]
+    radii = np.array([robot.radius for robot in spec.robots])
+    paths = []
+    for k in range(n_bodies(spec)):
+        first = N_COLUMNS * n + len(BODY) * k
+        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE))
+    for k in range(n):
+        gaps = np.sqrt(np.square(places[:, k, None] - places[-1]).sum(axis=-1))  # [T+1, N]
+        is_below = (gaps < radii).any(axis=1)
+        is_below[0] = False
+        paths.append((np.where(is_below[:, None], np.nan, places[:, k]), colors[k]))
+    return [(path, tuple(value / 255 for value in color)) for path, color in paths]

@@ -149,13 +149,23 @@ def verify(dataset: IdOrPath) -> None:
 def card(
     dataset: IdOrPath,
     write: Annotated[bool, typer.Option(help="replace the card in the dataset's folder")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for ID.md and its picture ID.png")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="with --out: draw the picture")] = True,
 ) -> None:
-    """Render a dataset's card from its files."""
+    """Render a dataset's card from its files: print it, or with --out write it with its picture."""
+    from swarmdata.cards.publish import publish_card
     from swarmdata.cards.render import card_of, write_card
 
-    typer.echo(card_of(_folder(dataset)), nl=False)
+    folder = _folder(dataset)
+    if out is None:
+        typer.echo(card_of(folder), nl=False)
+    else:
+        for path in publish_card(folder, out, pictures=pictures):
+            typer.echo(path)
     if write:
-        write_card(_folder(dataset))
+        write_card(folder)
 
 
 @app.command()
@@ -282,12 +292,24 @@ def report(
 def curves(
     files: Annotated[list[Path], typer.Argument(metavar="CSV...", help="curves of online runs")],
     out: Annotated[Path, typer.Option(help="the picture: .png, .svg or .pdf")],
-    metric: Annotated[str, typer.Option(help="column to draw")] = "success",
+    metric: Annotated[str, typer.Option(help="column to draw, without --by")] = "success",
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="how files are named, from the end: algorithm/task, task-algorithm/*; draws "
+            "success and return by task, a line per algorithm with the interval over its runs",
+        ),
+    ] = None,
+    log: Annotated[bool, typer.Option(help="with --by: logarithmic joint steps")] = False,
 ) -> None:
     """Draw training curves of online runs."""
-    from swarmdata.reporting import draw_training
+    from swarmdata.reporting import draw_learning, draw_training
 
-    draw_training(files, metric, out)
+    if by is None:
+        draw_training(files, metric, out)
+    else:
+        draw_learning(files, by, out, log=log)
     typer.echo(out)
 
 

@@ -26,7 +26,7 @@ from swarmdata.seeding import derive, uniform
 from swarmdata.spec import TaskSpec
 from swarmdata.states import VX, VY, X, Y, robots_of
 from swarmdata.store import EpisodeTable, StoredDataset
-from swarmdata.types import Double, Int
+from swarmdata.types import Double, Float, Int
 
 N_ROWS, N_TEAM_ROWS = 5_000, 2_500
 """Joint steps from which the entropies of one robot, and of the whole team, are estimated."""
@@ -195,7 +195,7 @@ def _entropies(values: Double, seed: int) -> Entropies | None:
     )
 
 
-def _visited(stored: StoredDataset, chosen: Int) -> Double:
+def _visited(stored: StoredDataset, chosen: Int) -> Float:
     """States of whole episodes, evenly spread, about `N_VISITS` of them, [n, S]."""
     table = stored.table
     n_states = int(table.lengths[chosen].sum()) + len(chosen)
@@ -203,7 +203,7 @@ def _visited(stored: StoredDataset, chosen: Int) -> Double:
     return np.concatenate([_states(stored, episode) for episode in taken.tolist()])
 
 
-def _states(stored: StoredDataset, episode: int) -> Double:
+def _states(stored: StoredDataset, episode: int) -> Float:
     first = int(stored.table.starts[episode]) + episode
     return stored.arrays["states"][first : first + int(stored.table.lengths[episode]) + 1]
 

@@ -9,6 +9,7 @@ from swarmdata.catalog import load as load_dataset
 from swarmdata.clips import check_clip, write_clip
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluate import load, load_metadata
+from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.metrics import Reference
 from swarmdata.models import Source, is_same_world, with_models
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
@@ -113,6 +114,18 @@ def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
         xlabel="joint steps of training",
         factor=1.0 if is_return else 100.0,
     )
+
+
+def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
+    """Draws success and return of online runs by task and algorithm.
+
+    Args:
+        files: CSV files with a `frames` column; with a `seed` column for several runs in one.
+        by: how the files are named; see `learning_curves.group_files`.
+        out: the picture.
+        log: whether joint steps are logarithmic.
+    """
+    plot_learning(group_files(files, by), out, log=log)
 
 
 def draw_target(

@@ -1,0 +1,31 @@
+"""Writes a card as it is published: `<id>.md`, and beside it the picture that it shows."""
+
+from pathlib import Path
+
+from swarmdata.cards.pictures import draw_card
+from swarmdata.cards.render import card_of
+from swarmdata.dataset import Dataset
+from swarmdata.store import write_file
+
+
+def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path]:
+    """Writes the card of a finished dataset to another folder and returns what it wrote.
+
+    Args:
+        folder: the dataset's.
+        out: folder to write to; made if absent.
+        pictures: whether to draw `<id>.png`; the text has a histogram in its place otherwise.
+
+    Raises:
+        DatasetError: the dataset cannot be used.
+        MissingExtraError: pictures need matplotlib or Pillow, which is not installed.
+        SchemaError: a check that the card reports did not pass.
+        SpecError: something stored has no description.
+    """
+    dataset = Dataset.open(folder, verify="none")
+    text, picture = out / f"{dataset.id}.md", out / f"{dataset.id}.png"
+    out.mkdir(parents=True, exist_ok=True)
+    if pictures:
+        draw_card(dataset, picture)
+    write_file(text, card_of(folder, picture.name if pictures else None).encode())
+    return [text, picture] if pictures else [text]
