@@ -111,7 +111,9 @@ def plot_learning(curves: Grouped, out: Path, *, log: bool = False) -> None:
         for row, (column, ylabel, factor) in zip(grid, METRICS, strict=True):
             for axes, task in zip(row, curves, strict=True):
                 _draw_panel(axes, read[task, column], colors, factor, is_share=factor != 1.0)
-                axes.set_xscale("log" if log else "linear")
+                if log:
+                    axes.set_xscale("log")
+                    axes.minorticks_off()
                 axes.xaxis.set_major_formatter(thousands)
             row[0].set_ylabel(ylabel)
         for axes in grid[-1]:
@@ -165,18 +167,22 @@ def _label_ends(axes: Any) -> None:
 
 
 def spread_labels(wanted: Double, gap: float) -> Double:
-    """Places for labels near those wanted, at least `gap` apart, within [0, 1] if they fit.
+    """Places for labels at least `gap` apart, as near to those wanted as can be, in their order.
 
-    Order is kept. Labels are pushed up from below, then down from above.
+    Least squares: without their gaps the places must not decrease, which pooling adjacent violators
+    solves (Barlow, Bartholomew, Bremner and Brunk, "Statistical Inference under Order
+    Restrictions", 1972, section 1.2). They stay within [0, 1] if they fit.
     """
     order = np.argsort(wanted, kind="stable")
-    places = np.clip(wanted[order], 0.0, 1.0)
-    for k in range(1, len(places)):
-        places[k] = max(places[k], places[k - 1] + gap)
-    if len(places):
-        places[-1] = min(places[-1], max(1.0, gap * (len(places) - 1)))
-    for k in range(len(places) - 2, -1, -1):
-        places[k] = min(places[k], places[k + 1] - gap)
-    spread = np.empty_like(places)
-    spread[order] = places
-    return spread
+    steps = gap * np.arange(len(wanted))
+    blocks: list[tuple[float, int]] = []  # mean and number of labels that stand together
+    for value in (wanted[order] - steps).tolist():
+        mean, n = value, 1
+        while blocks and blocks[-1][0] > mean:
+            before, m = blocks.pop()
+            mean, n = (before * m + mean * n) / (m + n), m + n
+        blocks.append((mean, n))
+    level = np.repeat([mean for mean, _ in blocks], [n for _, n in blocks])
+    places = np.empty(len(wanted))
+    places[order] = np.clip(level, 0.0, max(0.0, 1.0 - steps[-1])) + steps
+    return places

@@ -1,0 +1,168 @@
+"""Estimates agree with what is known of Gaussians and boxes, and do not depend on coordinates."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import SchemaError
+from swarmdata.information import (
+    EULER,
+    at_bounds,
+    correlation,
+    digamma,
+    distinct_share,
+    dither,
+    knn_entropy,
+    mutual_information,
+)
+from swarmdata.types import Double
+
+SEEDS = st.integers(0, 2**32 - 1)
+SIZES = st.tuples(st.integers(8, 120), st.integers(1, 4), st.integers(1, 4))
+
+
+def gaussian(seed: int, n: int, d: int) -> Double:
+    return np.random.default_rng(seed).normal(size=(n, d))
+
+
+def naive_kth(points: Double, k: int) -> Double:
+    gaps = np.abs(points[:, None] - points[None]).max(axis=-1)
+    return np.sort(gaps, axis=1)[:, k]  # the first is the point itself
+
+
+@pytest.mark.parametrize("d", [1, 2, 4])
+def test_entropy_of_a_gaussian(d: int) -> None:
+    points = gaussian(0, 4000, d) * np.arange(1, d + 1)
+    exact = d / 2 * math.log(2 * math.pi * math.e) + math.log(math.factorial(d))
+    assert knn_entropy(points) == pytest.approx(exact, abs=0.08)
+
+
+def test_entropy_of_a_box() -> None:
+    points = np.random.default_rng(1).uniform(-1, 1, (4000, 2))
+    assert knn_entropy(points) == pytest.approx(2 * math.log(2), abs=0.06)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_information_of_correlated_gaussians(rho: float) -> None:
+    z = gaussian(2, 2000, 2)
+    x, y = z[:, :1], rho * z[:, :1] + math.sqrt(1 - rho * rho) * z[:, 1:]
+    assert mutual_information(x, y) == pytest.approx(-0.5 * math.log(1 - rho * rho), abs=0.05)
+    assert correlation(x, y) == pytest.approx(rho, abs=0.05)
+
+
+def test_information_sees_what_correlation_does_not() -> None:
+    x = np.random.default_rng(3).uniform(-1, 1, (2000, 1))
+    y = x * x + 0.05 * gaussian(3, 2000, 1)
+    assert correlation(x, y) < 0.1
+    assert mutual_information(x, y) > 1.0
+
+
+@given(SEEDS, SIZES)
+def test_entropy_is_the_formula_on_naive_distances(seed: int, size: tuple[int, int, int]) -> None:
+    n, d, k = size
+    points = gaussian(seed, n, d)
+    scales = points.std(axis=0)
+    logs = np.log(2 * naive_kth(points / scales, k)).mean()
+    psi = digamma(n)
+    expected = psi[n] - psi[k] + d * logs + np.log(scales).sum()
+    assert knn_entropy(points, k) == pytest.approx(expected, abs=1e-9)
+
+
+@given(SEEDS, SIZES)
+def test_information_is_the_formula_on_naive_counts(seed: int, size: tuple[int, int, int]) -> None:
+    n, d, k = size
+    x, y = gaussian(seed, n, d), gaussian(seed + 1, n, d)
+    a, b = x / x.std(axis=0), y / y.std(axis=0)
+    reach = naive_kth(np.concatenate([a, b], axis=1), k)[:, None]
+    counts = [(np.abs(z[:, None] - z[None]).max(axis=-1) < reach).sum(axis=1) - 1 for z in (a, b)]
+    psi = digamma(n)
+    expected = psi[k] + psi[n] - (psi[counts[0] + 1] + psi[counts[1] + 1]).mean()
+    assert mutual_information(x, y, k) == pytest.approx(expected, abs=1e-9)
+
+
+@given(SEEDS, SIZES, st.floats(-50, 50), st.floats(0.01, 100))
+def test_order_place_and_scale(
+    seed: int, size: tuple[int, int, int], shift: float, factor: float
+) -> None:
+    n, d, k = size
+    x, y = gaussian(seed, n, d), gaussian(seed + 1, n, 2)
+    order = np.random.default_rng(seed).permutation(n)
+    entropy, information = knn_entropy(x, k), mutual_information(x, y, k)
+    assert knn_entropy(x[order], k) == pytest.approx(entropy, abs=1e-9)
+    assert mutual_information(x[order], y[order], k) == pytest.approx(information, abs=1e-9)
+    assert mutual_information(y, x, k) == pytest.approx(information, abs=1e-9)
+    assert knn_entropy(x + shift, k) == pytest.approx(entropy, abs=1e-6)
+    first = np.ones(d)
+    first[0] = factor  # one coordinate in another unit
+    assert knn_entropy(x * first, k) == pytest.approx(entropy + math.log(factor), abs=1e-6)
+
+
+def test_copies_have_no_density_until_dithered() -> None:
+    points = np.repeat(gaussian(4, 50, 2), 8, axis=0)
+    with pytest.raises(SchemaError, match=r"400 of 400 points have 4 copies.*dither"):
+        knn_entropy(points)
+    with pytest.raises(SchemaError, match="400 of 400 pairs have 4 copies"):
+        mutual_information(points, points)
+    assert math.isfinite(knn_entropy(dither(points, 0.01, 0)))
+
+
+def test_entropy_of_rest_is_that_of_the_resolution() -> None:
+    still = dither(np.zeros((3000, 2)), 0.01, 7)
+    assert knn_entropy(still) == pytest.approx(2 * math.log(0.01), abs=0.06)
+    with pytest.raises(SchemaError, match=r"coordinates \[0, 1\] are constant"):
+        knn_entropy(np.zeros((3000, 2)))
+
+
+def test_an_atom_at_the_bound_lowers_the_entropy() -> None:
+    free = np.random.default_rng(5).uniform(-1, 1, (3000, 1))
+    clipped = np.clip(2.0 * free, -1, 1)
+    # half the mass on two atoms of width 0.01, half uniform over a width of 2
+    expected = 0.5 * math.log(2 / 0.5) + 0.5 * math.log(0.01 / 0.25)
+    assert knn_entropy(dither(clipped, 0.01, 0)) == pytest.approx(expected, abs=0.1)
+    assert at_bounds(clipped).mean() == pytest.approx(0.5, abs=0.03)
+
+
+@given(SEEDS, st.floats(1e-6, 10))
+def test_dither_is_seeded_and_small(seed: int, resolution: float) -> None:
+    points = gaussian(seed, 40, 3)
+    moved = dither(points, resolution, seed)
+    assert (np.abs(moved - points) <= resolution / 2 * (1 + 1e-9)).all()
+    assert (moved == dither(points, resolution, seed)).all()
+    assert (moved != dither(points, resolution, seed + 1)).any()
+
+
+def test_independent_noise_shares_nothing() -> None:
+    still = np.zeros((1500, 2))
+    assert abs(mutual_information(dither(still, 0.01, 0), dither(still, 0.01, 1))) < 0.05
+
+
+def test_digamma_is_that_of_the_tables() -> None:
+    psi = digamma(10)
+    assert psi[1:4] == pytest.approx([-EULER, 1 - EULER, 1.5 - EULER])
+    assert psi[10] == pytest.approx(2.2517525890667212)
+    assert digamma(1).shape == (2,)
+
+
+def test_correlation_without_variation_is_none() -> None:
+    x = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
+    assert correlation(x, -x) == pytest.approx(0.5)
+
+
+def test_distinct_share() -> None:
+    assert distinct_share(np.array([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0], [2.0, 0.0]])) == 0.75
+
+
+def test_malformed_points_are_refused() -> None:
+    with pytest.raises(SchemaError, match="at least 6 rows"):
+        knn_entropy(gaussian(0, 5, 2))
+    with pytest.raises(SchemaError, match="not finite"):
+        knn_entropy(np.full((10, 2), np.nan))
+    with pytest.raises(SchemaError, match="x has 9 rows and y has 8"):
+        mutual_information(gaussian(0, 9, 1), gaussian(0, 8, 1))
+    with pytest.raises(SchemaError, match="expected the same"):
+        correlation(gaussian(0, 9, 1), gaussian(0, 9, 2))
+    with pytest.raises(SchemaError, match="positive width"):
+        dither(gaussian(0, 9, 1), 0.0, 0)
