@@ -20,7 +20,7 @@ N_RESAMPLES, LEVEL, SEED = 2_000, 0.95, 0
 
 _LABEL_GAP = 0.075  # of the axes' height, between two labels at the ends of lines
 
-_NAME = {"algorithm": "(?P<algorithm>[^/]+?)", "task": "(?P<task>[^/]+?)", "*": "[^/]*"}
+_NAME = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
 
 Grouped = Mapping[str, Mapping[str, Sequence[Path]]]
 """Task -> algorithm -> files of its runs."""
@@ -32,7 +32,8 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
     Args:
         files: such as `runs/mappo/coop_nav/curve.csv`.
         pattern: what the end of a path without its suffix looks like, with `algorithm` and `task`
-            once each and `*` for anything: here `algorithm/task/*`.
+            once each and `*` for anything: here `algorithm/task/*`. Tasks may have hyphens in
+            their names, algorithms not.
 
     Returns:
         task -> algorithm -> files, each in the order in which it first occurs.

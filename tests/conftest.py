@@ -1,10 +1,15 @@
 """Settings that every test shares."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from swarmdata.spec import TaskSpec
 
 # Before NumPy or torch start their thread pools: tests run small arrays, often several at once.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -33,3 +38,32 @@ def cache_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
     folder = tmp_path_factory.mktemp("cache")
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
     return folder
+
+
+@pytest.fixture(scope="session")
+def record() -> Callable[..., Path]:
+    """Writes a small dataset of policies without checkpoints, in this process."""
+    from swarmdata.recipes import make_part
+    from swarmdata.registry import make_env
+    from swarmdata.spec import PolicySource, Recipe
+    from swarmdata.store import assemble, merge_order, write_part
+
+    def write(out: Path, spec: "TaskSpec", policies: tuple[str, ...], tier: str = "small") -> Path:
+        recipe = Recipe(
+            id=f"{spec.task}-small-v0",
+            tier=tier,
+            spec=spec,
+            policies=tuple(PolicySource(label=name, name=name) for name in policies),
+            n_steps=8 * spec.horizon,
+            part_episodes=8,
+        )
+        env, lengths, parts = make_env(spec, 8), [], {}
+        for policy in range(len(policies)):
+            episodes = make_part(recipe, policy, 0, env)
+            lengths.append([len(episode) for episode in episodes])
+            parts[policy] = [out.parent / f"{out.name}-part-{policy}"]
+            write_part(parts[policy][0], episodes)
+        assemble(out, recipe=recipe, parts=parts, order=merge_order(recipe, lengths).order)
+        return out
+
+    return write

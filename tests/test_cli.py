@@ -85,6 +85,9 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     assert "520 joint steps" in output
     assert "every file is as it was written" in run("verify", out)
     assert run("card", out) == (out / "card.md").read_text()
+    cards = tmp_path / "cards"
+    assert run("card", out, "--out", cards, "--no-pictures") == f"{cards}/coop_nav-tiny-v0.md\n"
+    assert (cards / "coop_nav-tiny-v0.md").read_text() == (out / "card.md").read_text()
     published = json.loads(run("digests", out))
     assert published["coop_nav-tiny-v0"]["digest"] in output
 
@@ -93,6 +96,19 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     damaged[100] ^= 1
     data.write_bytes(damaged)
     assert "ChecksumError" in run("verify", out, code=1)
+
+
+def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="curves are a picture")
+    for name in ("mappo", "vdn"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "coop_nav.csv").write_text("frames,success,return\n1,0,1\n2,1,2\n")
+    files, out = sorted(tmp_path.glob("*/*.csv")), tmp_path / "curves.svg"
+    run("curves", *files, "--by", "algorithm/task", "--out", out)
+    assert "<!-- vdn (1 run) -->" in out.read_text()
+    assert "does not end as" in run(
+        "curves", *files, "--by", "task-algorithm", "--out", out, code=1
+    )
 
 
 def test_evaluate_and_report(tmp_path: Path) -> None:

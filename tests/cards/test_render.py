@@ -1,20 +1,27 @@
 """The card: a golden file, and the checks that keep a wrong dataset from having one."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from swarmdata.cards.facts import Facts
 from swarmdata.cards.fields import observation_rows
-from swarmdata.cards.render import Facts, check, histogram, render
+from swarmdata.cards.findings import Findings, LogProbabilities
+from swarmdata.cards.render import check, render
 from swarmdata.cards.schema import Interval, TaskReferences
+from swarmdata.cards.statistics import histogram
 from swarmdata.communication_names import communication_model
+from swarmdata.coverage import Coverage, Dependence, Entropies
+from swarmdata.encounters import Passings
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.features import Feature
 from swarmdata.metrics import EPISODE_METRICS
 from swarmdata.observation_names import observation_model
+from swarmdata.occupancy import Occupancy
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
@@ -94,7 +101,28 @@ def make_facts(
         ),
         provenance={"numpy": "2.4.6", "platform": "Linux"},
     )
-    return Facts(manifest, recipe, table, make_references())
+    return Facts(manifest, recipe, table, make_findings(), make_references())
+
+
+def make_findings() -> Findings:
+    visits = np.zeros((4, 4), np.int64)
+    visits[1:3, 1] = (6, 2)
+    free = np.zeros((4, 4), np.bool_)
+    free[1:3, 1:3] = True
+    covered = Coverage(
+        n_steps=3700,
+        places=Occupancy(visits, free, cell=1.0),
+        n_states=3740,
+        states=Entropies(robot=2.25, team=2.75),
+        actions=Entropies(robot=1.25, team=1.5),
+        bounds=0.125,
+        distinct=1.0,
+        dependence=Dependence(n_pairs=6, information=0.0625, correlation=0.03125),
+        passings={0: Passings(0, 0), 1: Passings(9, 1)},
+    )
+    likely = LogProbabilities(n=5600, undefined=0.0, mean=1.75, quantiles=(-3.5, 2.25, 2.75))
+    unknown = LogProbabilities(n=9200, undefined=1.0, mean=np.nan, quantiles=(np.nan,) * 3)
+    return Findings(covered, log_probs={0: unknown, 1: likely})
 
 
 def make_references() -> TaskReferences:
@@ -141,10 +169,7 @@ def test_numbers_are_those_of_the_table() -> None:
 
 
 def test_without_references_the_card_says_so() -> None:
-    facts = make_facts()
-    bare = Facts(facts.manifest, facts.recipe, facts.table, None)
-
-    assert "None measured for this spec." in render(bare)
+    assert "None measured for this spec." in render(replace(make_facts(), references=None))
 
 
 @pytest.mark.parametrize(
@@ -199,6 +224,48 @@ def test_a_feature_without_description_is_an_error() -> None:
 def test_policy_without_episodes_is_an_error() -> None:
     with pytest.raises(SchemaError, match="'expert-0' made no episode"):
         render(make_facts(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
+
+
+def test_policies_have_their_own_figures() -> None:
+    table = make_table()
+    returns = table.team_return[table.policy == 1]
+    (row,) = [line for line in render(make_facts(table)).splitlines() if "`expert-0" in line]
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[4:7] == ["20", "1,400", f"{returns.mean():.2f} ± {returns.std():.2f}"]
+    assert cells[7:] == ["100.0 %", "65.0 %", "0.350", "0.000", "70.0"]
+
+
+def test_coverage_and_sides_are_read_from_the_findings() -> None:
+    text = render(make_facts())
+    assert "| places visited | 50.0 % | of the 4 free cells of 1 m |" in text
+    assert "| expert-0 | 10 | 90 % [60, 98] |" in text
+    assert "| random | 0 |" not in text, "a policy without passings has no side"
+    facts = make_facts()
+    covered = replace(facts.findings.coverage, passings={0: Passings(0, 0)}, dependence=None)
+    text = render(replace(facts, findings=Findings(covered, None)))
+    assert "No two robots passed each other head on" in text
+    assert "mutual information" not in text
+    assert "Log-probabilities" not in text
+
+
+def test_undefined_log_probabilities_are_named() -> None:
+    text = render(make_facts())
+    assert "| random | none | none | none | none | 100.0 % |" in text
+    assert "| expert-0 | 1.75 | -3.50 | 2.25 | 2.75 | 0.0 % |" in text
+
+
+def test_too_short_for_entropies() -> None:
+    facts = make_facts()
+    covered = replace(facts.findings.coverage, states=None, actions=None)
+    text = render(replace(facts, findings=Findings(covered, None)))
+    assert text.count("| unknown | needs 6 joint steps |") == 2
+
+
+def test_a_picture_takes_the_place_of_the_histogram() -> None:
+    assert "█" in render(make_facts())
+    text = render(make_facts(), picture="coop_nav-golden-v0.png")
+    assert "](coop_nav-golden-v0.png)" in text
+    assert "█" not in text
 
 
 def test_histogram_counts_everything() -> None:

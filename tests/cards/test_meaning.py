@@ -1,0 +1,31 @@
+"""Every tier and task of the package is explained."""
+
+import pytest
+
+from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.cards.meaning import LIMITS, TASK_LIMITS, TIER_LIMITS, TIERS, limits_of
+from swarmdata.registry import TASKS
+
+
+def test_shipped_tiers_have_a_meaning_and_limits() -> None:
+    for recipe in shipped_recipes().values():
+        assert recipe.tier in TIERS
+    assert set(TIERS) == set(TIER_LIMITS)
+
+
+def test_every_task_has_limits() -> None:
+    assert set(TASK_LIMITS) == set(TASKS)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_texts_are_sentences(tier: str) -> None:
+    for text in (TIERS[tier], *limits_of("coop_nav", tier)):
+        assert text.endswith(".")
+        assert text[0].isupper()
+        assert "  " not in text
+
+
+def test_limits_are_those_of_all_the_task_and_the_tier() -> None:
+    found = limits_of("warehouse", "narrow")
+    assert found == (*LIMITS, *TASK_LIMITS["warehouse"], *TIER_LIMITS["narrow"])
+    assert limits_of("elsewhere", "own") == LIMITS

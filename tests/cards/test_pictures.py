@@ -1,0 +1,160 @@
+"""A card's picture: its size, what it shows, and what it does without the extra."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.cards.panels import MOST_RIDGES, draw_actions, draw_lengths, draw_returns
+from swarmdata.cards.pictures import MOST_BYTES, draw_card
+from swarmdata.cards.publish import publish_card
+from swarmdata.cards.tracks import N_TRACKS, choose_episodes
+from swarmdata.dataset import Dataset
+from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.presets import preset
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store import EpisodeTable
+
+pytest.importorskip("matplotlib")
+pil = pytest.importorskip("PIL.Image")
+
+Record = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, record: Record) -> Path:
+    out = tmp_path_factory.mktemp("pictures") / "data"
+    return record(out, TaskSpec(horizon=40), ("random", "straight", "idle"))
+
+
+def test_one_sheet_of_fixed_size_with_a_palette(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "card.png"
+    draw_card(Dataset.open(folder), path)
+    with pil.open(path) as image:
+        assert image.size == (1600, 1000)
+        assert image.mode == "P"
+    assert path.stat().st_size <= MOST_BYTES
+
+
+@pytest.mark.parametrize("name", ["transport", "formation-unicycle"])
+def test_every_kind_of_task_is_drawn(name: str, tmp_path: Path, record: Record) -> None:
+    spec = preset(name).with_updates(horizon=12)
+    dataset = Dataset.open(record(tmp_path / "data", spec, ("random",)))
+    draw_card(dataset, tmp_path / "card.png")
+    assert (tmp_path / "card.png").stat().st_size > 20_000
+
+
+def test_a_view_of_one_episode_is_drawn(folder: Path, tmp_path: Path) -> None:
+    dataset = Dataset.open(folder)
+    best = dataset.filter(min_return=float(dataset.episodes.team_return.max()))
+    assert len(best) == 1
+    draw_card(best, tmp_path / "card.png")
+    assert (tmp_path / "card.png").exists()
+
+
+def test_other_files_are_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match=r"ends in '.png'"):
+        draw_card(Dataset.open(folder), tmp_path / "card.jpg")
+
+
+def test_published_text_shows_the_picture(folder: Path, tmp_path: Path) -> None:
+    text, picture = publish_card(folder, tmp_path / "cards")
+    assert (text.name, picture.name) == ("coop_nav-small-v0.md", "coop_nav-small-v0.png")
+    assert f"]({picture.name})" in text.read_text(encoding="utf-8")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_matplotlib_the_text_can_be_had(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match=r"--no-pictures.*pip install 'swarmdata\[plots\]'"):
+        publish_card(folder, tmp_path / "cards")
+    assert not list((tmp_path / "cards").iterdir())
+    (text,) = publish_card(folder, tmp_path / "cards", pictures=False)
+    assert "█" in text.read_text(encoding="utf-8")
+
+
+def make_table(policies: list[int], returns: list[float]) -> EpisodeTable:
+    zeros: Any = np.zeros(len(policies), np.int64)
+    columns = {field.name: zeros for field in fields(EpisodeTable)}
+    columns["policy"], columns["team_return"] = np.array(policies), np.array(returns)
+    return EpisodeTable(**columns)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 6), st.floats(-9, 9)), min_size=1, max_size=30),
+    st.integers(1, 6),
+)
+def test_chosen_episodes_differ_and_share_the_policies(
+    rows: list[tuple[int, float]], n: int
+) -> None:
+    table = make_table([policy for policy, _ in rows], [value for _, value in rows])
+    chosen = choose_episodes(table, n)
+    there = [index for index in chosen if index is not None]
+    assert len(chosen) == n
+    assert len(there) == len(set(there)) >= 1
+    assert len(set(table.policy[there].tolist())) == min(n, len(set(table.policy.tolist())))
+
+
+def test_one_policy_shows_its_spread() -> None:
+    returns = np.random.default_rng(0).permutation(8).astype(float)
+    chosen = choose_episodes(make_table([0] * 8, returns.tolist()))
+    assert len(chosen) == N_TRACKS
+    assert [returns[index] for index in chosen if index is not None] == [1, 3, 5, 7]
+
+
+def panel() -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure().add_subplot()
+
+
+def test_lengths_are_counted_by_reason() -> None:
+    table = replace(
+        make_table([0] * 4, [0.0] * 4),
+        lengths=np.array([10, 20, 160, 160]),
+        end_reason=np.array([0, 1, 2, 2], np.uint8),
+    )
+    axes = panel()
+    draw_lengths(axes, table, TaskSpec())
+    shown = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert shown == ["success 25 %", "failure 25 %", "horizon 50 %"]
+    assert sum(bar.get_height() for bar in axes.patches) == 4
+
+
+@pytest.mark.parametrize("n", [1, MOST_RIDGES, MOST_RIDGES + 1, 40])
+def test_returns_name_every_policy_or_every_few(n: int) -> None:
+    recipe = Recipe(
+        id="coop_nav-many-v0",
+        tier="many",
+        spec=TaskSpec(),
+        policies=tuple(PolicySource(label=f"p{k}", name="random") for k in range(n)),
+    )
+    values = np.random.default_rng(n).normal(size=3 * n)
+    axes = panel()
+    draw_returns(axes, make_table(list(range(n)) * 3, values.tolist()), recipe)
+    ridges = [text.get_text().split("\n")[0] for text in axes.texts]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    if n <= MOST_RIDGES:
+        assert ridges == [f"p{k}" for k in range(n)]
+    else:
+        assert axes.images
+        assert 7 <= len(rows) <= 14
+        assert rows[0] == "p0"
+
+
+def test_commands_are_named_after_the_dynamics() -> None:
+    actions = np.zeros((5, 4, 2), np.float32)
+    axes = panel()
+    draw_actions(axes, actions, preset("coop_nav-unicycle"))
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("command forward", "command turn")
+    axes = panel()
+    draw_actions(axes, actions, TaskSpec())
+    assert axes.get_xlabel() == "command along x"
