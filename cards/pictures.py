@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw_returns
 from swarmdata.cards.tracks import choose_episodes, draw_track
-from swarmdata.coverage import coverage, sample_steps
+from swarmdata.coverage import places_of, sample_steps
 from swarmdata.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
@@ -45,7 +45,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
     table, recipe, spec = dataset.episodes, dataset.recipe, dataset.recipe.spec
-    found = coverage(dataset.stored, dataset.selection)
+    places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_ACTIONS)
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure(path, width=WIDTH, height=HEIGHT, purpose=_PURPOSE) as sheet:
@@ -55,7 +55,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
         axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
         draw_returns(axes[0], table, recipe)
         draw_lengths(axes[1], table, spec)
-        draw_places(axes[2], found.places, spec)
+        draw_places(axes[2], places, spec)
         draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
         tracks = below.subplots(1, 4)
         for panel, index in zip(tracks, choose_episodes(table), strict=True):
@@ -85,6 +85,14 @@ def _reduce(path: Path) -> None:
         reduced = full.quantize(
             n_colors, method=pil.Quantize.MAXCOVERAGE, kmeans=2, dither=pil.Dither.NONE
         )
+        _whiten(reduced)
         reduced.save(path, format="PNG", optimize=True)
         if path.stat().st_size <= MOST_BYTES:
             return
+
+
+def _whiten(reduced: Any) -> None:
+    """Makes the palette's lightest color white: means of paper and floor are neither."""
+    palette = np.array(reduced.getpalette()).reshape(-1, 3)
+    palette[palette.sum(axis=1).argmax()] = 255
+    reduced.putpalette(palette.ravel().tolist())

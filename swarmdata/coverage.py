@@ -113,11 +113,11 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
     commands = stored.arrays["actions"][steps][..., :_DRIVING]
-    visited = _visited(stored, chosen)
+    places, n_states = places_of(stored, chosen)
     return Coverage(
         n_steps=len(steps),
-        places=occupancy(visited, table.layouts[chosen], spec),
-        n_states=len(visited),
+        places=places,
+        n_states=n_states,
         states=_entropies(moves.astype(np.float64), SEED),
         actions=_entropies(commands.astype(np.float64), SEED + 1),
         bounds=float(at_bounds(commands).mean()),
@@ -195,12 +195,17 @@ def _entropies(values: Double, seed: int) -> Entropies | None:
     )
 
 
-def _visited(stored: StoredDataset, chosen: Int) -> Float:
-    """States of whole episodes, evenly spread, about `N_VISITS` of them, [n, S]."""
+def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
+    """Counts where robots were in whole episodes, evenly spread over the selection.
+
+    Returns:
+        the visits, and the number of states that were counted, about `N_VISITS` at most.
+    """
     table = stored.table
-    n_states = int(table.lengths[chosen].sum()) + len(chosen)
-    taken = spread(chosen, max(1, (N_VISITS * len(chosen)) // n_states))
-    return np.concatenate([_states(stored, episode) for episode in taken.tolist()])
+    n_states = int(table.lengths[selection].sum()) + len(selection)
+    taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))
+    states = np.concatenate([_states(stored, episode) for episode in taken.tolist()])
+    return occupancy(states, table.layouts[selection], stored.recipe.spec), len(states)
 
 
 def _states(stored: StoredDataset, episode: int) -> Float:
