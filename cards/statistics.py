@@ -221,8 +221,9 @@ def log_probs_section(facts: Facts) -> str:
     return (
         "\n## Log-probabilities of the actions\n\n"
         + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)
-        + "\n`log_probs`: per robot and step, under the policy that acted, noise included. "
-        "Undefined are those of policies without a density, which choose one action for sure.\n"
+        + "\nOf `log_probs`, per robot and step, in nats, under the policy that acted, noise "
+        "included: log-densities inside the bounds, log-masses of what was clipped to them. 0 "
+        "throughout means no noise. Undefined are values that are not finite.\n"
     )
 
 
