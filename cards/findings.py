@@ -8,7 +8,7 @@ from swarmdata.coverage import N_ROWS, Coverage, coverage, sample_steps
 from swarmdata.store import StoredDataset
 
 LOG_PROBS = "log_probs"
-"""Array of the log-probabilities of actions under their behavior policies, see `density`, [T, N]."""
+"""Log-probabilities of actions under their behavior policies, [T, N]; `density` defines them."""
 
 QUANTILES = (0.01, 0.5, 0.99)
 
