@@ -8,7 +8,7 @@ from swarmdata.coverage import N_ROWS, Coverage, coverage, sample_steps
 from swarmdata.store import StoredDataset
 
 LOG_PROBS = "log_probs"
-"""Array of the logarithm of each action's density under its behavior policy, [T, N]."""
+"""Log-probabilities of actions under their behavior policies, [T, N]; `density` defines them."""
 
 QUANTILES = (0.01, 0.5, 0.99)
 
@@ -18,7 +18,7 @@ class LogProbabilities:
     """Log-probabilities of one policy's actions, per robot and step, nats."""
 
     n: int
-    undefined: float  # share that is not finite: policies without a density
+    undefined: float  # share that is not finite: actions that the policy could not have taken
     mean: float  # of the finite ones; NaN if there are none
     quantiles: tuple[float, ...]  # at QUANTILES, the same
 
@@ -28,7 +28,7 @@ class Findings:
     """Statistics of the arrays over time; the rest of a card comes from the episode table."""
 
     coverage: Coverage
-    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: not recorded
+    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: older data
 
 
 def measure(stored: StoredDataset) -> Findings:

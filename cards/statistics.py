@@ -129,8 +129,9 @@ def coverage_section(facts: Facts) -> str:
         f"{RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
         "bound, are spread over that width, so entropies end at about "
         f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
-        "entropies come out too high; compare them between datasets of one task only. Dependence "
-        "counts common causes too, such as the time that is left.\n" + _passings_table(facts)
+        "entropies of states come out too high; compare them between datasets of one task only. "
+        "Dependence counts common causes too, such as the time that is left.\n"
+        + _passings_table(facts)
     )
 
 
@@ -143,8 +144,8 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
             f"of the {places.n_free:,} free cells of {places.cell:g} m",
         ),
         ("evenness of the visits", f"{places.entropy:.3f}", "1: every free cell alike"),
-        *_entropy_rows("state", found.states, "position and velocity"),
-        *_entropy_rows("command", found.actions, "uniform: 1.39"),
+        *_entropy_rows("state", found.states, ("position and velocity", "see below")),
+        *_entropy_rows("command", found.actions, ("uniform: 1.39", "uniform: 1.39")),
         ("commands at a bound", f"{100 * found.bounds:.1f} %", "of all components"),
     ]
     if found.dependence is not None:
@@ -171,12 +172,14 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
     ]
 
 
-def _entropy_rows(what: str, found: Entropies | None, reading: str) -> list[tuple[str, str, str]]:
+def _entropy_rows(
+    what: str, found: Entropies | None, reading: tuple[str, str]
+) -> list[tuple[str, str, str]]:
     if found is None:
         return [(f"entropy of a robot's {what}", "unknown", f"needs {FEWEST} joint steps")]
     return [
-        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading),
-        (f"entropy of the team's {what}s", f"{found.team:.2f} nats a robot", "see below"),
+        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading[0]),
+        (f"entropy of the team's {what}s", f"{found.team:.2f} nats a robot", reading[1]),
     ]
 
 
@@ -221,8 +224,9 @@ def log_probs_section(facts: Facts) -> str:
     return (
         "\n## Log-probabilities of the actions\n\n"
         + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)
-        + "\n`log_probs`: per robot and step, under the policy that acted, noise included. "
-        "Undefined are those of policies without a density, which choose one action for sure.\n"
+        + "\nOf `log_probs`, per robot and step, in nats, under the policy that acted, noise "
+        "included: log-densities inside the bounds, log-masses of what was clipped to them. 0 "
+        "throughout means no noise. Undefined are values that are not finite.\n"
     )
 
 

@@ -49,6 +49,8 @@ SEED = 0
 FEWEST = NEIGHBOR + 2
 """Joint steps that the estimators need."""
 
+_BOUNDS = (-1.0 - RESOLUTION / 2, 1.0 + RESOLUTION / 2)  # of commands, with their noise
+
 _DRIVING = 2  # commands of a robot; what follows in an action is a learned message
 
 
@@ -119,7 +121,7 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         places=places,
         n_states=n_states,
         states=_entropies(moves.astype(np.float64), SEED),
-        actions=_entropies(commands.astype(np.float64), SEED + 1),
+        actions=_entropies(commands.astype(np.float64), SEED + 1, _BOUNDS),
         bounds=float(at_bounds(commands).mean()),
         distinct=distinct_share(
             np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
@@ -182,7 +184,9 @@ def dependence(actions: Double) -> Dependence | None:
     )
 
 
-def _entropies(values: Double, seed: int) -> Entropies | None:
+def _entropies(
+    values: Double, seed: int, bounds: tuple[float, float] | None = None
+) -> Entropies | None:
     """Of joint values [n, N, d]; one robot's are taken from the robots in turn."""
     n, n_agents = values.shape[:2]
     if n < FEWEST:
@@ -190,8 +194,8 @@ def _entropies(values: Double, seed: int) -> Entropies | None:
     one = values[np.arange(n), np.arange(n) % n_agents]
     joint = values[spread(np.arange(n), N_TEAM_ROWS)].reshape(-1, n_agents * values.shape[2])
     return Entropies(
-        robot=knn_entropy(dither(one, RESOLUTION, seed)),
-        team=knn_entropy(dither(joint, RESOLUTION, seed)) / n_agents,
+        robot=knn_entropy(dither(one, RESOLUTION, seed), bounds=bounds),
+        team=knn_entropy(dither(joint, RESOLUTION, seed), bounds=bounds) / n_agents,
     )
 
 

@@ -91,7 +91,9 @@ def _count_within(points: Double, distances: Double) -> Int:
     return counts
 
 
-def knn_entropy(points: Double, k: int = NEIGHBOR) -> float:
+def knn_entropy(
+    points: Double, k: int = NEIGHBOR, bounds: tuple[float, float] | None = None
+) -> float:
     """Differential entropy of the distribution that points were drawn from, nats.
 
     The Kozachenko-Leonenko estimator as Kraskov, Stoegbauer and Grassberger write it ("Estimating
@@ -104,25 +106,37 @@ def knn_entropy(points: Double, k: int = NEIGHBOR) -> float:
     divided by its standard deviation first and the logarithms of the deviations are added back, so
     that one unit for metres and another for metres per second do not matter to who is a neighbor.
 
+    In many dimensions the cubes of side epsilon_i reach far beyond where points can be, and the
+    entropy comes out too high. With `bounds`, the volume of each cube is that of its part inside:
+    d log(epsilon_i) becomes the sum of the logarithms of the cut sides.
+
     Args:
         points: independent draws, [n, d].
         k: which neighbor.
+        bounds: least and greatest value that any coordinate can have, if they are known.
 
     Raises:
-        SchemaError: fewer than k + 2 points, or values that are not finite; k + 1 equal points or a
-            constant coordinate, of which the entropy is minus infinity: `dither` the points.
+        SchemaError: fewer than k + 2 points, or values that are not finite or out of bounds; k + 1
+            equal points or a constant coordinate, of which the entropy is minus infinity: `dither`
+            the points.
     """
     scaled, scales = _standardized(points, k)
+    low, high = (-np.inf, np.inf) if bounds is None else bounds
+    if points.min() < low or points.max() > high:
+        raise SchemaError(
+            f"points reach from {points.min():g} to {points.max():g}, expected values from {low:g} "
+            f"to {high:g}."
+        )
     distances = _kth_distances(scaled, k)
     if (distances == 0.0).any():
         raise SchemaError(
             f"{int((distances == 0.0).sum())} of {len(points)} points have {k} copies, so their "
             "density is infinite. Pass dither(points, resolution, seed), and say so."
         )
-    n, d = points.shape
-    psi = digamma(n)
-    mean_log = np.log(2.0 * distances).mean()
-    return float(psi[n] - psi[k] + d * mean_log + np.log(scales).sum())
+    psi = digamma(len(points))
+    reach = distances[:, None] * scales  # half the sides, in the points' units
+    sides = np.minimum(points + reach, high) - np.maximum(points - reach, low)
+    return float(psi[len(points)] - psi[k] + np.log(sides).sum(axis=1).mean())
 
 
 def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:

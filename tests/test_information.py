@@ -45,6 +45,17 @@ def test_entropy_of_a_box() -> None:
     assert knn_entropy(points) == pytest.approx(2 * math.log(2), abs=0.06)
 
 
+def test_bounds_correct_what_cubes_reach_outside() -> None:
+    points = np.random.default_rng(1).uniform(-1, 1, (2000, 8))
+    exact = 8 * math.log(2)
+    assert knn_entropy(points) > exact + 1.0
+    assert knn_entropy(points, bounds=(-1.0, 1.0)) == pytest.approx(exact, abs=0.25)
+    far = gaussian(1, 2000, 2)
+    assert knn_entropy(far, bounds=(-50.0, 50.0)) == pytest.approx(knn_entropy(far))
+    with pytest.raises(SchemaError, match="expected values from 0 to 1"):
+        knn_entropy(points, bounds=(0.0, 1.0))
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_information_of_correlated_gaussians(rho: float) -> None:
     z = gaussian(2, 2000, 2)
