@@ -37,7 +37,12 @@ OFFLINE_ALGORITHMS = {
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
 }
 
-ONLINE_ALGORITHMS = {"mappo": "swarmdata.online_algos.training:train_run"}
+ONLINE_ALGORITHMS = {
+    "mappo": "swarmdata.online_algos.training:train_run",
+    "maddpg": "swarmdata.online_algos.maddpg:MADDPG",
+    "vdn": "swarmdata.online_algos.vdn:VDN",
+    "qmix": "swarmdata.online_algos.qmix:QMIX",
+}
 
 
 def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:

@@ -8,23 +8,28 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.inputs import standardize, with_agent_id
-from swarmdata.learn.networks import Layer, mlp
-from swarmdata.types import Float, Int, Step
+from swarmdata.frames import Frame
+from swarmdata.learn.inputs import standardize
+from swarmdata.learn.networks import Layer
+from swarmdata.learn.team import Parameters, answer
+from swarmdata.types import Double, Float, Int, Step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorchPolicy:
-    """One actor, shared by all agents, on normalized observations and the agent's number.
+    """Actors on normalized observations: one for all agents, which sees their number, or one each.
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
     depends on how many copies run together, and in float32 that would show in the actions.
 
     Attributes:
-        layers: the actor's weights, R = 1, float64.
+        layers: the actors' weights, float64; R = 1 if they are shared, else N.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
         squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
+        frame: in which the actors see and act; None for the world's. What it adds to observations
+            is part of O.
+        parameters: whether the agents share one actor.
     """
 
     layers: Sequence[Layer]
@@ -32,6 +37,8 @@ class TorchPolicy:
     observation_std: Tensor
     squash: bool
     uses_state: bool = False
+    frame: Frame | None = None
+    parameters: Parameters = "shared"
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy has no memory."""
@@ -40,23 +47,65 @@ class TorchPolicy:
         return self.actions(step.observations)
 
     def actions(self, observations: Float) -> Float:
-        """Returns the actor's actions, float32 [E, N, A], for observations [E, N, O].
+        """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
 
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        n_copies, n_agents, size = observations.shape
-        expected = len(self.observation_mean)
-        if size != expected or size + n_agents != self.layers[0].weight.shape[1]:
-            raise SchemaError(
-                f"policy got observations {observations.shape}, expected {expected} features "
-                f"of {self.layers[0].weight.shape[1] - expected} agents. "
-                "Evaluate it on the task and observation model that it was trained on."
-            )
-        with torch.no_grad():
-            exact = torch.from_numpy(observations.astype(np.float64))
-            inputs = standardize(exact, self.observation_mean, self.observation_std)
-            outputs = mlp(self.layers, with_agent_id(inputs).view(1, n_copies * n_agents, -1))
-            actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
-        result: Float = actions.view(n_copies, n_agents, -1).numpy().astype(np.float32)
-        return result
+        seen = observations if self.frame is None else self.frame.seen(observations)
+        outputs = outputs_of(
+            self.layers, seen, self.observation_mean, self.observation_std, self.parameters
+        )
+        actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
+        return in_world(self.frame, observations, actions.numpy())
+
+
+@torch.no_grad()
+def outputs_of(
+    layers: Sequence[Layer], seen: Float, mean: Tensor, std: Tensor, parameters: Parameters
+) -> Tensor:
+    """Returns what one seed's networks answer, float64 [E, N, outputs].
+
+    Args:
+        layers: the weights, float64.
+        seen: observations in the robots' frame, [E, N, O].
+        mean: subtracted from them, float64 [O].
+        std: what they are divided by, float64 [O].
+        parameters: whether the agents share one network.
+
+    Raises:
+        SchemaError: the observations are not those the networks were trained on.
+    """
+    n_agents, size = seen.shape[1:]
+    n_rows, n_inputs = layers[0].weight.shape[:2]
+    expected = len(mean)
+    n_known = n_inputs - expected if parameters == "shared" else n_rows
+    if size != expected or n_agents != n_known:
+        raise SchemaError(
+            f"policy got observations {seen.shape}, expected {expected} features "
+            f"of {n_known} agents. "
+            "Evaluate it on the task and observation model that it was trained on."
+        )
+    exact = torch.from_numpy(seen.astype(np.float64))
+    return answer(layers, standardize(exact, mean, std), parameters)
+
+
+def in_world(frame: Frame | None, observations: Float, actions: Double) -> Float:
+    """Returns a policy's actions in the world's frame, within [-1, 1], float32 [E, N, A].
+
+    A command of robots with directions is clipped to a norm of 1 by the worlds (`envs.dynamics`).
+    It is clipped here before it is turned, since a turned command may leave the box.
+
+    Args:
+        frame: in which the actions are; None for the world's.
+        observations: in the world's frame, [E, N, O].
+        actions: in [-1, 1], [E, N, A].
+    """
+    if frame is None:
+        return actions.astype(np.float32)
+    turned = frame.to_world(observations, actions)
+    x, y = turned[..., 0], turned[..., 1]
+    norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
+    turned[..., 0], turned[..., 1] = x / norm, y / norm
+    result: Float = turned.clip(-1.0, 1.0).astype(np.float32)
+    return result
