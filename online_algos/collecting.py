@@ -186,7 +186,7 @@ class Collector:
         return standardize(states, mean, std)
 
     def inputs_of(self, index: int) -> tuple[Tensor, Tensor]:
-        """Mean and deviation of the observations of seed number `index`, float64 [O], for policies."""
+        """Mean and deviation of observations for the policy of seed number `index`, float64 [O]."""
         mean, std = (torch.from_numpy(m[index].astype(np.float64)) for m in self.moments[:2])
         return mean, std
 

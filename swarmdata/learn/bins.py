@@ -35,6 +35,11 @@ def to_actions(choices: Tensor, n_choices: int, dtype: torch.dtype = torch.float
     return knots(n_choices, dtype).to(choices.device)[choices]
 
 
+def by_dimension(outputs: Tensor, n_choices: int) -> Tensor:
+    """Returns utilities [..., D, C] of a network's outputs [..., D C]."""
+    return outputs.reshape(*outputs.shape[:-1], -1, n_choices)
+
+
 def greedy(utilities: Tensor) -> Tensor:
     """Returns the best choice of every dimension, [..., D], of utilities [..., D, C]."""
     return utilities.argmax(-1)
@@ -111,4 +116,4 @@ class BinPolicy:
         outputs = outputs_of(
             self.layers, seen, self.observation_mean, self.observation_std, self.parameters
         )
-        return greedy(outputs.unflatten(-1, (-1, self.n_choices)))
+        return greedy(by_dimension(outputs, self.n_choices))

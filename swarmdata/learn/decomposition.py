@@ -11,7 +11,7 @@ That the online networks choose and the targets value is double Q-learning (van 
 equation 4). Every dimension is a choice, so a discrete action space is the case of one dimension.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,7 +71,7 @@ class Decomposition:
             features: normalized observations, [K, B, N, F].
             network: other parameters to use, those of the targets.
         """
-        return self.team(features, network).unflatten(-1, (-1, self.n_choices))
+        return bins.by_dimension(self.team(features, network), self.n_choices)
 
     def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
         """Returns Q_tot, [K, B], of choices [K, B, N, D]; states are normalized, [K, B, S]."""

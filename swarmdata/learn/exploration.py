@@ -66,7 +66,7 @@ def epsilon_greedy(
         n_choices: how many there are in each dimension.
         epsilon: probability that a robot chooses uniformly in this step.
     """
-    k, e, n = choices.shape[:3]
+    e, n = choices.shape[1:3]
     device = choices.device
     fresh = torch.stack([
         torch.randint(n_choices, choices.shape[1:], generator=g, device=g.device)

@@ -72,16 +72,15 @@ class MonotonicMixer:
         hidden: int,
         device: torch.device | str,
     ) -> None:
-        self.n_agents, self.embedding = n_agents, embedding
-        self._sizes = (n_agents * embedding, embedding, embedding, 1)
+        self.embedding = embedding
+        self._sizes = [n_agents * embedding, embedding, embedding, 1]
         shape = MLPShape(state_size, (hidden,), sum(self._sizes))
-        self.network: StackedMLP | None = StackedMLP(shape, len(seeds), device)
-        initialize(self.network, seeds, stream)
+        self._hyper = StackedMLP(shape, len(seeds), device)
+        initialize(self._hyper, seeds, stream)
+        self.network: StackedMLP | None = self._hyper
 
     def __call__(self, values: Tensor, states: Tensor, network: StackedMLP | None = None) -> Tensor:
-        hyper = network or self.network
-        assert hyper is not None  # noqa: S101  (the protocol's None is for mixers that learn nothing)
-        parts = hyper(states).split(self._sizes, -1)
-        first = parts[0].abs().unflatten(-1, (self.n_agents, self.embedding))  # [K, B, N, M]
+        parts = torch.split((network or self._hyper)(states), self._sizes, -1)
+        first = parts[0].abs().view(*values.shape, self.embedding)  # [K, B, N, M]
         mixed = (values[..., None] * first).mean(-2) + parts[1]  # [K, B, M]
         return (elu(mixed) * parts[2].abs()).sum(-1) + parts[3][..., 0]

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.learn.sizes import Sizes
-from swarmdata.types import Batch, Float
+from swarmdata.types import Batch
 
 FILE = "replay.f32"
 
@@ -142,14 +142,14 @@ class Replay:
     def _batch(self, records: Tensor) -> Batch:
         """Names the columns of records [K, B, record]."""
         n_agents = self.shape.sizes.n_agents
-        parts = records.split(self.shape.columns, -1)
+        parts = torch.split(records, list(self.shape.columns), -1)
         seen, states, next_seen, next_states, actions, rewards, flags = parts
-        by_robot = (n_agents, -1)
+        by_robot = (*records.shape[:2], n_agents, -1)
         return Batch(
-            observations=seen.unflatten(-1, by_robot),
-            actions=actions.unflatten(-1, by_robot),
+            observations=seen.view(by_robot),
+            actions=actions.view(by_robot),
             rewards=rewards,
-            next_observations=next_seen.unflatten(-1, by_robot),
+            next_observations=next_seen.view(by_robot),
             states=states,
             next_states=next_states,
             terminations=flags[..., 0] > 0,
@@ -189,7 +189,7 @@ class Replay:
         self.n_written, self._checksums = n_written, checksums.copy()
 
 
-def _open(path: Path, shape: tuple[int, ...]) -> Float:
+def _open(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.float32]]":
     """Maps the ring file, made if there is none; the disk fills as rows are written."""
     size = 4 * int(np.prod(shape))
     path.parent.mkdir(parents=True, exist_ok=True)

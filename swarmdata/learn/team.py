@@ -66,7 +66,7 @@ def answer(layers: Sequence[Layer], features: Tensor, parameters: Parameters) ->
 
 
 def to_rows(features: Tensor, parameters: Parameters) -> Tensor:
-    """Returns features [K, B, N, F] by network: [K, B N, F + N], or [K N, B, F] of separate ones."""
+    """Returns features [K, B, N, F] by network: shared [K, B N, F + N], separate [K N, B, F]."""
     if parameters == "shared":
         return with_agent_id(features).flatten(1, 2)
     return features.transpose(1, 2).flatten(0, 1)
