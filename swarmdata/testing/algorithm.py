@@ -9,7 +9,6 @@ Errors are AssertionErrors that say which promise was broken.
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 

@@ -104,9 +104,7 @@ def check_resume(build: Build, folder: Path, n_rounds: int) -> None:
     assert_equal_states(ours, theirs, "a resumed run went another way")
 
 
-def check_stacking(
-    build: Build, step: Step, folder: Path, n_rounds: int, tolerance: float
-) -> None:
+def check_stacking(build: Build, step: Step, folder: Path, n_rounds: int, tolerance: float) -> None:
     """K stacked seeds end with the policies that K separate runs end with."""
     stacked = build(SEEDS, folder / "stacked")
     _train(stacked, n_rounds)
@@ -116,7 +114,6 @@ def check_stacking(
         ours, theirs = (act_on(p, step) for p in (stacked.policy(position), alone.policy(0)))
         gap = float(np.abs(ours - theirs).max())
         assert gap <= tolerance, f"seed {seed} differs by {gap:.1e} when it is stacked"
-
 
 
 def _train(run: OnlineAlgorithm, n_rounds: int) -> dict[str, Any]:
