@@ -2,17 +2,19 @@
 
 Lowe et al., "Multi-agent actor-critic for mixed cooperative-competitive environments", NeurIPS
 2017, equations 5 and 6; with the corrections of TD3 (Fujimoto et al. 2018, algorithm 1) it is MATD3
-(Ackermann et al. 2019, section 4). With team reward r, the mean over robots, and what the critics
-see, x = (state, all observations):
+(Ackermann et al. 2019, section 4). With the reward r_i of robot i, Q_ji what critic j says of it,
+and what the critics see, x = (state, all observations):
 
-    y      = r + gamma (1 - termination) min_j Q'_j(x', pi'(o') + clip(noise, -c, c))
-    L(Q_j) = (Q_j(x, a) - y)^2                                       every gradient step
-    L(pi)  = -Q_1(x, pi(o)) + w |logits of pi(o)|^2                  every `policy_delay`-th
+    y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', pi'(o') + clip(noise, -c, c))
+    L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
+    L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
 
 `corrections` "none" is the original: one critic, no smoothing noise, no delay.
 
 Deviations:
-- One critic of the team's reward, where the paper has a critic of each robot's own reward.
+- A critic is one network with a value for each robot's reward, where the paper has a network for
+  each. The robots are a team: all climb the mean of the values, which is the value of the team's
+  reward. (A critic of the mean reward alone learned slower, having one target for N.)
 - `joint_gradient` "all": Q sees every robot's action from its policy (the centralized gradient of
   FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 6: robot i's action from its
   policy, the others' from the replay.
@@ -40,7 +42,7 @@ from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
 from swarmdata.learn.optimizer import StackedAdam, linear
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.targets import polyak, td_target, team_reward
+from swarmdata.learn.targets import polyak, td_target
 from swarmdata.learn.team import Parameters, Team
 from swarmdata.online_algos.collecting import Collector, Plan
 from swarmdata.types import Batch
@@ -111,7 +113,7 @@ class Learner:
             shape, sizes.n_agents, seeds, ACTOR_STREAM, parameters=config.parameters, device="cpu"
         )
         inputs = sizes.state + sizes.n_agents * (sizes.observation + sizes.action)
-        shape = MLPShape(inputs, config.critic_hidden, 1, layer_norm=True)
+        shape = MLPShape(inputs, config.critic_hidden, sizes.n_agents, layer_norm=True)
         # rows: seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
         self.critics = StackedMLP(shape, config.n_critics * len(seeds), "cpu")
         initialize(self.critics, seeds, CRITIC_STREAM)
@@ -144,19 +146,19 @@ class Learner:
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise, if any."""
+        """Returns y, [K, B, N], in units of scaled rewards; draws the smoothing noise, if any."""
         config = self.config
         a_next = self.actions(batch.next_observations, self.target_actors)
         if config.corrections == "td3":
             noise = config.smoothing * normal_like(self.generators, a_next)
             a_next = a_next + noise.clamp(-config.smoothing_clip, config.smoothing_clip)
         x_next = information(batch.next_states, batch.next_observations)
-        q_next = self.q(self.target_critics, x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B]
-        r = team_reward(batch.rewards) * config.reward_scale
-        return td_target(r, batch.terminations, q_next, config.discount)
+        q_next = self.q(self.target_critics, x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B, N]
+        r = batch.rewards * config.reward_scale
+        return td_target(r, batch.terminations[..., None], q_next, config.discount)
 
     def q(self, critics: StackedMLP, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values, [K, J, B].
+        """Returns all critics' values of every robot's reward, [K, J, B, N].
 
         Args:
             critics: the critics or their targets.
@@ -165,11 +167,13 @@ class Learner:
         """
         n_critics = self.config.n_critics
         inputs = torch.cat([x, actions.flatten(2)], 2)
-        values = critics(inputs.repeat_interleave(n_critics, 0))[..., 0]
-        return values.view(-1, n_critics, values.shape[1])
+        values = critics(inputs.repeat_interleave(n_critics, 0))
+        return values.view(-1, n_critics, *values.shape[1:])
 
     def policy_values(self, x: Tensor, pi: Tensor, actions: Tensor) -> Tensor:
-        """Returns Q_1 of the policies' actions, [K, B], or [K, B N] for `joint_gradient` "own".
+        """Returns Q_1 of the policies' actions, the mean over robots, [K, B].
+
+        For `joint_gradient` "own" there is one value for each robot that leaves the data, [K, B N].
 
         The critics' parameters are constants here: the actors' loss must not move them.
 
@@ -184,14 +188,15 @@ class Learner:
             pi = torch.where(own, pi[:, :, None], actions[:, :, None]).flatten(1, 2)
             x = x.repeat_interleave(n_agents, 1)
         joint = torch.cat([x, pi.flatten(2)], 2)
-        return self.critics.frozen(joint, every=self.config.n_critics)[..., 0]
+        return self.critics.frozen(joint, every=self.config.n_critics).mean(-1)
 
     def _update_critics(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
-        y = self.targets(batch)  # [K, B]
-        q = self.q(self.critics, x, batch.actions)  # [K, J, B]
-        loss = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none").mean(2).sum(1)  # [K]
+        y = self.targets(batch)  # [K, B, N]
+        q = self.q(self.critics, x, batch.actions)  # [K, J, B, N]
+        errors = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
+        loss = errors.mean((2, 3)).sum(1)  # [K]
         self.critic_optimizer.step(loss, scale)
-        return {"critic_loss": loss, "q": q.mean((1, 2))}
+        return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
 
     def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
         logits = self.actors(batch.observations)
