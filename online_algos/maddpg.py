@@ -14,9 +14,9 @@ and what the critics see, x = (state, all observations):
 Deviations:
 - A critic is one network with a value for each robot's reward, where the paper has a network for
   each. The robots are a team: all climb the mean of the values, which is the value of the team's
-  reward. (A critic of the mean reward alone learned slower, having one target for N.)
+  reward.
 - `joint_gradient` "all": Q sees every robot's action from its policy (the centralized gradient of
-  FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 6: robot i's action from its
+  FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action from its
   policy, the others' from the replay.
 - `parameters` "shared": one actor for all robots, which sees the robot's number; the paper's robots
   have one each ("separate").
@@ -58,8 +58,8 @@ class MADDPGConfig:
     n_frames: int = 2_000_000
     n_copies: int = 64
     n_steps: int = 64  # of every copy in one round
-    n_gradient_steps: int = 1  # after each of them
-    batch_size: int = 512  # joint transitions
+    n_gradient_steps: int = 2  # after each of them
+    batch_size: int = 256  # joint transitions
     capacity: int = 262_144  # transitions that are drawn from
     margin: int = 262_144  # most frames between two checkpoints of a run that can be resumed
     warm_up: int = 8_192  # frames before the first gradient step, with random actions
@@ -74,9 +74,9 @@ class MADDPGConfig:
     final_step_size: float = 0.05  # factor at the end of training, reached linearly
     discount: float = 0.97
     reward_scale: float = 1.0
-    polyak: float = 0.01  # per step of the actors
-    policy_delay: int = 2  # Fujimoto et al. 2018, appendix C; the next two too
-    smoothing: float = 0.2
+    polyak: float = 0.03  # per step of the actors; 0.01 lags for a fifth of a short training
+    policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
+    smoothing: float = 0.1  # the paper's 0.2 pushes robots that pass an obstacle into it
     smoothing_clip: float = 0.5
     logit_penalty: float = 1e-3  # w, from the code of Lowe et al.
     noise: float = 0.5  # deviation of exploring actions

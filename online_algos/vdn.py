@@ -1,7 +1,7 @@
 """VDN: the team's value is the mean of its robots' values, which see what the robots see.
 
 Sunehag et al., "Value-decomposition networks for cooperative multi-agent learning", AAMAS 2018,
-equation 3, over choices among knots of each action dimension (`learn.bins`):
+section 3, over choices among knots of each action dimension (`learn.bins`):
 
     Q_tot(o, u) = 1/N sum_i Q_i(o_i, u_i)      Q_i(o_i, u_i) = 1/D sum_d U_d(o_i, u_id)
 

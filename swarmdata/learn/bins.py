@@ -1,7 +1,7 @@
 """Continuous actions as choices among knots, one choice per dimension.
 
 Factorized discretization of DecQN (Seyde et al., "Solving continuous control via Q-learning", ICLR
-2023, section 4): a robot's utility is the mean over action dimensions of one utility per dimension,
+2023): a robot's utility is the mean over action dimensions of one utility per dimension,
 so that D dimensions of C choices cost D C outputs and not C ** D.
 """
 

@@ -1,7 +1,7 @@
 """Mixers: the team's value as a function of its robots' values, for K seeds at once.
 
 A mixer that never falls when a robot's value rises lets every robot act greedily on its own and the
-team be greedy nevertheless (individual-global-max, Rashid et al. 2018, equations 3 and 4).
+team be greedy nevertheless (individual-global-max, Rashid et al. 2018, equation 4).
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class Mixer(Protocol):
 
 
 class MeanMixer:
-    """VDN (Sunehag et al. 2018, equation 3), with the mean for the sum.
+    """VDN (Sunehag et al. 2018, section 3), with the mean for the sum.
 
     Rewards of a team are means over robots, so values keep their scale in teams of any size.
     """

@@ -40,7 +40,7 @@ def test_a_shared_network_tells_robots_apart_by_their_number_only() -> None:
 
 def test_separate_networks_have_nothing_in_common() -> None:
     team = made("separate")
-    assert len(team.network.flat.unique(dim=0)) == 6
+    assert len(np.unique(team.network.flat.numpy(), axis=0)) == 6
     before = team(FEATURES)
     team.network.flat[4] += 1.0  # seed 1, robot 1
     changed = (team(FEATURES) != before).flatten(3).any(-1).any(1)
