@@ -74,9 +74,9 @@ class MADDPGConfig:
     final_step_size: float = 0.05  # factor at the end of training, reached linearly
     discount: float = 0.97
     reward_scale: float = 1.0
-    polyak: float = 0.03  # per step of the actors; 0.01 lags for a fifth of a short training
+    polyak: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
     policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
-    smoothing: float = 0.1  # the paper's 0.2 pushes robots that pass an obstacle into it
+    smoothing: float = 0.1  # the paper's 0.2 is much for robots that pass 0.1 m from a wall
     smoothing_clip: float = 0.5
     logit_penalty: float = 1e-3  # w, from the code of Lowe et al.
     noise: float = 0.5  # deviation of exploring actions

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
+from torch import Generator, Tensor  # noqa: E402
+
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.exploration import (  # noqa: E402
     LinearSchedule,
@@ -71,7 +73,7 @@ def test_no_epsilon_no_change() -> None:
 
 def test_a_seeds_draws_do_not_depend_on_the_others() -> None:
     values = torch.zeros(3, 4, 2, dtype=torch.long)
-    draws: tuple[Callable[[list[torch.Generator], int], torch.Tensor], ...] = (
+    draws: tuple[Callable[[list[Generator], int], Tensor], ...] = (
         lambda g, k: normal_like(g, values[:k]),
         lambda g, k: uniform_like(g, values[:k]),
         lambda g, k: epsilon_greedy(g, values[:k, :, :, None], 5, 0.7),
