@@ -26,7 +26,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
-from swarmdata.frames import Frame
+from swarmdata.frames import Frame, in_world
 from swarmdata.types import Double, Float
 
 GRID = 2.0**12  # steps per unit of weights and activations
@@ -84,9 +84,7 @@ def forward(actor: Actor, observations: Float) -> Double:
         x = round_to_grid(np.maximum(x @ weight + bias, 0.0), MAX_ACTIVATION)
     weight, bias = actor.layers[-1]
     means = (round_to_grid(x @ weight + bias, 1.0) + 0.0).reshape(n_copies, n_agents, -1)
-    if actor.frame is None:
-        return means
-    return np.clip(actor.frame.to_world(observations, means), -1.0, 1.0)
+    return in_world(actor.frame, observations, means)
 
 
 def round_to_grid(values: Double, bound: float) -> Double:

@@ -24,7 +24,6 @@ Deviations, each measured on `coop_nav` or required by it:
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -35,10 +34,12 @@ from swarmdata.errors import CheckpointError
 from swarmdata.frames import find_frame
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.learn.checkpoint import part
+from swarmdata.learn.inputs import generators as torch_generators
 from swarmdata.learn.inputs import with_agent_id
 from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.team import Parameters
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.conventions import on_the_wrong_side
@@ -67,7 +68,7 @@ class MAPPOConfig:
     n_copies: int = 64  # for each seed
     n_steps: int = 64  # per rollout and copy
     hidden: int = 64
-    parameters: Literal["shared", "separate"] = "shared"
+    parameters: Parameters = "shared"
     frame: str = "target"  # see frames.find_frame
     learning_rate: float = 1e-3
     final_learning_rate: float = 5e-5
@@ -117,12 +118,12 @@ class MAPPO:
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame))
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.input_mean, self.input_std = measure_inputs(
-            self.worlds, self.generators, config.n_steps
+            self.worlds, torch_generators(seeds, "cpu"), config.n_steps
         )
         sizes = self.worlds.sizes
-        n_own = sizes.observation + sizes.n_agents
-        is_shared, hidden = config.parameters == "shared", (config.hidden, config.hidden)
-        self.n_rows = 1 if is_shared else sizes.n_agents  # actors of each seed
+        hidden = (config.hidden, config.hidden)
+        self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
+        n_own = sizes.observation + (sizes.n_agents if self.n_rows == 1 else 0)
         self.actor = StackedMLP(
             MLPShape(n_own, hidden, sizes.action), len(seeds) * self.n_rows, "cpu"
         )
@@ -168,12 +169,13 @@ class MAPPO:
         return {**losses, "reward": torch.from_numpy(reward), "std": std}
 
     def inputs(self, seen: Float) -> Tensor:
-        """Normalized observations and the robot's number, [K, E, N, O + N], of [K, E, N, O]."""
+        """Normalized observations [K, E, N, O], with the robot's number where they share an actor."""
         mean, std = self.input_mean[:, None, None], self.input_std[:, None, None]
-        return with_agent_id(torch.from_numpy((seen - mean) / std))
+        features = torch.from_numpy((seen - mean) / std)
+        return with_agent_id(features) if self.n_rows == 1 else features
 
     def means(self, own: Tensor) -> Tensor:
-        """Mean actions of the present actors, [K, E, N, A], of inputs [K, E, N, O + N]."""
+        """Mean actions of the present actors, [K, E, N, A], of inputs [K, E, N, I]."""
         k, e, n = own.shape[:3]
         with torch.no_grad():
             out = self.actor(sample_rows(own[None], self.n_rows))
@@ -188,6 +190,7 @@ class MAPPO:
             observation_std=torch.from_numpy(self.input_std[index].astype(np.float64)),
             squash=False,
             frame=self.worlds.frame,
+            parameters=self.config.parameters,
         )
 
     def warm_start(self) -> None:
@@ -205,9 +208,8 @@ class MAPPO:
         Raises:
             CheckpointError: it is not an actor of these sizes, in this frame.
         """
-        fits = isinstance(policy, TorchPolicy) and policy.frame == self.worlds.frame
         rows = slice(index * self.n_rows, (index + 1) * self.n_rows)
-        if not fits:
+        if not isinstance(policy, TorchPolicy) or policy.frame != self.worlds.frame:
             raise CheckpointError(
                 f"{self.config.start} holds policies of another kind or frame; start from a run of "
                 "mappo with the same frame."
@@ -265,7 +267,7 @@ class MAPPO:
 
     def _collect(self) -> Rollout:
         c, worlds = self.config, self.worlds
-        r = empty_rollout(c.n_steps, worlds.n_seeds, worlds.n_copies, worlds.sizes)
+        r = empty_rollout(c.n_steps, self.actor.shape.inputs, worlds)
         std, log_std = np.float32(self.std), np.float32(np.log(self.std))
         ends = []
         for t in range(c.n_steps):

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.learn.sizes import Sizes
+from swarmdata.online_algos.worlds import Worlds
 from swarmdata.states import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Int, Step
 
@@ -14,7 +14,7 @@ from swarmdata.types import Bool, Float, Int, Step
 class Rollout(NamedTuple):
     """Samples of K seeds, time first."""
 
-    own: Float  # [T, K, E, N, O + N] inputs of the actor: what robots see, and their numbers
+    own: Float  # [T, K, E, N, I] inputs of the actors
     actions: Float  # [T, K, E, N, A]
     log_probs: Float  # [T, K, E, N]
     states: Float  # [T, K, E, N, S] what the critic sees besides
@@ -25,15 +25,16 @@ class Rollout(NamedTuple):
     ended: Bool  # [T, K, E]
 
 
-def empty_rollout(n_steps: int, n_seeds: int, n_copies: int, sizes: Sizes) -> Rollout:
-    """A rollout of zeros."""
-    shape = (n_steps, n_seeds, n_copies, sizes.n_agents)
+def empty_rollout(n_steps: int, n_inputs: int, worlds: Worlds) -> Rollout:
+    """A rollout of zeros, for actors of `n_inputs` inputs."""
+    sizes = worlds.sizes
+    shape = (n_steps, worlds.n_seeds, worlds.n_copies, sizes.n_agents)
 
     def zeros(*features: int) -> Float:
         return np.zeros((*shape, *features), np.float32)
 
     return Rollout(
-        zeros(sizes.observation + sizes.n_agents), zeros(sizes.action), zeros(),
+        zeros(n_inputs), zeros(sizes.action), zeros(),
         zeros(sizes.state), zeros(), zeros(), zeros(),
         np.zeros(shape[:3], np.bool_), np.zeros(shape[:3], np.bool_),
     )  # fmt: skip

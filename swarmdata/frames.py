@@ -95,6 +95,26 @@ class Frame:
         return out
 
 
+def in_world(frame: Frame | None, observations: Float, actions: Double) -> Double:
+    """Returns a policy's actions in the world's frame, within [-1, 1], [E, N, A].
+
+    Worlds clip a command to a norm of 1 (`envs.dynamics`). Here that is done before they clip its
+    components, so that a turned command keeps its direction.
+
+    Args:
+        frame: in which the actions are; None for the world's.
+        observations: in the world's frame, [E, N, O].
+        actions: in [-1, 1], [E, N, A].
+    """
+    if frame is None:
+        return actions
+    turned = frame.to_world(observations, actions)
+    x, y = turned[..., 0], turned[..., 1]
+    norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
+    turned[..., 0], turned[..., 1] = x / norm, y / norm
+    return turned.clip(-1.0, 1.0)
+
+
 def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
     """Returns the frame of an anchor, None for the world's.
 
@@ -108,6 +128,11 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
     """
     if anchor == "world":
         return None
+    if any(feature.name.startswith("own.heading") for feature in features):
+        raise SpecError(
+            f"frame {anchor!r} turns commands as vectors, but some robots are unicycles. Use frame "
+            "'world'."
+        )
     name = "own.goal_dx" if anchor == "target" else f"{anchor}_x"
     vectors = tuple(k for k, feature in enumerate(features) if feature.axis == "x")
     found = [k for k in vectors if features[k].name == name]

@@ -39,6 +39,9 @@ OFFLINE_ALGORITHMS = {
 
 ONLINE_ALGORITHMS = {
     "mappo": "swarmdata.online_algos.mappo:MAPPO",
+    "maddpg": "swarmdata.online_algos.maddpg:MADDPG",
+    "vdn": "swarmdata.online_algos.vdn:VDN",
+    "qmix": "swarmdata.online_algos.qmix:QMIX",
 }
 
 

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from swarmdata.seeding import derive
+
 
 def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
     """Returns (values - mean) / std; a constant feature, std below 1e-3, is only centered."""
@@ -18,6 +20,15 @@ def with_agent_id(features: Tensor) -> Tensor:
     return torch.cat([features, identity.expand(*features.shape[:-1], n_agents)], -1)
 
 
-def generators(seeds: Sequence[int], device: torch.device | str) -> list[torch.Generator]:
-    """Returns one generator per seed on `device`, for noise that does not depend on K."""
-    return [torch.Generator(device).manual_seed(seed) for seed in seeds]
+def generators(
+    seeds: Sequence[int], device: torch.device | str, stream: int | None = None
+) -> list[torch.Generator]:
+    """Returns one generator per seed on `device`, for noise that does not depend on K.
+
+    Args:
+        seeds: of the runs, [K].
+        device: where numbers are drawn.
+        stream: separates the purposes for which one seed draws; None seeds with the run's own seed.
+    """
+    own = seeds if stream is None else [int(derive(seed, stream)[0] >> 1) for seed in seeds]
+    return [torch.Generator(device).manual_seed(seed) for seed in own]

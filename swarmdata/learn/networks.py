@@ -95,16 +95,18 @@ class StackedMLP:
 
     def backward(self, loss: Tensor) -> None:
         """Fills `gradient` with that of a scalar loss."""
-        leaves = [weight for layer in self.layers for weight in present(layer)]
-        buffers = [buffer for layer in self._gradients for buffer in present(layer)]
-        gradients = torch.autograd.grad(loss, leaves)
-        for buffer, gradient in zip(buffers, gradients, strict=True):
-            buffer.copy_(gradient)
+        backward(loss, [self])
 
     def extract(self, row: int, dtype: torch.dtype, n_rows: int = 1) -> list[Layer]:
-        """Returns a copy of the weights of `n_rows` networks from `row` on, on the CPU."""
+        """Returns a copy of the weights of R = `n_rows` networks from `row` on, on the CPU."""
         copy = self.flat[row : row + n_rows].to("cpu", dtype, copy=True)
         return _views(self.shape, copy)
+
+    def _leaves(self) -> list[tuple[Tensor, Tensor]]:
+        """Every named weight with the memory of its gradient."""
+        weights = [weight for layer in self.layers for weight in present(layer)]
+        buffers = [buffer for layer in self._gradients for buffer in present(layer)]
+        return list(zip(weights, buffers, strict=True))
 
     def load(self, flat: Tensor) -> None:
         """Replaces the parameters.
@@ -139,6 +141,14 @@ class StackedMLP:
         copy = StackedMLP(self.shape, len(self.flat), self.flat.device)
         copy.flat.copy_(self.flat)
         return copy
+
+
+def backward(loss: Tensor, networks: Sequence[StackedMLP]) -> None:
+    """Fills the gradients of several networks with those of one scalar loss, in one pass."""
+    leaves = [pair for network in networks for pair in network._leaves()]
+    gradients = torch.autograd.grad(loss, [weight for weight, _ in leaves])
+    for (_, buffer), gradient in zip(leaves, gradients, strict=True):
+        buffer.copy_(gradient)
 
 
 def mlp(layers: Sequence[Layer], inputs: Tensor) -> Tensor:

@@ -36,6 +36,14 @@ class StackedAdam:
             scale: factor on the step size, for schedules.
         """
         self.network.backward(loss.sum())
+        self.descend(scale)
+
+    def descend(self, scale: float = 1.0) -> None:
+        """Descends one step along the gradient that the network has; clips it first.
+
+        Args:
+            scale: factor on the step size, for schedules.
+        """
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
         group = self._adam.param_groups[0]
@@ -82,6 +90,16 @@ def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:
     norms: Tensor = torch.linalg.vector_norm(grouped, dim=1)
     grouped.mul_((max_norm / (norms + 1e-6)).clamp(max=1.0)[:, None])
     return norms
+
+
+def linear(progress: float, floor: float = 0.0) -> float:
+    """Returns the factor of a linear decay from 1 to `floor`.
+
+    Args:
+        progress: part that is done, 0 to 1; it stays at `floor` beyond.
+        floor: factor at the end.
+    """
+    return 1 + (floor - 1) * min(progress, 1.0)
 
 
 def cosine(update: int, n_updates: int, floor: float = 0.0) -> float:

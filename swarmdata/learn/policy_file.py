@@ -10,11 +10,12 @@ from torch import Tensor
 from swarmdata.errors import CheckpointError
 from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
+from swarmdata.learn.bins import BinPolicy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.policy import TorchPolicy
 
-KINDS = {kind.__name__: kind for kind in (TorchPolicy,)}
+KINDS = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
 """Policies that can be kept, by name: dataclasses of layers, tensors, a frame and JSON values."""
 
 
@@ -22,7 +23,7 @@ def save_policy(path: Path, policy: Policy) -> None:
     """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be."""
     tensors: dict[str, Tensor] = {}
     metadata: dict[str, Any] = {"kind": type(policy).__name__}
-    for field in fields(policy):  # type: ignore[arg-type]
+    for field in (each for each in fields(policy) if each.init):  # type: ignore[arg-type]
         value = getattr(policy, field.name)
         if not field.init:  # what a policy remembers of its last step
             continue

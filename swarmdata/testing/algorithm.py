@@ -9,12 +9,11 @@ Errors are AssertionErrors that say which promise was broken.
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmdata.interfaces import Algorithm, Policy
+from swarmdata.interfaces import Algorithm
+from swarmdata.testing.comparing import act_on, assert_equal_states, values_of
 from swarmdata.types import Batch, Step
 
 Build = Callable[[Sequence[int]], Algorithm]
@@ -52,17 +51,17 @@ def check_algorithm(
 def check_losses(build: Build, draw: Draw) -> None:
     """Losses are finite, one per seed, and updating does not write to the batch."""
     algorithm, batch = build(SEEDS), draw(SEEDS, 0)
-    before = {f.name: _array(getattr(batch, f.name)).copy() for f in fields(batch)}
+    before = {f.name: values_of(getattr(batch, f.name)).copy() for f in fields(batch)}
     for _ in range(3):
         losses = algorithm.update(batch)
         assert losses, "update returned no losses"
         for name, loss in losses.items():
-            values = _array(loss)
+            values = values_of(loss)
             assert values.shape == (len(SEEDS),), f"loss {name!r} has shape {values.shape}"
             assert np.isfinite(values).all(), f"loss {name!r} is {values}"
             assert not loss.requires_grad, f"loss {name!r} keeps the graph alive"
     for name, old in before.items():
-        unchanged = np.array_equal(_array(getattr(batch, name)), old)
+        unchanged = np.array_equal(values_of(getattr(batch, name)), old)
         assert unchanged, f"update wrote to the batch's {name}"
 
 
@@ -70,7 +69,7 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
     """Policies act in [-1, 1], copy by copy, and are snapshots."""
     algorithm = build(SEEDS)
     policy = algorithm.policy(0)
-    actions = _act(policy, step)
+    actions = act_on(policy, step)
     n_copies, n_agents = step.observations.shape[:2]
     assert actions.dtype == np.float32, f"actions have dtype {actions.dtype}"
     assert actions.shape[:2] == (n_copies, n_agents), f"actions have shape {actions.shape}"
@@ -79,14 +78,14 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
     assert sure.dtype == np.float32, f"log_probs have dtype {sure.dtype}"
     assert sure.shape == (n_copies, n_agents), f"log_probs have shape {sure.shape}"
     assert not sure.any(), "a greedy policy is not sure of its own actions"
-    single = _act(policy, Step._make(field[:1] for field in step))
+    single = act_on(policy, Step._make(field[:1] for field in step))
     assert np.array_equal(single, actions[:1]), "actions depend on the other copies"
-    other = _act(algorithm.policy(1), step)
+    other = act_on(algorithm.policy(1), step)
     assert not np.array_equal(other, actions), "seeds 0 and 1 begin with the same policy"
     for index in range(4):
         algorithm.update(draw(SEEDS, index))
-    assert np.array_equal(_act(policy, step), actions), "training changed a policy handed out"
-    after = _act(algorithm.policy(0), step)
+    assert np.array_equal(act_on(policy, step), actions), "training changed a policy handed out"
+    after = act_on(algorithm.policy(0), step)
     assert not np.array_equal(after, actions), "training did not change the policy"
 
 
@@ -96,15 +95,15 @@ def check_resume(build: Build, draw: Draw) -> None:
     for index in range(5):
         original.update(draw(SEEDS, index))
     saved = original.state_dict()
-    copies = {name: _array(value).copy() for name, value in saved.items()}
+    copies = {name: values_of(value).copy() for name, value in saved.items()}
     resumed = build([seed + 100 for seed in SEEDS])
     resumed.load_state_dict(saved)
     for algorithm in (original, resumed):
         for index in range(5, 10):
             algorithm.update(draw(SEEDS, index))
-    _assert_equal_states(saved, copies, "training wrote to a saved state")
+    assert_equal_states(saved, copies, "training wrote to a saved state")
     ours, theirs = original.state_dict(), resumed.state_dict()
-    _assert_equal_states(ours, theirs, "a resumed algorithm went another way")
+    assert_equal_states(ours, theirs, "a resumed algorithm went another way")
 
 
 def check_stacking(build: Build, draw: Draw, step: Step, n_updates: int, tolerance: float) -> None:
@@ -116,23 +115,6 @@ def check_stacking(build: Build, draw: Draw, step: Step, n_updates: int, toleran
         alone = build([seed])
         for index in range(n_updates):
             alone.update(draw([seed], index))
-        ours, theirs = (_act(p, step) for p in (stacked.policy(position), alone.policy(0)))
+        ours, theirs = (act_on(p, step) for p in (stacked.policy(position), alone.policy(0)))
         gap = float(np.abs(ours - theirs).max())
         assert gap <= tolerance, f"seed {seed} differs by {gap:.1e} when it is stacked"
-
-
-def _act(policy: Policy, step: Step) -> NDArray[np.float32]:
-    policy.reset(step, np.arange(len(step.seeds)))
-    return policy.act(step)
-
-
-def _array(value: Any) -> NDArray[Any]:
-    """The values of a tensor on any device."""
-    array: NDArray[Any] = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
-    return array
-
-
-def _assert_equal_states(ours: dict[str, Any], theirs: dict[str, Any], broken: str) -> None:
-    assert ours.keys() == theirs.keys(), f"{broken}: {sorted(ours)} against {sorted(theirs)}"
-    for name, value in ours.items():
-        assert np.array_equal(_array(value), _array(theirs[name])), f"{broken}: {name}"

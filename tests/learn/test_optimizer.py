@@ -6,8 +6,8 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks import MLPShape, StackedMLP, initialize, mlp  # noqa: E402
-from swarmdata.learn.optimizer import StackedAdam, clip_per_seed, cosine  # noqa: E402
+from swarmdata.learn.networks import MLPShape, StackedMLP, backward, initialize, mlp  # noqa: E402
+from swarmdata.learn.optimizer import StackedAdam, clip_per_seed, cosine, linear  # noqa: E402
 
 SHAPE = MLPShape(3, (8,), 2)
 
@@ -35,6 +35,28 @@ def test_it_equals_plain_adam() -> None:
         plain.step()
     expected = torch.cat([p.detach().flatten() for p in parameters])
     torch.testing.assert_close(network.flat[0], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_two_networks_descend_on_one_loss() -> None:
+    """A backward pass through both gives what one pass for each gives."""
+    first, second, x = (
+        network_of([5]),
+        StackedMLP(MLPShape(2, (), 1), 1, "cpu"),
+        torch.randn(1, 9, 3),
+    )
+    initialize(second, [6], 0)
+    first.backward(second(first(x)).square().sum())
+    second.backward(second(first(x)).square().sum())
+    expected = first.gradient.clone(), second.gradient.clone()
+    before = second.flat.clone()
+    backward(second(first(x)).square().sum(), [first, second])
+    torch.testing.assert_close((first.gradient, second.gradient), expected)
+    StackedAdam(second, 1, 0.01).descend()
+    assert (torch.sign(before - second.flat) == torch.sign(second.gradient)).all()
+
+
+def test_the_linear_decay_ends_at_its_floor() -> None:
+    assert [linear(p, 0.2) for p in (0.0, 0.5, 1.0, 2.0)] == pytest.approx([1.0, 0.6, 0.2, 0.2])
 
 
 def test_a_scale_of_zero_moves_nothing_and_is_forgotten() -> None:

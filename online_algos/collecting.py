@@ -1,0 +1,213 @@
+"""What off-policy algorithms share: acting in worlds, keeping what was met, drawing from it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.frames import find_frame
+from swarmdata.interfaces import VecEnv
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.inputs import generators, standardize
+from swarmdata.learn.replay import Replay, Shape
+from swarmdata.learn.sizes import Sizes
+from swarmdata.online_algos.inputs import Moments, measure_moments
+from swarmdata.online_algos.worlds import Worlds
+from swarmdata.types import Batch
+
+ACTING, DRAWING, MEASURING = 10, 11, 12
+"""Streams of a seed's generators."""
+
+Act = Callable[[Tensor], tuple[Tensor, Tensor]]
+"""Normalized observations [K, E, N, O] to actions [K, E, N, A] and what of them is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How much is collected and drawn; counts are joint steps of one seed.
+
+    Raises:
+        SchemaError: a number is out of its range.
+    """
+
+    n_frames: int
+    n_copies: int
+    n_steps: int  # steps of every copy in one round
+    n_gradient_steps: int  # after each of them
+    batch_size: int
+    capacity: int  # joint steps that are drawn from
+    margin: int  # joint steps that may follow a checkpoint, see `learn.replay`
+    warm_up: int  # joint steps before the first gradient step
+    frame: str
+    n_measured: int = 64  # steps of every copy that measure the inputs
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        least = (self.n_frames, self.n_steps, self.n_gradient_steps, self.batch_size)
+        if min(least) < 1 or self.capacity < self.n_copies:
+            raise SchemaError(
+                f"{self}: expected positive counts, and a capacity of at least one step of every "
+                "copy"
+            )
+
+    @classmethod
+    def of(cls, config: Any) -> "Plan":
+        """Reads the fields of the same names from an algorithm's config."""
+        names = (
+            "n_frames", "n_copies", "n_steps", "n_gradient_steps", "batch_size", "capacity",
+            "margin", "warm_up", "frame",
+        )  # fmt: skip
+        return cls(**{name: getattr(config, name) for name in names})
+
+
+class Collector:
+    """Worlds, replay, input statistics and generators of K seeds.
+
+    Args:
+        env: K E copies.
+        seeds: of the runs, [K].
+        plan: how much is collected and drawn.
+        n_kept: numbers that are kept of each robot's action; None for the worlds' action size.
+        folder: of the replay.
+
+    Attributes:
+        frames: joint steps that each seed has taken.
+        moments: frozen input statistics, each a tensor [K, 1, ...].
+    """
+
+    def __init__(self, env: VecEnv, seeds: Sequence[int], plan: Plan, folder: Path | str) -> None:
+        self.plan, self.frames = plan, 0
+        self.frame = find_frame(env.features, plan.frame)
+        self.worlds = Worlds(env, seeds, self.frame)
+        if self.worlds.n_copies != plan.n_copies:
+            raise SchemaError(
+                f"got {env.n_copies} copies for {len(seeds)} seeds, expected n_copies = "
+                f"{plan.n_copies} for each"
+            )
+        rows, margin = (-(-count // plan.n_copies) for count in (plan.capacity, plan.margin))
+        shape = Shape(self.sizes, len(seeds), plan.n_copies, rows, margin)
+        self.replay = Replay(shape, folder)
+        self.acting = generators(seeds, "cpu", ACTING)
+        self._drawing = generators(seeds, "cpu", DRAWING)
+        measuring = generators(seeds, "cpu", MEASURING)
+        self.moments = Moments(*measure_moments(self.worlds, measuring, plan.n_measured))
+
+    @property
+    def sizes(self) -> Sizes:
+        """Numbers of robots and features."""
+        return self.worlds.sizes
+
+    @property
+    def progress(self) -> float:
+        """Part of the training that is done, in [0, 1]."""
+        return min(1.0, self.frames / self.plan.n_frames)
+
+    def round(
+        self, act: Act, learn: Callable[[Batch], dict[str, Tensor]], names: Sequence[str]
+    ) -> dict[str, Tensor]:
+        """Takes `n_steps` steps in all copies, with gradient steps after each.
+
+        Args:
+            act: chooses actions.
+            learn: takes one gradient step on a batch of tensors [K, B, ...].
+            names: of the losses that `learn` may return.
+
+        Returns:
+            The mean of each loss over the gradient steps that returned it, [K], NaN where none
+            did; and the mean team reward of the steps taken.
+        """
+        losses: dict[str, list[Tensor]] = {name: [] for name in names}
+        rewards = []
+        for _ in range(self.plan.n_steps):
+            rewards.append(self._step(act))
+            if self.frames < self.plan.warm_up:
+                continue
+            for _ in range(self.plan.n_gradient_steps):
+                for name, loss in learn(self._draw()).items():
+                    losses[name].append(loss)
+        undefined = torch.full((self.worlds.n_seeds,), torch.nan)
+        means = {k: torch.stack(v).mean(0) if v else undefined for k, v in losses.items()}
+        return means | {"reward": torch.stack(rewards).mean(0)}
+
+    def _step(self, act: Act) -> Tensor:
+        """Takes one step in all copies and keeps it; returns the mean team reward, [K]."""
+        worlds = self.worlds
+        before = worlds.present
+        seen = worlds.seen(before)
+        actions, kept = act(self.normal_observations(torch.from_numpy(seen)))
+        reached = worlds.advance(actions.numpy())
+        rewards, terminations = (
+            worlds.grouped(reached.rewards),
+            worlds.grouped(reached.terminations),
+        )
+        self.replay.append(
+            Batch(
+                observations=seen,
+                actions=kept.numpy(),
+                rewards=rewards,
+                next_observations=worlds.seen(reached),
+                states=worlds.grouped(before.states),
+                next_states=worlds.grouped(reached.states),
+                terminations=terminations,
+                truncations=worlds.grouped(reached.truncations),
+                mask=np.ones_like(terminations),
+            )
+        )
+        self.frames += worlds.n_copies
+        return torch.from_numpy(rewards.mean((1, 2)))
+
+    def _draw(self) -> Batch:
+        """A batch with normalized observations and states."""
+        batch = self.replay.sample(self._drawing, self.plan.batch_size)
+        return Batch(
+            observations=self.normal_observations(batch.observations),
+            actions=batch.actions,
+            rewards=batch.rewards,
+            next_observations=self.normal_observations(batch.next_observations),
+            states=self._normal_states(batch.states),
+            next_states=self._normal_states(batch.next_states),
+            terminations=batch.terminations,
+            truncations=batch.truncations,
+            mask=batch.mask,
+        )
+
+    def normal_observations(self, observations: Tensor) -> Tensor:
+        """Normalizes observations [K, B, N, O] with the statistics of their seed."""
+        mean, std = (torch.from_numpy(m)[:, None, None] for m in self.moments[:2])
+        return standardize(observations, mean, std)
+
+    def _normal_states(self, states: Tensor) -> Tensor:
+        mean, std = (torch.from_numpy(m)[:, None] for m in self.moments[2:])
+        return standardize(states, mean, std)
+
+    def inputs_of(self, index: int) -> tuple[Tensor, Tensor]:
+        """Mean and deviation of observations for the policy of seed number `index`, float64 [O]."""
+        mean, std = (torch.from_numpy(m[index].astype(np.float64)) for m in self.moments[:2])
+        return mean, std
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything but the running episodes and the rows of the replay, as copies."""
+        drawn = [*self.acting, *self._drawing]
+        return {
+            "frames": torch.tensor(self.frames),
+            "generators": torch.stack([g.get_state() for g in drawn]),
+            **{f"moments.{k}": torch.tensor(v) for k, v in self.moments._asdict().items()},
+            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
+            **{f"replay.{k}": v for k, v in self.replay.state_dict().items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Restores what `state_dict` returned and begins new episodes."""
+        self.replay.load_state_dict(part(state, "replay"))
+        self.frames = int(state["frames"])
+        for generator, saved in zip(
+            [*self.acting, *self._drawing], state["generators"], strict=True
+        ):
+            generator.set_state(saved.cpu().clone())
+        self.moments = Moments(**{k: v.numpy().copy() for k, v in part(state, "moments").items()})
+        self.worlds.load_state_dict(part(state, "worlds"))

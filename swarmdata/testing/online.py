@@ -1,0 +1,123 @@
+"""check_online_algorithm, what every algorithm that learns in worlds of its own must do.
+
+    @pytest.mark.parametrize("name", ONLINE_ALGORITHMS)
+    def test_contract(name, tmp_path):
+        check_online_algorithm(build=lambda seeds, folder: ..., step=..., folder=tmp_path)
+
+Errors are AssertionErrors that say which promise was broken.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata.interfaces import OnlineAlgorithm
+from swarmdata.testing.comparing import act_on, assert_equal_states, values_of
+from swarmdata.types import Step
+
+Build = Callable[[Sequence[int], Path], OnlineAlgorithm]
+"""Makes the algorithm for some seeds in a folder; everything else is fixed."""
+
+SEEDS = (3, 1)
+
+
+def check_online_algorithm(
+    build: Build,
+    step: Step,
+    folder: Path,
+    *,
+    n_rounds: int = 3,
+    tolerance: float = 1e-5,
+) -> None:
+    """Checks an algorithm against `interfaces.OnlineAlgorithm` and the promises of stacked seeds.
+
+    Args:
+        build: makes the algorithm; it must have begun to learn after `n_rounds` updates.
+        step: of the same task, to act on; at least 2 copies.
+        folder: an empty one.
+        n_rounds: updates of every comparison.
+        tolerance: largest difference of an action between stacked and separate seeds.
+    """
+    check_losses(build, folder / "losses", n_rounds)
+    check_policies(build, step, folder / "policies", n_rounds)
+    check_resume(build, folder / "resume", n_rounds)
+    check_stacking(build, step, folder / "stacking", n_rounds, tolerance)
+
+
+def check_losses(build: Build, folder: Path, n_rounds: int) -> None:
+    """Losses have the promised names, one value per seed, and are finite once learning began."""
+    run = build(SEEDS, folder)
+    promised = set(type(run).LOSSES)  # type: ignore[attr-defined]
+    frames = [run.frames]
+    for _ in range(n_rounds):
+        losses = run.update()
+        frames.append(run.frames)
+        assert set(losses) == promised, f"losses are {sorted(losses)}, not {sorted(promised)}"
+        for name, loss in losses.items():
+            shape = values_of(loss).shape
+            assert shape == (len(SEEDS),), f"loss {name!r} has shape {shape}"
+            assert not getattr(loss, "requires_grad", False), f"loss {name!r} keeps the graph alive"
+    for name, loss in losses.items():
+        assert np.isfinite(values_of(loss)).all(), f"loss {name!r} is {loss}"
+    steps = np.diff(frames)
+    assert (steps > 0).all(), f"frames went {frames}"
+    assert (steps == steps[0]).all(), f"rounds took {steps} frames"
+
+
+def check_policies(build: Build, step: Step, folder: Path, n_rounds: int) -> None:
+    """Policies act in [-1, 1], copy by copy, always the same, and are snapshots."""
+    run = build(SEEDS, folder)
+    policy = run.policy(0)
+    actions = act_on(policy, step)
+    shape = step.observations.shape[:2]
+    assert actions.dtype == np.float32, f"actions have dtype {actions.dtype}"
+    assert actions.shape[:2] == shape, f"actions have shape {actions.shape}"
+    assert np.abs(actions).max() <= 1, "actions leave [-1, 1]"
+    assert np.array_equal(act_on(policy, step), actions), "a policy acts differently the next time"
+    single = act_on(policy, Step._make(field[:1] for field in step))
+    assert np.array_equal(single, actions[:1]), "actions depend on the other copies"
+    other = act_on(run.policy(1), step)
+    assert not np.array_equal(other, actions), "seeds 0 and 1 begin with the same policy"
+    for _ in range(n_rounds):
+        run.update()
+    assert np.array_equal(act_on(policy, step), actions), "training changed a policy handed out"
+    after = act_on(run.policy(0), step)
+    assert not np.array_equal(after, actions), "training did not change the policy"
+
+
+def check_resume(build: Build, folder: Path, n_rounds: int) -> None:
+    """A run that was killed after a checkpoint, and resumed from it, goes the same way again."""
+    killed = build(SEEDS, folder)
+    for _ in range(n_rounds):
+        killed.update()
+    saved = killed.state_dict()
+    copies = {name: values_of(value).copy() for name, value in saved.items()}
+    killed.restart_worlds()
+    ours = _train(killed, n_rounds)
+    resumed = build(SEEDS, folder)
+    resumed.load_state_dict(saved)
+    assert resumed.frames * 2 == killed.frames, f"resumed at {resumed.frames} frames"
+    theirs = _train(resumed, n_rounds)
+    assert_equal_states(saved, copies, "training wrote to a saved state")
+    assert_equal_states(ours, theirs, "a resumed run went another way")
+
+
+def check_stacking(build: Build, step: Step, folder: Path, n_rounds: int, tolerance: float) -> None:
+    """K stacked seeds end with the policies that K separate runs end with."""
+    stacked = build(SEEDS, folder / "stacked")
+    _train(stacked, n_rounds)
+    for position, seed in enumerate(SEEDS):
+        alone = build([seed], folder / str(seed))
+        _train(alone, n_rounds)
+        ours, theirs = (act_on(p, step) for p in (stacked.policy(position), alone.policy(0)))
+        gap = float(np.abs(ours - theirs).max())
+        assert gap <= tolerance, f"seed {seed} differs by {gap:.1e} when it is stacked"
+
+
+def _train(run: OnlineAlgorithm, n_rounds: int) -> dict[str, Any]:
+    """Takes some rounds; returns the state after them."""
+    for _ in range(n_rounds):
+        run.update()
+    return run.state_dict()

@@ -1,0 +1,89 @@
+"""A made-up task with two episodes, and an easy world to learn in."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.features import Feature
+from swarmdata.metrics import episode_metrics
+from swarmdata.presets import preset
+from swarmdata.registry import make_env
+from swarmdata.rollout import rollout
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Int, Seeds, Step, no_messages
+
+N_AGENTS = 2
+EASY, N_EPISODES = "coop_nav-easy", 50
+
+
+class TwoEpisodes:
+    """Copies whose episodes last 3 steps; even copies terminate, odd ones are truncated.
+
+    Every observation and state is (episode modulo 4, time in the episode, kind), so that
+    a transition tells where it comes from. The reward of each robot is the time of the step taken.
+    """
+
+    def __init__(self, n_copies: int) -> None:
+        self.spec = TaskSpec.parse({"horizon": 3, "team": [{"count": N_AGENTS}]})
+        self.task: Any = None
+        self.n_copies = n_copies
+        self.features = tuple(Feature(name, "flag") for name in ("episode", "time", "kind"))
+        self.observation_size, self.action_size, self.state_size = 3, 2, 3
+        self._episodes = np.zeros(n_copies, np.int64)
+        self._times = np.zeros(n_copies, np.int64)
+        self._seeds: Seeds = np.zeros(n_copies, np.uint64)
+
+    def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
+        chosen = np.arange(self.n_copies) if copies is None else copies
+        self._episodes[chosen] += 1
+        self._times[chosen] = 0
+        self._seeds[chosen] = seeds
+        return self._step(np.zeros(self.n_copies, np.bool_))
+
+    def step(self, actions: Any) -> Step:
+        assert actions.shape == (self.n_copies, N_AGENTS, 2)
+        self._times += 1
+        return self._step(self._times == 3)
+
+    def _step(self, ended: np.ndarray) -> Step:
+        even = np.arange(self.n_copies) % 2 == 0
+        states = np.stack([self._episodes % 4, self._times, even], -1).astype(np.float32)
+        rewards = np.repeat(self._times[:, None], N_AGENTS, 1).astype(np.float32)
+        return Step(
+            observations=np.repeat(states[:, None], N_AGENTS, 1),
+            states=states,
+            rewards=rewards,
+            terminations=ended & even,
+            truncations=ended & ~even,
+            successes=ended & even,
+            events=np.zeros((self.n_copies, N_AGENTS, 4), np.uint8),
+            seeds=self._seeds.copy(),
+            times=self._times.copy(),
+            layouts=np.zeros((self.n_copies, 0, 8), np.float32),
+            **no_messages(self.n_copies, N_AGENTS),
+        )
+
+
+@pytest.fixture
+def two_episodes() -> TwoEpisodes:
+    """Four copies of it."""
+    return TwoEpisodes(4)
+
+
+@pytest.fixture
+def easy_success(tmp_path: Path) -> Callable[[Any, Any], float]:
+    """Trains one seed of an algorithm in the easy world; returns its share of solved episodes."""
+
+    def train(kind: Any, config: Any) -> float:
+        run = kind(make_env(preset(EASY), config.n_copies), [0], config, tmp_path)
+        while run.frames < config.n_frames:
+            run.update()
+        env = make_env(preset(EASY), N_EPISODES)
+        episodes = rollout(env, run.policy(0), evaluation_seeds(N_EPISODES))
+        return float(np.mean([episode_metrics(e, env.task)["success"] for e in episodes]))
+
+    return train

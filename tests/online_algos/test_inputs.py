@@ -1,0 +1,80 @@
+"""Input statistics: seed by seed, right, and the same in any stack."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.frames import find_frame  # noqa: E402
+from swarmdata.learn.inputs import generators  # noqa: E402
+from swarmdata.online_algos.inputs import Moments, measure_inputs, measure_moments  # noqa: E402
+from swarmdata.online_algos.worlds import Worlds  # noqa: E402
+from swarmdata.registry import make_env  # noqa: E402
+from swarmdata.spec import TaskSpec  # noqa: E402
+
+SPEC = TaskSpec(horizon=12)
+
+
+def worlds_of(seeds: Sequence[int], frame: str = "target", n_copies: int = 3) -> Worlds:
+    env = make_env(SPEC, n_copies * len(seeds))
+    return Worlds(env, seeds, find_frame(env.features, frame))
+
+
+def measured(seeds: Sequence[int]) -> Moments:
+    return measure_moments(worlds_of(seeds), generators(seeds, "cpu"), 15)
+
+
+def test_the_figures_are_those_of_what_the_robots_saw() -> None:
+    worlds = worlds_of([5])
+    seen: list[np.ndarray] = []
+    advance = worlds.advance
+
+    def watch(actions: np.ndarray) -> object:
+        assert np.abs(actions).max() <= 1
+        reached = advance(actions)
+        seen.append(worlds.seen(reached).reshape(-1, worlds.sizes.observation))
+        return reached
+
+    worlds.advance = watch  # type: ignore[method-assign, assignment]
+    mean, std = measure_inputs(worlds, generators([5], "cpu"), 15)
+    rows = np.concatenate(seen).astype(np.float64)
+    assert mean.shape == std.shape == (1, worlds.sizes.observation)
+    assert mean.dtype == std.dtype == np.float32
+    np.testing.assert_allclose(mean[0], rows.mean(0), atol=1e-6)
+    expected = rows.std(0)
+    moving = expected >= 1e-3
+    assert moving.any()
+    np.testing.assert_allclose(std[0, moving], expected[moving], rtol=1e-4)
+
+
+def test_constants_keep_their_unit() -> None:
+    """In the target's frame the goal has no y component."""
+    worlds = worlds_of([1])
+    names = [feature.name for feature in worlds.env.features]
+    _, std = measure_inputs(worlds, generators([1], "cpu"), 5)
+    assert std[0, names.index("own.goal_dy")] == 1.0
+    assert (std > 0).all()
+
+
+def test_a_seed_measures_the_same_in_any_stack() -> None:
+    stacked = measured([3, 1, 4])
+    for index, seed in enumerate((3, 1, 4)):
+        for ours, alone in zip(stacked, measured([seed]), strict=True):
+            np.testing.assert_array_equal(ours[index], alone[0])
+    assert not np.array_equal(stacked.observation_mean[0], stacked.observation_mean[1])
+
+
+def test_new_episodes_begin_afterwards() -> None:
+    worlds = worlds_of([2, 7])
+    before = worlds.present.seeds.copy()
+    measure_inputs(worlds, generators([2, 7], "cpu"), 4)
+    assert (worlds.present.times == 0).all()
+    assert not np.isin(worlds.present.seeds, before).any()
+
+
+def test_a_missing_generator_is_an_error() -> None:
+    with pytest.raises(SchemaError, match="got 1 generators and 5 steps, expected 2"):
+        measure_inputs(worlds_of([2, 7]), generators([2], "cpu"), 5)

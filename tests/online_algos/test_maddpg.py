@@ -1,0 +1,187 @@
+"""MADDPG: targets and corrections, policy gradients, two episodes, and learning."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.learn.networks import StackedMLP  # noqa: E402
+from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.maddpg import (  # noqa: E402
+    MADDPG,
+    Learner,
+    MADDPGConfig,
+    information,
+)
+from swarmdata.types import Batch  # noqa: E402
+
+SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
+SMALL: dict[str, Any] = {
+    "actor_hidden": (16,),
+    "critic_hidden": (16,),
+    "policy_delay": 1,
+    "max_gradient_norm": None,
+}
+
+
+def made(n_seeds: int = 1, **changes: Any) -> Learner:
+    return Learner(SIZES, range(n_seeds), MADDPGConfig(**{**SMALL, **changes}))
+
+
+def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
+    g = torch.Generator().manual_seed(0)
+    shape = (n_seeds, size)
+    flags = torch.rand(shape, generator=g) < 0.3
+    return Batch(
+        observations=torch.randn(*shape, 2, 3, generator=g),
+        actions=torch.rand(*shape, 2, 2, generator=g) * 2 - 1,
+        rewards=torch.randn(*shape, 2, generator=g),
+        next_observations=torch.randn(*shape, 2, 3, generator=g),
+        states=torch.randn(*shape, 4, generator=g),
+        next_states=torch.randn(*shape, 4, generator=g),
+        terminations=flags,
+        truncations=~flags,
+        mask=torch.ones_like(flags),
+    )
+
+
+def make_constant(network: StackedMLP, row: int, values: list[float]) -> None:
+    network.flat[row] = 0.0
+    with torch.no_grad():
+        network.layers[-1].bias[row, 0] = torch.tensor(values)
+
+
+def test_targets_take_the_lower_twin_robot_by_robot() -> None:
+    learner, batch = made(discount=0.5, reward_scale=2.0), random_batch()
+    make_constant(learner.target_critics, 0, [4.0, 1.0])
+    make_constant(learner.target_critics, 1, [3.0, 5.0])
+    alive = ~batch.terminations[..., None]
+    expected = 2.0 * batch.rewards + 0.5 * alive * torch.tensor([3.0, 1.0])
+    torch.testing.assert_close(learner.targets(batch), expected)
+
+
+def test_the_original_has_one_critic_and_no_noise() -> None:
+    learner, batch = made(corrections="none", policy_delay=7), random_batch()
+    assert len(learner.critics.flat) == 1
+    assert torch.equal(learner.targets(batch), learner.targets(batch))
+    assert "policy_q" in learner.update(batch)  # no delay
+    a_next = learner.actions(batch.next_observations, learner.target_actors)
+    x_next = information(batch.next_states, batch.next_observations)
+    q_next = learner.q(learner.target_critics, x_next, a_next)[:, 0]
+    expected = batch.rewards + 0.97 * ~batch.terminations[..., None] * q_next
+    torch.testing.assert_close(learner.targets(batch), expected)
+
+
+def test_smoothing_noise_is_clipped_and_per_seed() -> None:
+    learner, batch = made(2, smoothing=100.0, smoothing_clip=1e-3), random_batch(2)
+    first, second = learner.targets(batch), learner.targets(batch)
+    assert not torch.equal(first, second)
+    torch.testing.assert_close(first, second, rtol=0, atol=0.05)
+    alone = Learner(SIZES, [1], learner.config)
+    row = Batch(**{name: getattr(batch, name)[1:] for name in Batch.__dataclass_fields__})
+    torch.testing.assert_close(alone.targets(row)[0], first[1], rtol=0, atol=1e-5)
+
+
+def test_twins_begin_apart_and_both_learn() -> None:
+    learner, batch = made(), random_batch()
+    before = learner.critics.flat.clone()
+    assert not torch.equal(before[0], before[1])
+    learner.update(batch)
+    assert ((learner.critics.flat - before).abs().sum(1) > 0).all()
+
+
+def test_truncation_bootstraps_and_termination_does_not() -> None:
+    learner, batch = made(smoothing=0.0), random_batch()
+    flags = torch.zeros_like(batch.terminations)
+    cut = replace(batch, terminations=flags, truncations=~flags)
+    on = replace(batch, terminations=flags, truncations=flags)
+    over = replace(batch, terminations=~flags, truncations=flags)
+    assert torch.equal(learner.targets(cut), learner.targets(on))
+    torch.testing.assert_close(learner.targets(over), batch.rewards)
+    assert not torch.allclose(learner.targets(over), learner.targets(cut))
+
+
+@pytest.mark.parametrize("joint_gradient", ["all", "own"])
+def test_the_policy_gradient_by_hand(joint_gradient: Any) -> None:
+    learner = made(joint_gradient=joint_gradient, logit_penalty=0.1)
+    batch = random_batch()
+    x = information(batch.states, batch.observations)[0]
+    logits = learner.actors(batch.observations)[0]  # [B, N, A]
+    values = []
+    for robot in range(2):
+        mixed = batch.actions[0].clone()
+        mixed[:, robot] = logits[:, robot].tanh()
+        joint = mixed if joint_gradient == "own" else logits.tanh()
+        inputs = torch.cat([x, joint.flatten(1)], 1).expand(2, -1, -1)
+        values.append(learner.critics(inputs)[0].mean(-1))
+    loss = 0.1 * logits.square().mean() - torch.stack(values).mean()
+    learner.actors.network.backward(loss)
+    expected = learner.actors.network.gradient.clone()
+    critics = learner.critics.flat.clone()
+    learner._update_actors(batch, x[None], 1.0)
+    torch.testing.assert_close(learner.actors.network.gradient, expected, rtol=1e-4, atol=1e-7)
+    assert torch.equal(learner.critics.flat, critics)
+
+
+def test_actors_and_targets_move_every_other_update() -> None:
+    learner, batch = made(policy_delay=2, polyak=0.5), random_batch()
+    actors, target = learner.actors.network.flat.clone(), learner.target_critics.flat.clone()
+    assert set(learner.update(batch)) == {"critic_loss", "q"}
+    assert torch.equal(learner.actors.network.flat, actors)
+    assert torch.equal(learner.target_critics.flat, target)
+    assert set(learner.update(batch)) == {"critic_loss", "q", "policy_q"}
+    assert not torch.equal(learner.actors.network.flat, actors)
+    halfway = (target + learner.critics.flat) / 2
+    torch.testing.assert_close(learner.target_critics.flat, halfway)
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
+    stack, batch = made(3, parameters=parameters), random_batch(3)
+    for _ in range(20):
+        stack.update(batch)
+    for seed in range(3):
+        alone = Learner(SIZES, [seed], stack.config)
+        row = {name: getattr(batch, name)[seed : seed + 1] for name in Batch.__dataclass_fields__}
+        for _ in range(20):
+            alone.update(Batch(**row))
+        ours = stack.critics.flat[2 * seed : 2 * seed + 2]
+        torch.testing.assert_close(ours, alone.critics.flat, rtol=0, atol=2e-5)
+        n_rows = stack.actors.n_rows
+        ours = stack.actors.network.flat[n_rows * seed : n_rows * (seed + 1)]
+        torch.testing.assert_close(ours, alone.actors.network.flat, rtol=0, atol=2e-5)
+
+
+def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: Path) -> None:
+    """As in the test of VDN: rewards 1, 2, 3; even copies end after the 3, odd ones are cut."""
+    config = MADDPGConfig(
+        **{**SMALL, "critic_hidden": (32,)},
+        n_frames=800, n_copies=4, n_steps=10, n_gradient_steps=12, batch_size=64, capacity=200,
+        margin=80, warm_up=0, frame="world", discount=0.5, critic_step_size=1e-2, polyak=0.1,
+    )  # fmt: skip
+    run = MADDPG(two_episodes, [3], config, tmp_path)
+    for _ in range(8):
+        run.update()
+    batch = run.collector._draw()
+    x = information(batch.states, batch.observations)
+    q = run.learner.q(run.learner.critics, x, batch.actions).detach()[:, 0].mean(-1)
+    mean, std = (torch.from_numpy(m[0]) for m in run.collector.moments[2:])
+    raw = (batch.states * std + mean).round()
+    time, even = raw[..., 1], raw[..., 2]
+    for t, expected in enumerate((2.75, 3.5, 3.0)):
+        assert q[(time == t) & (even == 1)].mean().item() == pytest.approx(expected, abs=0.25)
+    assert q[(time == 2) & (even == 0)].mean().item() > 3.3
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize("corrections", ["td3", "none"])
+def test_it_learns_to_reach_goals(
+    easy_success: Callable[[Any, Any], float], corrections: Any
+) -> None:
+    """Within 15 s of one core."""
+    config = MADDPGConfig(n_frames=60_000, corrections=corrections)
+    assert easy_success(MADDPG, config) > 0.7
