@@ -288,6 +288,9 @@ class MADDPG:
             parameters=self.config.parameters,
         )
 
+    def warm_start(self) -> None:
+        """Does nothing: the first rounds fill the replay."""
+
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.collector.worlds.restart()

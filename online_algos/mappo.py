@@ -169,7 +169,7 @@ class MAPPO:
         return {**losses, "reward": torch.from_numpy(reward), "std": std}
 
     def inputs(self, seen: Float) -> Tensor:
-        """Normalized observations [K, E, N, O], with the robot's number where they share an actor."""
+        """Normalized observations, [K, E, N, I]; with the robot's number if they share an actor."""
         mean, std = self.input_mean[:, None, None], self.input_std[:, None, None]
         features = torch.from_numpy((seen - mean) / std)
         return with_agent_id(features) if self.n_rows == 1 else features
@@ -332,7 +332,7 @@ class MAPPO:
     def minibatches(self, n_samples: int, n_rows: int, size: int) -> Iterator[Tensor]:
         """Yields indices of samples, [K n_rows, B]; the networks of a seed take the same ones."""
         orders = np.stack([generator.permutation(n_samples) for generator in self.generators])
-        yield from torch.from_numpy(orders.repeat(n_rows, 0)).split(size, 1)
+        yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)
 
     def _actor_step(
         self, own: Tensor, actions: Tensor, old_log_probs: Tensor, advantage: Tensor

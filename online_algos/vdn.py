@@ -65,6 +65,9 @@ class VDN:
         """The greedy policy of seed number `index`, as it is now."""
         return self._loop.policy(index)
 
+    def warm_start(self) -> None:
+        """Does nothing: the first rounds fill the replay."""
+
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self._loop.collector.worlds.restart()

@@ -1,6 +1,6 @@
 """Policies as files: the weights of one seed's policy, and what it needs to act with them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.policy import TorchPolicy
 
-KINDS = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
+KINDS: dict[str, Callable[..., Policy]] = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
 """Policies that can be kept, by name: dataclasses of layers, tensors, a frame and JSON values."""
 
 

@@ -90,7 +90,7 @@ def test_the_policy_takes_the_best_knots(parameters: str) -> None:
 
 def test_a_turned_world_turns_the_actions() -> None:
     """Anchor and action turn together by a right angle; the choices stay."""
-    frame = Frame(anchor=0, vectors=(0, 2))
+    frame = Frame(anchor=0, vectors=(0, 2), closing=())
     policy = made(frame=frame)
     observations = np.random.default_rng(1).normal(size=(5, 3, 4)).astype(np.float32)
     x, y = observations[..., 0::2], observations[..., 1::2]

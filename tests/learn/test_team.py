@@ -8,9 +8,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.frames import Frame  # noqa: E402
+from swarmdata.frames import Frame, in_world  # noqa: E402
 from swarmdata.learn.networks import MLPShape, mlp  # noqa: E402
-from swarmdata.learn.policy import TorchPolicy, in_world  # noqa: E402
+from swarmdata.learn.policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.team import Team, answer, from_rows, to_rows  # noqa: E402
 
 SHAPE = MLPShape(5, (6,), 2)
@@ -88,7 +88,7 @@ def test_policies_act_as_their_networks_answer(parameters: Any) -> None:
 
 
 def test_a_policy_of_a_frame_sees_and_acts_in_it() -> None:
-    frame = Frame(anchor=0, vectors=(0, 3))
+    frame = Frame(anchor=0, vectors=(0, 3), closing=())
     ours = policy("shared", frame)
     observations = FEATURES[0].numpy()
     local = answer(ours.layers, torch.from_numpy(frame.seen(observations)).double() / 2, "shared")
@@ -99,7 +99,7 @@ def test_a_policy_of_a_frame_sees_and_acts_in_it() -> None:
 
 def test_turned_actions_keep_their_direction_and_stay_in_the_box() -> None:
     """A corner of the box has norm 1.4; the worlds clip norms, so the policy does, not axes."""
-    frame = Frame(anchor=0, vectors=(0,))
+    frame = Frame(anchor=0, vectors=(0,), closing=())
     observations = np.array([[[0.6, 0.8]]], np.float32)
     action = in_world(frame, observations, np.array([[[1.0, 1.0]]]))
     np.testing.assert_allclose(action[0, 0], frame.to_world(

@@ -18,6 +18,7 @@ from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path
 from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.registry import make_env
+from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
@@ -88,7 +89,7 @@ def test_a_run_folder_holds_what_it_promises(tmp_path: Path) -> None:
     events = list((folder / "tensorboard" / "seed-3").glob("events.out.tfevents.*"))
     assert len(events) == 1
     assert events[0].stat().st_size > 200
-    step = make_env(SPEC, 2).reset(training.evaluation_seeds(2))
+    step = make_env(SPEC, 2).reset(evaluation_seeds(2))
     actions = load_policy(policy_path(folder, 3, 96)).act(step)
     assert actions.shape == (2, 4, 2)
 

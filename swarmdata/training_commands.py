@@ -1,0 +1,98 @@
+"""The commands that train algorithms, and that put what they learned into the package."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swarmdata.task_commands import Communication, Observation
+
+
+def train(
+    algorithm: Annotated[str, typer.Argument(help="such as bc offline or mappo online")],
+    data: Annotated[str | None, typer.Argument(metavar="[ID]", help="dataset, offline")] = None,
+    task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
+    out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
+    steps: Annotated[
+        float | None, typer.Option(min=1, help="joint steps of a seed, online")
+    ] = None,
+    updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
+    config: Annotated[
+        str | None, typer.Option(help="settings: a shipped name or a YAML file")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
+    ] = None,
+    curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    observation: Observation = None,
+    communication: Communication = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
+    device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
+) -> None:
+    """Train an algorithm, offline on a train split or online in a task; run again to go on.
+
+    With other models than the recorded ones, the dataset is observed again from its states.
+    """
+    from swarmdata.targets import require
+
+    require("torch", "torch", "training")
+    from swarmdata.training import read_settings, train_offline, train_online
+
+    _check_subject(algorithm, data, task)
+    changes = read_settings(config) if config else {}
+    changes |= {"n_frames": str(round(steps))} if steps else {}
+    changes |= {"n_updates": str(updates)} if updates else {}
+    changes |= dict(_setting(text) for text in settings or [])
+    folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
+    common: dict[str, Any] = {
+        "changes": changes,
+        "observation": observation,
+        "communication": communication,
+    }
+    if task is not None:
+        train_online(algorithm, task, folder, seeds=range(seeds), workers=workers, **common)
+    elif data is not None:
+        common |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
+        train_offline(algorithm, data, folder, **common)
+    typer.echo(folder)
+
+
+def _check_subject(algorithm: str, data: str | None, task: str | None) -> None:
+    """Offline algorithms train on a dataset, online ones in a task, and neither on both."""
+    from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+
+    resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
+    is_online = algorithm in ONLINE_ALGORITHMS
+    if (task is None) == is_online or (data is None) != is_online:
+        wanted = "--task TASK" if is_online else "a dataset's ID"
+        raise typer.BadParameter(f"{algorithm} needs {wanted}, and nothing else to train on")
+
+
+def ship(
+    task: Annotated[str, typer.Argument(help="a preset, such as coop_nav")],
+    out: Annotated[Path, typer.Option(help="the package's behavior_policies/checkpoints")],
+    medium: Annotated[list[Path] | None, typer.Option(help="online run, for mediums")] = None,
+    expert: Annotated[list[Path] | None, typer.Option(help="finished online run")] = None,
+) -> None:
+    """Put the mediums of online runs, their replays, and the experts of others into the package."""
+    from swarmdata.presets import preset
+    from swarmdata.targets import require
+
+    require("torch", "torch", "reading online runs")
+    from swarmdata.online_algos.selection import seeds_of
+    from swarmdata.online_algos.selection import ship as ship_seeds
+
+    mediums, experts = seeds_of(medium or []), seeds_of(expert or [])
+    entry = ship_seeds(mediums, experts, task, preset(task), out)
+    for tier, checkpoints in entry.items():
+        for each in checkpoints:
+            success = 100 * each["figures"]["success"]
+            typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
+
+
+def _setting(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+    return key, value
