@@ -101,7 +101,10 @@ class VecEnv(Protocol):
 class Policy(Protocol):
     """Chooses joint actions from what the robots see, or from states if `uses_state`."""
 
-    uses_state: bool
+    @property
+    def uses_state(self) -> bool:
+        """Whether it reads what robots do not see: states, layouts or rewards."""
+        ...
 
     def reset(self, step: Step, copies: Int) -> None:
         """Forgets what it knew about `copies`, in which new episodes have begun."""
