@@ -24,11 +24,15 @@ def test_a_policy_comes_back_as_it_was(tmp_path: Path, parameters: str, frame: s
     config = MAPPOConfig(n_copies=2, n_steps=4, parameters=parameters, frame=frame)  # type: ignore[arg-type]
     run = MAPPO(make_env(TaskSpec(), 4), (0, 1), config)
     policy = run.policy(1)
+    step = make_env(TaskSpec(), 3).reset(np.arange(3, dtype=np.uint64))
+    actions = policy.act(step)  # a policy that has acted remembers it, which is not written
+    assert not policy.log_probs(step, actions).any()
     save_policy(tmp_path / "new" / "policy.safetensors", policy)
     read = load_policy(tmp_path / "new" / "policy.safetensors")
     assert [f.name for f in fields(read)] == [f.name for f in fields(policy)]  # type: ignore[arg-type]
-    step = make_env(TaskSpec(), 3).reset(np.arange(3, dtype=np.uint64))
-    np.testing.assert_array_equal(read.act(step), policy.act(step))
+    assert not read.log_probs(step, actions).any()
+    assert np.isneginf(read.log_probs(step, actions * np.float32(0.5))).all()
+    np.testing.assert_array_equal(read.act(step), actions)
 
 
 def test_another_checkpoint_is_no_policy(tmp_path: Path) -> None:
