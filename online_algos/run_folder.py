@@ -20,12 +20,18 @@ def last_policy_path(folder: Path, seed: int) -> Path:
     Raises:
         BuildError: the run has not reached a checkpoint yet.
     """
-    found = sorted((folder / POLICIES / f"seed-{seed}").glob("*.safetensors"))
+    found = saved_frames(folder, seed)
     if not found:
         raise BuildError(
             f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint"
         )
-    return found[-1]
+    return policy_path(folder, seed, found[-1])
+
+
+def saved_frames(folder: Path, seed: int) -> list[int]:
+    """Frames at which a run kept policies of a seed, in order."""
+    files = (folder / POLICIES / f"seed-{seed}").glob("*.safetensors")
+    return sorted(int(file.stem) for file in files)
 
 
 def last_policy(run: Path, seed: int) -> Policy:

@@ -3,7 +3,8 @@
 - medium: a seed's first checkpoint whose team success lies in `MEDIUM_BAND`;
 - medium-replay: policies met on the way there, each for an equal part of the way, with the noise
   that training had then;
-- expert: a seed's last policy.
+- expert: a seed's last policy;
+- mixed-conventions: the last policies of runs with one convention, every other one mirrored.
 
 Everything is measured on the selection seeds, by exact inference, as the datasets run it.
 """
@@ -17,12 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.learned import digest_of, own_actor, save_actor
+from swarmdata.behavior_policies.learned import digest_of, load_actor, own_actor, save_actor
+from swarmdata.behavior_policies.mirror import mirrored
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import CONFIG, CURVE
-from swarmdata.online_algos.run_folder import last_policy_path, policy_path
+from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
 from swarmdata.online_algos.training import SELECTION_OFFSET, measure, read_online_run
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
@@ -122,12 +124,15 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
 
 def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterator[Chosen]:
     """The policies in the middle of `N_REPLAY` equal parts of the way to a medium."""
-    rows = {int(row["frames"]): row for row in read_curve(seed)}
+    rows = read_curve(seed)
+    there = np.array(saved_frames(*seed))
     for part in range(N_REPLAY):
         wanted = medium.frames * (part + 0.5) / N_REPLAY
-        frames = min(rows, key=lambda there: abs(there - wanted))
+        frames = int(there[np.abs(there - wanted).argmin()])
+        # the schedule of the noise is linear, so what lies between two rows of the curve is known
+        noise = np.interp(frames, [row["frames"] for row in rows], [row["std"] for row in rows])
         chosen = _measured("medium-replay", seed, frames, spec, work)
-        yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY, noise=rows[frames]["std"])
+        yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY, noise=float(noise))
 
 
 def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
@@ -146,6 +151,25 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
     chosen = _measured("expert", seed, int(path.stem), spec, work)
     error = exact_error(path, chosen.file, spec)
     return chosen._replace(figures=chosen.figures | {"exact_error": error})
+
+
+def conventions_of(seeds: Sequence[Seed], spec: TaskSpec, work: Path) -> Iterator[Chosen]:
+    """The last policies of finished runs with one convention, every other one as in a mirror."""
+    for number, seed in enumerate(seeds):
+        chosen = last_of(seed, spec, work)._replace(tier="mixed-conventions", policy=number)
+        if number % 2:
+            chosen = chosen._replace(file=_mirror(chosen.file, spec.n_agents))
+            figures = measure(own_actor(chosen.file, spec), spec, N_EPISODES)
+            chosen = chosen._replace(figures=figures)
+        yield chosen
+
+
+def _mirror(file: Path, n_agents: int) -> Path:
+    """Writes the mirror image of an exported policy beside it."""
+    actor = mirrored(load_actor(file.read_bytes(), n_agents, str(file)))
+    target = file.with_stem(f"{file.stem}-mirrored")
+    save_actor(target, actor.layers, actor.mean, actor.scale, actor.n_agents, actor.frame)
+    return target
 
 
 def _measured(tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path) -> Chosen:
@@ -179,13 +203,19 @@ def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 
 
 
 def ship(
-    mediums: Sequence[Seed], experts: Sequence[Seed], name: str, spec: TaskSpec, folder: Path
+    mediums: Sequence[Seed],
+    experts: Sequence[Seed],
+    conventions: Sequence[Seed],
+    name: str,
+    spec: TaskSpec,
+    folder: Path,
 ) -> dict[str, list[dict[str, Any]]]:
     """Copies the mediums of some seeds, with their replays, and the last policies of others.
 
     Args:
         mediums: seeds from which the first checkpoint in the band is taken.
         experts: seeds of finished runs.
+        conventions: seeds of finished runs that share a convention.
         name: of the preset that the datasets are of.
         spec: that preset's.
         folder: the package's `behavior_policies/checkpoints`; its `index.json` is updated.
@@ -202,6 +232,7 @@ def ship(
             chosen += [medium, *replay_of(seed, medium, spec, work)]
         for number, seed in enumerate(experts):
             chosen.append(last_of(seed, spec, work)._replace(policy=number))
+        chosen += conventions_of(conventions, spec, work)
         entry = _install(chosen, name, folder)
     finally:
         shutil.rmtree(work)

@@ -3,7 +3,7 @@
 config.json             the run, completely (`OnlineRun`)
 curve.csv               what every checkpoint of every seed achieved, and its losses
 speed.csv               wall-clock time, frames a second and memory at every checkpoint
-policies/seed-K/        the greedy policy at every checkpoint, `<frames>.safetensors`
+policies/seed-K/        greedy policies, `<frames>.safetensors`, `POLICIES_EACH` per checkpoint
 tensorboard/seed-K/     the curve as TensorBoard event files
 checkpoint.safetensors  everything, to continue from
 replay/                 transitions, of algorithms that keep them
@@ -40,6 +40,9 @@ from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 
 SPEED = "speed.csv"
+
+POLICIES_EACH = 5
+"""Policies that are kept for each checkpoint: replays need the way to a medium in small steps."""
 
 MEASURED = (
     "success",
@@ -184,20 +187,25 @@ class _Training:
                 losses = algorithm.update()
                 bar.update(algorithm.frames - before)
                 is_last = algorithm.frames >= n_frames
-                if is_last or algorithm.frames // every > before // every:
+                if is_last or _crosses(every / POLICIES_EACH, before, algorithm.frames):
+                    self._save_policies()
+                if is_last or _crosses(every, before, algorithm.frames):
                     self._log_speed(time.perf_counter() - started, algorithm.frames - since)
                     self._checkpoint(losses)
                     started, since = time.perf_counter(), algorithm.frames
         for writer in self.writers:
             writer.close()
 
+    def _save_policies(self) -> None:
+        for k, seed in enumerate(self.run.seeds):
+            path = policy_path(self.folder, seed, self.algorithm.frames)
+            save_policy(path, self.algorithm.policy(k))
+
     def _checkpoint(self, losses: Mapping[str, Any]) -> None:
-        """Saves the policies and their figures, and then the state to continue from."""
+        """Saves the figures of the policies, and then the state to continue from."""
         frames, run = self.algorithm.frames, self.run
         for k, seed in enumerate(run.seeds):
-            policy = self.algorithm.policy(k)
-            save_policy(policy_path(self.folder, seed, frames), policy)
-            row = measure(policy, run.spec, run.n_episodes)
+            row = measure(self.algorithm.policy(k), run.spec, run.n_episodes)
             row |= {name: float(loss[k]) for name, loss in losses.items()}
             self.curve.append(frames, seed, row)
             for name, value in row.items():
@@ -215,3 +223,8 @@ class _Training:
             "memory_mb": memory,
         }
         self.speed.append(self.algorithm.frames, len(self.run.seeds), figures)
+
+
+def _crosses(every: float, before: int, after: int) -> bool:
+    """Whether a multiple of `every` lies after `before`, up to `after`."""
+    return after // every > before // every

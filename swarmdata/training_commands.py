@@ -74,6 +74,9 @@ def ship(
     out: Annotated[Path, typer.Option(help="the package's behavior_policies/checkpoints")],
     medium: Annotated[list[Path] | None, typer.Option(help="online run, for mediums")] = None,
     expert: Annotated[list[Path] | None, typer.Option(help="finished online run")] = None,
+    convention: Annotated[
+        list[Path] | None, typer.Option(help="finished online run, for mixed-conventions")
+    ] = None,
 ) -> None:
     """Put the mediums of online runs, their replays, and the experts of others into the package."""
     from swarmdata.presets import preset
@@ -83,8 +86,8 @@ def ship(
     from swarmdata.online_algos.selection import seeds_of
     from swarmdata.online_algos.selection import ship as ship_seeds
 
-    mediums, experts = seeds_of(medium or []), seeds_of(expert or [])
-    entry = ship_seeds(mediums, experts, task, preset(task), out)
+    seeds = [seeds_of(runs or []) for runs in (medium, expert, convention)]
+    entry = ship_seeds(*seeds, task, preset(task), out)
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]

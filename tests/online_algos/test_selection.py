@@ -83,13 +83,17 @@ def test_an_exported_policy_acts_as_the_trained_one(run: Path, tmp_path: Path) -
 @pytest.mark.usefixtures("half")
 def test_shipping_writes_actors_and_the_index(run: Path, tmp_path: Path) -> None:
     (tmp_path / "index.json").write_text('{"coop_nav": {"other": []}, "formation": {}}')
-    ship([Seed(run, 0)], [Seed(run, 0), Seed(run, 1)], "coop_nav", SPEC, tmp_path)
+    both = [Seed(run, 0), Seed(run, 1)]
+    ship(both[:1], both, both, "coop_nav", SPEC, tmp_path)
     index = json.loads((tmp_path / "index.json").read_text())
     assert set(index) == {"coop_nav", "formation"}
     entry = index["coop_nav"]
     assert [len(entry[t]) for t in ("medium", "medium-replay", "expert", "other")] == [1, 5, 2, 0]
     files = {each["file"] for tier in entry.values() for each in tier}
     assert {path.name for path in tmp_path.iterdir()} == files | {"index.json"}
+    ours, mirror = (each["sha256"] for each in entry["mixed-conventions"])
+    assert ours == entry["expert"][0]["sha256"]
+    assert mirror != entry["expert"][1]["sha256"]
     replays = entry["medium-replay"]
     frames = [each["frames"] for each in replays]
     assert frames == sorted(frames)
@@ -108,7 +112,7 @@ def test_an_unfinished_run_is_no_expert(tmp_path: Path) -> None:
     )
     last_policy_path(folder, 0).unlink()
     with pytest.raises(BuildError, match="run its command again"):
-        ship([], [Seed(folder, 0)], "coop_nav", SPEC, tmp_path / "shipped")
+        ship([], [Seed(folder, 0)], [], "coop_nav", SPEC, tmp_path / "shipped")
 
 
 def test_curves_are_read_seed_by_seed(run: Path) -> None:
