@@ -13,6 +13,9 @@ from swarmdata.types import Double, Float
 CONSTANT = 1e-3
 """Features that deviate less than this count as constant: they are centered, not scaled."""
 
+LEAST = 0.05
+"""Least deviation of others: what random actions hardly vary may vary much more later."""
+
 
 class Moments(NamedTuple):
     """Mean and standard deviation of every feature, per seed; 1 is the deviation of constants."""
@@ -84,5 +87,5 @@ class _Sums:
         """Mean and standard deviation, [F]."""
         mean = self.first / self.n_rows
         std = np.sqrt(np.maximum(self.second / self.n_rows - mean * mean, 0.0))
-        std = np.where(std < CONSTANT, 1.0, std)
+        std = np.where(std < CONSTANT, 1.0, np.maximum(std, LEAST))
         return mean.astype(np.float32), std.astype(np.float32)
