@@ -39,8 +39,8 @@ N_REPLAY = 5
 MAX_SCALE = 20.0
 """Greatest factor on an observed feature; 3 units of it, a wide arena, stay below the clip of 64."""
 
-N_EPISODES = 1024
-"""Selection episodes that decide."""
+N_EPISODES, N_REPLAY_EPISODES = 1024, 256
+"""Selection episodes that decide, and those that describe a policy of a replay."""
 
 
 class Seed(NamedTuple):
@@ -138,7 +138,7 @@ def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterato
         frames = int(there[np.abs(there - wanted).argmin()])
         # the schedule of the noise is linear, so what lies between two rows of the curve is known
         noise = np.interp(frames, [row["frames"] for row in rows], [row["std"] for row in rows])
-        chosen = _measured("medium-replay", seed, frames, spec, work)
+        chosen = _measured("medium-replay", seed, frames, spec, work, N_REPLAY_EPISODES)
         yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY, noise=float(noise))
 
 
@@ -179,11 +179,13 @@ def _mirror(file: Path, n_agents: int) -> Path:
     return target
 
 
-def _measured(tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path) -> Chosen:
+def _measured(
+    tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path, n_episodes: int = N_EPISODES
+) -> Chosen:
     file = work / f"{seed.folder.name}-{seed.seed}-{frames}.safetensors"
     if not file.exists():
         export(policy_path(seed.folder, seed.seed, frames), file, spec.n_agents)
-    figures = measure(own_actor(file, spec), spec, N_EPISODES)
+    figures = measure(own_actor(file, spec), spec, n_episodes)
     return Chosen(tier, 0, frames, 1.0, None, figures, file)
 
 
