@@ -16,7 +16,7 @@ from tqdm import tqdm
 from swarmdata.interfaces import Policy
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.online_algos.generators import standard_normal
-from swarmdata.online_algos.rollouts import pick, sample_rows
+from swarmdata.online_algos.rollouts import minibatches, pick, sample_rows, seed_means
 from swarmdata.spec import TaskSpec
 from swarmdata.states import VX, VY, robots_of
 from swarmdata.types import Float, Step
@@ -52,8 +52,8 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
     errors = []
     for k in tqdm(range(config.n_rounds), desc="cloning the teacher", unit="round", disable=None):
         own, actions = _collect(run, teacher, config, teacher_drives=k == 0)
-        seen.append(sample_rows(torch.from_numpy(own), run.n_rows))
-        labels.append(sample_rows(torch.from_numpy(actions), run.n_rows))
+        seen.append(sample_rows(torch.from_numpy(own), run.config.parameters))
+        labels.append(sample_rows(torch.from_numpy(actions), run.config.parameters))
         n_passes = config.n_passes + (config.final_passes if k == config.n_rounds - 1 else 0)
         data, targets = torch.cat(seen, 1), torch.cat(labels, 1)
         for index in range(n_passes):
@@ -122,9 +122,9 @@ def _regress(
 ) -> Tensor:
     """One pass of mean squared error; returns its mean, [K]."""
     total, n_samples = torch.zeros(len(run.generators)), data.shape[1]
-    for rows in run.minibatches(n_samples, run.n_rows, minibatch):
+    for rows in minibatches(run.generators, n_samples, run.n_rows, minibatch):
         errors = (run.actor(pick(data, rows)) - pick(targets, rows)).square().mean(-1)
-        loss = run.by_seed(errors)
+        loss = seed_means(errors, len(run.generators))
         optimizer.step(loss, learning_rate)
         total += loss.detach() * rows.shape[1]
     return total / n_samples

@@ -60,14 +60,6 @@ def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_ste
     return Moments(mean, std, state_mean, state_std)
 
 
-def measure_inputs(
-    worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int
-) -> tuple[Float, Float]:
-    """Returns mean and standard deviation of what robots see, float32 [K, O]; `measure_moments`."""
-    moments = measure_moments(worlds, generators, n_steps)
-    return moments.observation_mean, moments.observation_std
-
-
 class _Sums:
     """Sums of the rows of one seed, in float64."""
 

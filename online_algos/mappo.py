@@ -21,7 +21,7 @@ Deviations, each measured on `coop_nav` or required by it:
 - the actor's and the critic's gradients are clipped separately.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,33 +30,32 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from swarmdata.errors import CheckpointError
 from swarmdata.frames import find_frame
-from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.interfaces import VecEnv
 from swarmdata.learn.checkpoint import part
 from swarmdata.learn.inputs import generators as torch_generators
-from swarmdata.learn.inputs import with_agent_id
+from swarmdata.learn.inputs import standardize, with_agent_id
 from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.team import Parameters
+from swarmdata.learn.team import Parameters, by_network, from_rows
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
-from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
-from swarmdata.online_algos.conventions import on_the_wrong_side
 from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
-from swarmdata.online_algos.inputs import measure_inputs
+from swarmdata.online_algos.inputs import measure_moments
 from swarmdata.online_algos.rollouts import (
     Rollout,
     critic_states,
     empty_rollout,
+    minibatches,
     pad_by_seed,
     pick,
     ranks,
     sample_rows,
+    seed_means,
 )
-from swarmdata.online_algos.run_folder import last_policy
+from swarmdata.online_algos.shaping import shaped_rewards
+from swarmdata.online_algos.starting import start_actors
 from swarmdata.online_algos.worlds import Worlds, reweighted
-from swarmdata.registry import make_policy
 from swarmdata.types import Float, Step, copy_step
 
 
@@ -118,9 +117,11 @@ class MAPPO:
         env = reweighted(env, config.rewards)
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame))
         self.generators = [np.random.default_rng(seed) for seed in seeds]
-        self.input_mean, self.input_std = measure_inputs(
-            self.worlds, torch_generators(seeds, "cpu"), config.n_steps
-        )
+        moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), config.n_steps)
+        self.input_mean, self.input_std = (
+            moments.observation_mean,
+            moments.observation_std,
+        )  # [K, O]
         sizes = self.worlds.sizes
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
@@ -154,7 +155,12 @@ class MAPPO:
         return c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
 
     def update(self) -> dict[str, Tensor]:
-        """One rollout and its gradient steps; returns means of losses and of rewards, each [K]."""
+        """One rollout and its gradient steps.
+
+        Returns:
+            The losses of the last minibatches, NaN of actors that do not learn yet; the mean
+            reward that was trained on; the standard deviation of the actions. Each [K].
+        """
         std = torch.full((len(self.generators),), self.std)
         rollout = self._collect()
         c = self.config
@@ -171,17 +177,15 @@ class MAPPO:
 
     def inputs(self, seen: Float) -> Tensor:
         """Normalized observations, [K, E, N, I]; with the robot's number if they share an actor."""
-        mean, std = self.input_mean[:, None, None], self.input_std[:, None, None]
-        features = torch.from_numpy((seen - mean) / std)
-        return with_agent_id(features) if self.n_rows == 1 else features
+        mean, std = (torch.from_numpy(m)[:, None, None] for m in (self.input_mean, self.input_std))
+        features = standardize(torch.from_numpy(seen), mean, std)
+        return with_agent_id(features) if self.config.parameters == "shared" else features
 
     def means(self, own: Tensor) -> Tensor:
         """Mean actions of the present actors, [K, E, N, A], of inputs [K, E, N, I]."""
-        k, e, n = own.shape[:3]
         with torch.no_grad():
-            out = self.actor(sample_rows(own[None], self.n_rows))
-        out = out.view(k, self.n_rows, e, n // self.n_rows, -1)
-        return out.transpose(1, 2).reshape(k, e, n, -1)
+            out = self.actor(by_network(own, self.config.parameters))
+        return from_rows(out, own.shape, self.config.parameters)
 
     def policy(self, index: int) -> TorchPolicy:
         """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
@@ -196,28 +200,7 @@ class MAPPO:
 
     def warm_start(self) -> None:
         """Takes over the policies of another run, or clones the teacher, if there is one."""
-        if self.config.start:
-            for row, seed in enumerate(self.seeds):
-                self._take_over(row, last_policy(Path(self.config.start), seed))
-        if self.config.teacher:
-            teacher = make_policy(self.config.teacher, self.worlds.env.spec)
-            clone_teacher(self, teacher, CloneConfig())
-
-    def _take_over(self, index: int, policy: Policy) -> None:
-        """Starts a seed from a policy of another run.
-
-        Raises:
-            CheckpointError: it is not an actor of these sizes, in this frame.
-        """
-        rows = slice(index * self.n_rows, (index + 1) * self.n_rows)
-        if not isinstance(policy, TorchPolicy) or policy.frame != self.worlds.frame:
-            raise CheckpointError(
-                f"{self.config.start} holds policies of another kind or frame; start from a run of "
-                "mappo with the same frame."
-            )
-        self.actor.load_layers(rows, policy.layers)
-        self.input_mean[index] = policy.observation_mean.numpy()
-        self.input_std[index] = policy.observation_std.numpy()
+        start_actors(self)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
@@ -253,18 +236,14 @@ class MAPPO:
 
     def rewards(self, step: Step) -> Float:
         """Rewards with the team share and the present extra cost of contacts, [K, E, N]."""
-        c, w = self.config, self.worlds.env.spec.rules.rewards
+        c = self.config
         begin, end = c.contact_ramp
         extra = c.contact_cost * min(1.0, max(0.0, (self.progress - begin) / (end - begin)))
-        costs = np.array(
-            [w.robot_contact, w.obstacle_contact, w.robot_collision, w.obstacle_collision],
-            np.float32,
-        )
-        rewards = step.rewards - extra * (step.events @ costs)
-        if c.keep_right:
-            rewards = rewards - np.float32(c.keep_right) * on_the_wrong_side(step)
-        mixed = (1 - c.team_share) * rewards + c.team_share * rewards.mean(1, keepdims=True)
-        return self.worlds.grouped(mixed)
+        shaped = shaped_rewards(
+            step, self.worlds.env.spec.rules.rewards,
+            contact_cost=extra, keep_right=c.keep_right, team_share=c.team_share,
+        )  # fmt: skip
+        return self.worlds.grouped(shaped)
 
     def _collect(self) -> Rollout:
         c, worlds = self.config, self.worlds
@@ -308,7 +287,7 @@ class MAPPO:
         """Values in units of return, [T, K, E, N]."""
         t, k, e, n = own.shape[:4]
         with torch.no_grad():
-            flat = self.critic(sample_rows(torch.cat([own, states], -1), 1))
+            flat = self.critic(sample_rows(torch.cat([own, states], -1), "shared"))
         return self.scale.denormalize(flat.view(k, t, e, n).transpose(0, 1).numpy())
 
     def _descend(self, r: Rollout, advantages: Float, targets: Float) -> dict[str, Tensor]:
@@ -316,39 +295,35 @@ class MAPPO:
         c = self.config
         tensors = (r.own, r.actions, r.log_probs, normalized(advantages))
         own, actions, log_probs, advantage = (
-            sample_rows(torch.from_numpy(x), self.n_rows) for x in tensors
+            sample_rows(torch.from_numpy(x), c.parameters) for x in tensors
         )
-        seen = sample_rows(torch.from_numpy(np.concatenate([r.own, r.states], -1)), 1)
-        target = sample_rows(torch.from_numpy(targets), 1)
-        losses: dict[str, Tensor] = {}
+        seen = sample_rows(torch.from_numpy(np.concatenate([r.own, r.states], -1)), "shared")
+        target = sample_rows(torch.from_numpy(targets), "shared")
+        n_seeds = len(self.generators)
+        losses = {name: torch.full((n_seeds,), torch.nan) for name in ("policy", "kl")}
         for _ in range(c.n_epochs):
             if self.progress > c.critic_warmup:
-                for rows in self.minibatches(own.shape[1], self.n_rows, c.minibatch):
+                for rows in minibatches(self.generators, own.shape[1], self.n_rows, c.minibatch):
                     batch = (pick(x, rows) for x in (own, actions, log_probs, advantage))
                     losses |= self._actor_step(*batch)
-            for rows in self.minibatches(seen.shape[1], 1, c.minibatch):
+            for rows in minibatches(self.generators, seen.shape[1], 1, c.minibatch):
                 losses |= self._critic_step(pick(seen, rows), pick(target, rows))
         return losses
-
-    def minibatches(self, n_samples: int, n_rows: int, size: int) -> Iterator[Tensor]:
-        """Yields indices of samples, [K n_rows, B]; the networks of a seed take the same ones."""
-        orders = np.stack([generator.permutation(n_samples) for generator in self.generators])
-        yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)
 
     def _actor_step(
         self, own: Tensor, actions: Tensor, old_log_probs: Tensor, advantage: Tensor
     ) -> dict[str, Tensor]:
         """Schulman et al. 2017, equation 7."""
-        c, std = self.config, self.std
+        c, std, n_seeds = self.config, self.std, len(self.generators)
         mean = self.actor(own)  # [K n_rows, B, A]
         z = (actions - mean) / std
         log_ratio = (-0.5 * z * z - np.log(std)).sum(-1) - old_log_probs
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - c.clip, 1 + c.clip)
-        policy_loss = self.by_seed(-torch.minimum(ratio * advantage, clipped * advantage))
-        excess = self.by_seed((mean.abs() - 1).clamp(min=0).square().mean(-1))
+        policy_loss = seed_means(-torch.minimum(ratio * advantage, clipped * advantage), n_seeds)
+        excess = seed_means((mean.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
         self.actor_adam.step(policy_loss + c.mean_penalty * excess, self.learning_rate)
-        kl = self.by_seed((ratio - 1 - log_ratio).detach())
+        kl = seed_means((ratio - 1 - log_ratio).detach(), n_seeds)
         return {"policy": policy_loss.detach(), "kl": kl}
 
     def _critic_step(self, seen: Tensor, target: Tensor) -> dict[str, Tensor]:
@@ -357,7 +332,3 @@ class MAPPO:
         loss = smooth_l1_loss(value, target, reduction="none").mean(1)
         self.critic_adam.step(self.config.value_weight * loss, self.learning_rate)
         return {"value": loss.detach()}
-
-    def by_seed(self, losses: Tensor) -> Tensor:
-        """Means of [K n_rows, B] over the samples of each seed, [K]."""
-        return losses.view(len(self.generators), -1).mean(1)

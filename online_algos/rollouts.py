@@ -1,11 +1,13 @@
 """What on-policy algorithms collect in one rollout, and its samples as rows of stacked networks."""
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from swarmdata.learn.team import Parameters, by_network
 from swarmdata.online_algos.worlds import Worlds
 from swarmdata.states import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Int, Step
@@ -75,13 +77,31 @@ def pick(values: Tensor, rows: Tensor) -> Tensor:
     return picked.view(*rows.shape, *values.shape[2:])
 
 
-def sample_rows(values: Tensor, n_rows: int) -> Tensor:
-    """Returns samples by the network that they belong to, [K n_rows, M, ...].
+def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
+    """Returns samples by network: shared [K, T E N, ...], separate [K N, T E, ...].
 
     Args:
         values: [T, K, E, N, ...].
-        n_rows: networks of each seed: 1 if its robots share one, N if each has its own.
+        parameters: whether the robots of a seed share a network.
     """
-    t, k, e, n, *features = values.shape
-    split = values.view(t, k, e, n_rows, n // n_rows, *features).movedim((1, 3), (0, 1))
-    return split.reshape(k * n_rows, t * e * (n // n_rows), *features)
+    return by_network(values.transpose(0, 1).flatten(1, 2), parameters)
+
+
+def minibatches(
+    generators: Sequence[np.random.Generator], n_samples: int, n_rows: int, size: int
+) -> Iterator[Tensor]:
+    """Yields each sample once, in random order, as indices [K n_rows, B] with B up to `size`.
+
+    Args:
+        generators: of the orders, one per seed, [K].
+        n_samples: of each network, M.
+        n_rows: networks of each seed; they take the same indices.
+        size: of a minibatch.
+    """
+    orders = np.stack([generator.permutation(n_samples) for generator in generators])
+    yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)
+
+
+def seed_means(losses: Tensor, n_seeds: int) -> Tensor:
+    """Returns the means over all samples of each seed, [K], of losses [K n_rows, B]."""
+    return losses.view(n_seeds, -1).mean(1)

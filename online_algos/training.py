@@ -14,6 +14,7 @@ the same curve and the same policies, bit for bit, on the same machine.
 
 import dataclasses
 import json
+import math
 import resource
 import time
 from collections.abc import Mapping, Sequence
@@ -206,7 +207,8 @@ class _Training:
         frames, run = self.algorithm.frames, self.run
         for k, seed in enumerate(run.seeds):
             row = measure(self.algorithm.policy(k), run.spec, run.n_episodes)
-            row |= {name: float(loss[k]) for name, loss in losses.items()}
+            now = {name: float(loss[k]) for name, loss in losses.items()}
+            row |= {name: value for name, value in now.items() if not math.isnan(value)}
             self.curve.append(frames, seed, row)
             for name, value in row.items():
                 self.writers[k].add_scalar(name, value, frames)

@@ -67,16 +67,21 @@ def answer(layers: Sequence[Layer], features: Tensor, parameters: Parameters) ->
 
 def to_rows(features: Tensor, parameters: Parameters) -> Tensor:
     """Returns features [K, B, N, F] by network: shared [K, B N, F + N], separate [K N, B, F]."""
+    return by_network(with_agent_id(features) if parameters == "shared" else features, parameters)
+
+
+def by_network(values: Tensor, parameters: Parameters) -> Tensor:
+    """Returns values [K, B, N, ...] by network: shared [K, B N, ...], separate [K N, B, ...]."""
     if parameters == "shared":
-        return with_agent_id(features).flatten(1, 2)
-    return features.transpose(1, 2).flatten(0, 1)
+        return values.flatten(1, 2)
+    return values.transpose(1, 2).flatten(0, 1)
 
 
 def from_rows(outputs: Tensor, shape: Sequence[int], parameters: Parameters) -> Tensor:
-    """Returns network outputs by robot, [K, B, N, outputs]; undoes `to_rows`.
+    """Returns network outputs by robot, [K, B, N, outputs]; undoes `by_network`.
 
     Args:
-        outputs: of networks on `to_rows` of features.
+        outputs: of networks, on rows of features.
         shape: of these features, (K, B, N, F).
         parameters: as in `to_rows`.
     """

@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.frames import find_frame  # noqa: E402
 from swarmdata.learn.inputs import generators  # noqa: E402
-from swarmdata.online_algos.inputs import Moments, measure_inputs, measure_moments  # noqa: E402
+from swarmdata.online_algos.inputs import Moments, measure_moments  # noqa: E402
 from swarmdata.online_algos.worlds import Worlds  # noqa: E402
 from swarmdata.registry import make_env  # noqa: E402
 from swarmdata.spec import TaskSpec  # noqa: E402
@@ -39,7 +39,7 @@ def test_the_figures_are_those_of_what_the_robots_saw() -> None:
         return reached
 
     worlds.advance = watch  # type: ignore[method-assign, assignment]
-    mean, std = measure_inputs(worlds, generators([5], "cpu"), 15)
+    mean, std = measure_moments(worlds, generators([5], "cpu"), 15)[:2]
     rows = np.concatenate(seen).astype(np.float64)
     assert mean.shape == std.shape == (1, worlds.sizes.observation)
     assert mean.dtype == std.dtype == np.float32
@@ -54,7 +54,7 @@ def test_constants_keep_their_unit() -> None:
     """In the target's frame the goal has no y component."""
     worlds = worlds_of([1])
     names = [feature.name for feature in worlds.env.features]
-    _, std = measure_inputs(worlds, generators([1], "cpu"), 5)
+    std = measure_moments(worlds, generators([1], "cpu"), 5).observation_std
     assert std[0, names.index("own.goal_dy")] == 1.0
     assert (std > 0).all()
 
@@ -70,11 +70,11 @@ def test_a_seed_measures_the_same_in_any_stack() -> None:
 def test_new_episodes_begin_afterwards() -> None:
     worlds = worlds_of([2, 7])
     before = worlds.present.seeds.copy()
-    measure_inputs(worlds, generators([2, 7], "cpu"), 4)
+    measure_moments(worlds, generators([2, 7], "cpu"), 4)
     assert (worlds.present.times == 0).all()
     assert not np.isin(worlds.present.seeds, before).any()
 
 
 def test_a_missing_generator_is_an_error() -> None:
     with pytest.raises(SchemaError, match="got 1 generators and 5 steps, expected 2"):
-        measure_inputs(worlds_of([2, 7]), generators([2], "cpu"), 5)
+        measure_moments(worlds_of([2, 7]), generators([2], "cpu"), 5)

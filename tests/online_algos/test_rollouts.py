@@ -32,8 +32,8 @@ def test_each_robot_sees_its_own_state_first() -> None:
 def test_rows_keep_seeds_and_robots_apart() -> None:
     t, k, e, n = 2, 3, 4, 5
     codes = np.stack(np.meshgrid(*map(np.arange, (t, k, e, n)), indexing="ij"), -1)
-    shared = sample_rows(torch.from_numpy(codes), 1)
-    separate = sample_rows(torch.from_numpy(codes), n)
+    shared = sample_rows(torch.from_numpy(codes), "shared")
+    separate = sample_rows(torch.from_numpy(codes), "separate")
     assert shared.shape == (k, t * e * n, 4)
     assert separate.shape == (k * n, t * e, 4)
     for row in range(k):
