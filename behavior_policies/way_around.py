@@ -41,7 +41,8 @@ def crosses(
 ) -> bool:
     """Whether a straight line meets the payload grown by `margin` metres on each side.
 
-    A line that starts or ends within the margin may run away from the payload.
+    A line that starts within the margin may run away from the payload; one that ends within it,
+    beyond a corner of a box too, crosses.
 
     Args:
         body: columns `states.BODY`, [7].

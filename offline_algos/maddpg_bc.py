@@ -41,7 +41,8 @@ from torch import Tensor
 
 from swarmdata.learn.actor import CRITIC_STREAM, StackedActor
 from swarmdata.learn.checkpoint import part
-from swarmdata.learn.inputs import generators, standardize
+from swarmdata.learn.exploration import normal_like
+from swarmdata.learn.inputs import generator_states, generators, restore_generators, standardize
 from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
 from swarmdata.learn.optimizer import StackedAdam, cosine
 from swarmdata.learn.policy import TorchPolicy
@@ -217,9 +218,7 @@ class MADDPGBC:
         return values.view(-1, 2, values.shape[1])
 
     def _noise(self, actions: Tensor) -> Tensor:
-        noise = torch.stack(
-            [torch.randn(actions.shape[1:], generator=g, device=g.device) for g in self.generators]
-        )
+        noise = normal_like(self.generators, actions)
         return (noise * self.config.noise).clamp(-self.config.noise_clip, self.config.noise_clip)
 
     def policy(self, index: int) -> TorchPolicy:
@@ -230,7 +229,7 @@ class MADDPGBC:
         """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
         return {
             "n_updates": torch.tensor(self.n_updates),
-            "generators": torch.stack([g.get_state() for g in self.generators]),
+            "generators": generator_states(self.generators),
             **{name: network.flat.clone() for name, network in self._networks().items()},
             **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
             **{f"critic_adam.{k}": v for k, v in self.critic_optimizer.state_dict().items()},
@@ -239,8 +238,7 @@ class MADDPGBC:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
-        for generator, saved in zip(self.generators, state["generators"], strict=True):
-            generator.set_state(saved.cpu().clone())
+        restore_generators(self.generators, state["generators"])
         for name, network in self._networks().items():
             network.load(state[name])
         self.actor_optimizer.load_state_dict(part(state, "actor_adam"))

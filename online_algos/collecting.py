@@ -13,7 +13,12 @@ from swarmdata.errors import SchemaError
 from swarmdata.frames import find_frame
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.checkpoint import part
-from swarmdata.learn.inputs import generators, standardize
+from swarmdata.learn.inputs import (
+    generator_states,
+    generators,
+    restore_generators,
+    standardize,
+)
 from swarmdata.learn.replay import Replay, Shape
 from swarmdata.learn.sizes import Sizes
 from swarmdata.online_algos.inputs import Moments, measure_moments
@@ -192,10 +197,9 @@ class Collector:
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes and the rows of the replay, as copies."""
-        drawn = [*self.acting, *self._drawing]
         return {
             "frames": torch.tensor(self.frames),
-            "generators": torch.stack([g.get_state() for g in drawn]),
+            "generators": generator_states([*self.acting, *self._drawing]),
             **{f"moments.{k}": torch.tensor(v) for k, v in self.moments._asdict().items()},
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
             **{f"replay.{k}": v for k, v in self.replay.state_dict().items()},
@@ -205,9 +209,6 @@ class Collector:
         """Restores what `state_dict` returned and begins new episodes."""
         self.replay.load_state_dict(part(state, "replay"))
         self.frames = int(state["frames"])
-        for generator, saved in zip(
-            [*self.acting, *self._drawing], state["generators"], strict=True
-        ):
-            generator.set_state(saved.cpu().clone())
+        restore_generators([*self.acting, *self._drawing], state["generators"])
         self.moments = Moments(**{k: v.numpy().copy() for k, v in part(state, "moments").items()})
         self.worlds.load_state_dict(part(state, "worlds"))

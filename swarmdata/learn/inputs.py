@@ -1,4 +1,4 @@
-"""What enters the networks: normalized features and the number of the agent."""
+"""What enters the networks: normalized features, the number of the agent, and noise."""
 
 from collections.abc import Sequence
 
@@ -32,3 +32,18 @@ def generators(
     """
     own = seeds if stream is None else [int(derive(seed, stream)[0] >> 1) for seed in seeds]
     return [torch.Generator(device).manual_seed(seed) for seed in own]
+
+
+def generator_states(generators: Sequence[torch.Generator]) -> Tensor:
+    """Returns the states of some generators for a checkpoint, uint8 [G, bytes]."""
+    return torch.stack([generator.get_state() for generator in generators])
+
+
+def restore_generators(generators: Sequence[torch.Generator], states: Tensor) -> None:
+    """Restores what `generator_states` returned.
+
+    Raises:
+        ValueError: there are more or fewer states than generators.
+    """
+    for generator, state in zip(generators, states, strict=True):
+        generator.set_state(state.cpu().clone())

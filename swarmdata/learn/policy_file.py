@@ -23,10 +23,10 @@ def save_policy(path: Path, policy: Policy) -> None:
     """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be."""
     tensors: dict[str, Tensor] = {}
     metadata: dict[str, Any] = {"kind": type(policy).__name__}
-    for field in (each for each in fields(policy) if each.init):  # type: ignore[arg-type]
-        value = getattr(policy, field.name)
+    for field in fields(policy):  # type: ignore[arg-type]
         if not field.init:  # what a policy remembers of its last step
             continue
+        value = getattr(policy, field.name)
         if field.name == "layers":
             for index, layer in enumerate(value):
                 parts = layer._asdict().items()

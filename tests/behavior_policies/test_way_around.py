@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.way_around import (
@@ -95,10 +95,12 @@ def walk(
 
 @settings(deadline=None, max_examples=40)
 @given(shapes, angles, angles)
+@example(BOX_SHAPE, 2.53125, 0.0625)  # ends beyond a corner
 def test_it_leads_around_without_touching(shape: Shape, angle: float, side: float) -> None:
     pose = body(angle)
     away = np.array([math.cos(side), math.sin(side)])
-    start, end = pose[:2] + 1.2 * away, pose[:2] - 0.6 * away
+    # every point 0.62 m away is outside the box that `crosses` grows, corners included
+    start, end = pose[:2] + 1.2 * away, pose[:2] - 0.62 * away
     path = walk(shape, pose, (start[0], start[1]), (end[0], end[1]), FREE)
     assert min(gap(shape, pose, *point) for point in path) > RADIUS + 0.005
     assert 0.05 * len(path) < 1.8 + 1.0  # not much longer than straight through

@@ -11,8 +11,8 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 
 from swarmdata.learn.networks import StackedMLP  # noqa: E402
 from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.maddpg import (  # noqa: E402
-    MADDPG,
+from swarmdata.online_algos.maddpg import MADDPG  # noqa: E402
+from swarmdata.online_algos.maddpg_learner import (  # noqa: E402
     Learner,
     MADDPGConfig,
     information,
