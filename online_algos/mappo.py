@@ -40,6 +40,7 @@ from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.team import Parameters, by_network, from_rows
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
+from swarmdata.online_algos.clipping import clipped_losses
 from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
 from swarmdata.online_algos.inputs import measure_moments
 from swarmdata.online_algos.rollouts import (
@@ -53,7 +54,7 @@ from swarmdata.online_algos.rollouts import (
     sample_rows,
     seed_means,
 )
-from swarmdata.online_algos.shaping import shaped_rewards
+from swarmdata.online_algos.shaping import Shaping
 from swarmdata.online_algos.starting import start_actors
 from swarmdata.online_algos.worlds import Worlds, reweighted
 from swarmdata.types import Float, Step, copy_step
@@ -114,14 +115,12 @@ class MAPPO:
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
     ) -> None:
         self.config, self.frames, self.seeds = config, 0, tuple(seeds)
+        self._shaping = Shaping.of(config)
         env = reweighted(env, config.rewards)
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame))
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), config.n_steps)
-        self.input_mean, self.input_std = (
-            moments.observation_mean,
-            moments.observation_std,
-        )  # [K, O]
+        self.input_mean, self.input_std = moments[:2]  # of observations, [K, O]
         sizes = self.worlds.sizes
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
@@ -236,14 +235,8 @@ class MAPPO:
 
     def rewards(self, step: Step) -> Float:
         """Rewards with the team share and the present extra cost of contacts, [K, E, N]."""
-        c = self.config
-        begin, end = c.contact_ramp
-        extra = c.contact_cost * min(1.0, max(0.0, (self.progress - begin) / (end - begin)))
-        shaped = shaped_rewards(
-            step, self.worlds.env.spec.rules.rewards,
-            contact_cost=extra, keep_right=c.keep_right, team_share=c.team_share,
-        )  # fmt: skip
-        return self.worlds.grouped(shaped)
+        weights = self.worlds.env.spec.rules.rewards
+        return self.worlds.grouped(self._shaping.rewards(step, weights, self.progress))
 
     def _collect(self) -> Rollout:
         c, worlds = self.config, self.worlds
@@ -314,17 +307,15 @@ class MAPPO:
         self, own: Tensor, actions: Tensor, old_log_probs: Tensor, advantage: Tensor
     ) -> dict[str, Tensor]:
         """Schulman et al. 2017, equation 7."""
-        c, std, n_seeds = self.config, self.std, len(self.generators)
+        c, n_seeds = self.config, len(self.generators)
         mean = self.actor(own)  # [K n_rows, B, A]
-        z = (actions - mean) / std
-        log_ratio = (-0.5 * z * z - np.log(std)).sum(-1) - old_log_probs
-        ratio = log_ratio.exp()
-        clipped = ratio.clamp(1 - c.clip, 1 + c.clip)
-        policy_loss = seed_means(-torch.minimum(ratio * advantage, clipped * advantage), n_seeds)
+        losses, kl = clipped_losses(
+            mean, actions, old_log_probs, advantage, std=self.std, clip=c.clip
+        )
+        policy_loss = seed_means(losses, n_seeds)
         excess = seed_means((mean.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
         self.actor_adam.step(policy_loss + c.mean_penalty * excess, self.learning_rate)
-        kl = seed_means((ratio - 1 - log_ratio).detach(), n_seeds)
-        return {"policy": policy_loss.detach(), "kl": kl}
+        return {"policy": policy_loss.detach(), "kl": seed_means(kl, n_seeds)}
 
     def _critic_step(self, seen: Tensor, target: Tensor) -> dict[str, Tensor]:
         """Schulman et al. 2017, equation 9, with a smooth-L1 loss."""

@@ -1,33 +1,67 @@
 """The rewards that MAPPO trains on: the task's, with costs that train careful drivers."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
+from swarmdata.errors import SchemaError
 from swarmdata.online_algos.conventions import on_the_wrong_side
 from swarmdata.rules import Rewards
 from swarmdata.types import Float, Step
 
 
-def shaped_rewards(
-    step: Step, weights: Rewards, *, contact_cost: float, keep_right: float, team_share: float
-) -> Float:
-    """Returns each robot's reward to train on, float32 [E, N].
+@dataclass(frozen=True, slots=True)
+class Shaping:
+    """What is changed in a task's rewards.
 
-    Args:
-        step: what was reached, with the task's rewards and the contacts on the way.
-        weights: the task's, from which the extra costs of contacts and collisions are taken.
-        contact_cost: how much of each of them is added, 0 or more.
-        keep_right: cost of each oncoming robot on the right, see `on_the_wrong_side`.
-        team_share: part of each reward that is the team's mean, in [0, 1].
+    Raises:
+        SchemaError: the ramp has not two ends, the later one last, or the share is not a part.
     """
-    costs = np.array(
-        [
-            weights.robot_contact, weights.obstacle_contact,
-            weights.robot_collision, weights.obstacle_collision,
-        ],
-        np.float32,
-    )  # fmt: skip
-    rewards = step.rewards - contact_cost * (step.events @ costs)
-    if keep_right:
-        rewards = rewards - np.float32(keep_right) * on_the_wrong_side(step)
-    mixed: Float = (1 - team_share) * rewards + team_share * rewards.mean(1, keepdims=True)
-    return mixed
+
+    contact_cost: float  # how much of each contact cost of the task is added at last
+    contact_ramp: tuple[float, ...]  # part of training in which that grows from 0: begin, end
+    keep_right: float  # cost of each oncoming robot on the right, in each step
+    team_share: float  # part of each reward that is the team's mean
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if len(self.contact_ramp) != 2 or self.contact_ramp[0] >= self.contact_ramp[1]:
+            raise SchemaError(
+                f"contact_ramp is {self.contact_ramp}, expected two parts of training, begin "
+                "before end, such as 0.2,0.75; for the whole cost from the start, -1,0"
+            )
+        if not 0 <= self.team_share <= 1:
+            raise SchemaError(f"team_share is {self.team_share}, expected a part, 0 to 1")
+
+    @classmethod
+    def of(cls, config: Any) -> "Shaping":
+        """Reads the fields of the same names from an algorithm's config."""
+        return cls(config.contact_cost, config.contact_ramp, config.keep_right, config.team_share)
+
+    def rewards(self, step: Step, weights: Rewards, progress: float) -> Float:
+        """Returns each robot's reward to train on, float32 [E, N].
+
+        Args:
+            step: what was reached, with the task's rewards and the contacts on the way.
+            weights: the task's, with the costs of contacts and collisions.
+            progress: part of the training that is done, in [0, 1].
+        """
+        costs = np.array(
+            [
+                weights.robot_contact, weights.obstacle_contact,
+                weights.robot_collision, weights.obstacle_collision,
+            ],
+            np.float32,
+        )  # fmt: skip
+        rewards = step.rewards - self._extra(progress) * (step.events @ costs)
+        if self.keep_right:
+            rewards = rewards - np.float32(self.keep_right) * on_the_wrong_side(step)
+        share = self.team_share
+        mixed: Float = (1 - share) * rewards + share * rewards.mean(1, keepdims=True)
+        return mixed
+
+    def _extra(self, progress: float) -> float:
+        """Present factor on the costs of contacts."""
+        begin, end = self.contact_ramp
+        return self.contact_cost * min(1.0, max(0.0, (progress - begin) / (end - begin)))

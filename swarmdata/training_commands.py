@@ -41,9 +41,7 @@ def train(
 
     _check_subject(algorithm, data, task)
     changes = read_settings(config) if config else {}
-    changes |= {"n_frames": str(round(steps))} if steps else {}
-    changes |= {"n_updates": str(updates)} if updates else {}
-    changes |= dict(_setting(text) for text in settings or [])
+    changes |= _changes(steps, updates, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     common: dict[str, Any] = {
         "changes": changes,
@@ -86,12 +84,19 @@ def ship(
     from swarmdata.online_algos.selection import seeds_of
     from swarmdata.online_algos.selection import ship as ship_seeds
 
-    seeds = [seeds_of(runs or []) for runs in (medium, expert, convention)]
-    entry = ship_seeds(*seeds, task, preset(task), out)
+    mediums, experts, conventions = (seeds_of(runs or []) for runs in (medium, expert, convention))
+    entry = ship_seeds(mediums, experts, conventions, task, preset(task), out)
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
             typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
+
+
+def _changes(steps: float | None, updates: int | None, settings: list[str]) -> dict[str, str]:
+    """Settings as options give them; those of `--set` come last and win."""
+    lengths = {"n_frames": steps and round(steps), "n_updates": updates}
+    changes = {name: str(length) for name, length in lengths.items() if length is not None}
+    return changes | dict(_setting(text) for text in settings)
 
 
 def _setting(text: str) -> tuple[str, str]:

@@ -86,5 +86,5 @@ def test_copies_must_divide_among_the_seeds() -> None:
 def test_unknown_reward_weights_are_refused() -> None:
     env = make_env(SPEC, 1)
     assert reweighted(env, ()) is env
-    with pytest.raises(SpecError, match="proximty"):
-        reweighted(env, ("proximty=2",))
+    with pytest.raises(SpecError, match="nearness"):
+        reweighted(env, ("nearness=2",))
