@@ -43,16 +43,13 @@ def train(
     changes = read_settings(config) if config else {}
     changes |= _changes(steps, updates, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
-    common: dict[str, Any] = {
-        "changes": changes,
-        "observation": observation,
-        "communication": communication,
-    }
+    options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
-        train_online(algorithm, task, folder, seeds=range(seeds), workers=workers, **common)
+        options |= {"seeds": range(seeds), "workers": workers}
+        train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        common |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
-        train_offline(algorithm, data, folder, **common)
+        options |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
+        train_offline(algorithm, data, folder, changes=changes, **options)
     typer.echo(folder)
 
 

@@ -250,13 +250,3 @@ def test_curves_of_online_runs_are_drawn(tmp_path: Path) -> None:
     for metric in ("success", "return"):
         run("curves", str(file), "--metric", metric, "--out", str(tmp_path / f"{metric}.png"))
         assert (tmp_path / f"{metric}.png").stat().st_size > 1000
-
-
-@pytest.mark.slow
-def test_an_online_algorithm_trains_in_a_task(tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason="training needs the torch extra")
-    small = ("n_frames=600", "n_copies=4", "n_steps=8", "hidden=8", "minibatch=64")
-    settings = [word for text in small for word in ("--set", text)]
-    run("train", "mappo", "coop_nav", "--seeds", "1", "--out", str(tmp_path), *settings)
-    assert (tmp_path / "seed-0" / "curve.csv").exists()
-    assert "seed-0" in run("evaluate", str(tmp_path / "seed-0"), "--episodes", "2")

@@ -11,6 +11,7 @@ from swarmdata.errors import SpecError
 from swarmdata.frames import Frame, find_frame
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Float
 
 FEATURES = make_env(preset("coop_nav"), 1).features
@@ -96,6 +97,14 @@ def test_frames_are_found_by_name() -> None:
     assert heading is not None
     with pytest.raises(SpecError, match="payload_goal"):
         find_frame(FEATURES, "payload_goal")
+
+
+def test_commands_of_unicycles_cannot_be_turned() -> None:
+    spec = TaskSpec.parse({"team": [{"count": 2}, {"count": 1, "robot": {"dynamics": "unicycle"}}]})
+    features = make_env(spec, 1).features
+    assert find_frame(features, "world") is None
+    with pytest.raises(SpecError, match="some robots are unicycles"):
+        find_frame(features, "target")
 
 
 @pytest.mark.parametrize(("frame", "fits"), [((8, (8,), ()), True), ((9, (0,), ()), False)])

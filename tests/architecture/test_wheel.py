@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -33,6 +34,28 @@ def test_every_source_of_the_five_folders_is_inside(wheel_names: set[str]) -> No
 
     assert len(expected) >= len(FOLDERS)
     assert expected <= wheel_names
+
+
+def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
+    patterns = ("online_algos/configs/*.yaml", "behavior_policies/checkpoints/*", "cards/*.json")
+    expected = {f"swarmdata/{p.relative_to(ROOT)}" for each in patterns for p in ROOT.glob(each)}
+
+    assert "swarmdata/online_algos/configs/coop_nav-expert.yaml" in expected
+    assert expected <= wheel_names
+
+
+def test_the_source_archive_makes_the_same_wheel(
+    wheel_names: set[str], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    out = tmp_path_factory.mktemp("sdist")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(out)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (archive,) = out.glob("*.tar.gz")
+    with tarfile.open(archive) as file:
+        inside = {name.partition("/")[2] for name in file.getnames()}
+
+    files = {name.removeprefix("swarmdata/") for name in wheel_names if ".dist-info/" not in name}
+    assert {name for name in files if name.split("/")[0] in FOLDERS} <= inside
 
 
 def test_no_compiled_file_is_inside(wheel_names: set[str]) -> None:

@@ -15,10 +15,9 @@ from swarmdata.testing.online import check_online_algorithm
 
 SPEC = TaskSpec.parse({"horizon": 12, "team": [{"count": 3}]})
 
-SHORT: dict[str, Any] = {
-    "n_frames": 2_000,
-    "n_copies": 4,
-    "n_steps": 10,
+SHORT: dict[str, Any] = {"n_frames": 2_000, "n_copies": 4, "n_steps": 10}
+
+REPLAY: dict[str, Any] = {
     "batch_size": 32,
     "capacity": 100,  # rows are overwritten in the second round
     "margin": 160,
@@ -26,6 +25,19 @@ SHORT: dict[str, Any] = {
 }
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "mappo": ("mappo", {"hidden": 16, "minibatch": 64}),
+    "mappo-separate": ("mappo", {"hidden": 16, "minibatch": 16, "parameters": "separate"}),
+    "mappo-shaped": (
+        "mappo",
+        {
+            "hidden": 16,
+            "minibatch": 64,
+            "frame": "world",
+            "contact_ramp": (-1.0, 0.0),
+            "keep_right": 0.3,
+            "rewards": ("proximity=2",),
+        },
+    ),
     "maddpg": ("maddpg", {"actor_hidden": (16,), "critic_hidden": (16,)}),
     "maddpg-original": (
         "maddpg",
@@ -44,18 +56,39 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def test_every_off_policy_algorithm_is_tried() -> None:
-    assert {name for name, _ in VARIANTS.values()} == set(ONLINE_ALGORITHMS) - {"mappo"}
+def test_every_online_algorithm_is_tried() -> None:
+    assert {name for name, _ in VARIANTS.values()} == set(ONLINE_ALGORITHMS)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_algorithm_keeps_the_contract(variant: str, tmp_path: Path) -> None:
     name, changes = VARIANTS[variant]
     kind = resolve("algorithm", ONLINE_ALGORITHMS, name)
-    config = kind.Config(**SHORT, **changes)
+    replay = {} if name == "mappo" else REPLAY
+    config = kind.Config(**SHORT, **replay, **changes)
 
     def build(seeds: Sequence[int], folder: Path) -> Any:
         return kind(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)
+
+    step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
+    check_online_algorithm(build, step, tmp_path)
+
+
+def test_a_run_that_began_with_a_clone_keeps_the_contract(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from swarmdata.online_algos import starting
+    from swarmdata.online_algos.cloning import CloneConfig
+    from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+
+    short = CloneConfig(n_rounds=2, n_steps=6, n_passes=1, final_passes=1, minibatch=32)
+    monkeypatch.setattr(starting, "CloneConfig", lambda: short)
+    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, teacher="scripted")
+
+    def build(seeds: Sequence[int], folder: Path) -> Any:
+        run = MAPPO(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)
+        run.warm_start()
+        return run
 
     step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
     check_online_algorithm(build, step, tmp_path)

@@ -1,0 +1,84 @@
+"""A clone does as its teacher does, seed by seed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.online_algos.cloning import CloneConfig, clone_teacher, exaggerated
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.registry import make_env, make_policy
+from swarmdata.spec import TaskSpec
+from swarmdata.states import VX, VY, robots_of
+from swarmdata.testing.comparing import act_on
+from swarmdata.types import Int, Step
+
+SPEC = TaskSpec(horizon=20)
+SMALL = MAPPOConfig(n_frames=1024, n_copies=4, n_steps=8, hidden=16, minibatch=64)
+SHORT = CloneConfig(n_rounds=3, n_steps=32, n_passes=3, final_passes=2, minibatch=16)
+
+
+def made(seeds: tuple[int, ...] = (0,), config: MAPPOConfig = SMALL) -> MAPPO:
+    return MAPPO(make_env(SPEC, config.n_copies * len(seeds)), seeds, config)
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+def test_a_clone_is_closer_to_its_teacher_than_it_was(parameters: str) -> None:
+    run = made((0, 1), replace(SMALL, parameters=parameters))  # type: ignore[arg-type]
+    teacher = make_policy("straight", SPEC)
+    step = make_env(SPEC, 16).reset(np.arange(16, dtype=np.uint64))
+    wanted = act_on(make_policy("straight", SPEC), step)
+
+    def errors() -> list[float]:
+        return [float(np.square(run.policy(k).act(step) - wanted).mean()) for k in (0, 1)]
+
+    before = errors()
+    losses = clone_teacher(run, teacher, SHORT)
+    assert len(losses) == SHORT.n_rounds
+    assert all(loss.shape == (2,) for loss in losses)
+    assert (losses[-1] < losses[0]).all()
+    assert all(ours < 0.7 * theirs for ours, theirs in zip(errors(), before, strict=True))
+    assert (run.worlds.present.times == 0).all()  # training begins with new episodes
+
+
+def test_only_actors_change() -> None:
+    run = made()
+    critic = run.critic.flat.clone()
+    clone_teacher(run, make_policy("straight", SPEC), replace(SHORT, n_rounds=1))
+    assert (run.critic.flat == critic).all()
+    assert run.frames == 0
+
+
+@pytest.mark.parametrize(("remembers", "each_step"), [(True, False), (False, True)])
+def test_a_teacher_without_memory_is_reset_in_each_step(
+    monkeypatch: pytest.MonkeyPatch, remembers: bool, each_step: bool
+) -> None:
+    teacher = make_policy("straight", SPEC)
+    resets = []
+
+    def count(step: Step, copies: Int) -> None:
+        resets.append(len(copies))
+
+    monkeypatch.setattr(teacher, "reset", count)
+    config = replace(SMALL, teacher_remembers=remembers)
+    short = replace(SHORT, n_rounds=1, n_steps=8)  # less than an episode of most copies
+    clone_teacher(made(config=config), teacher, short)
+    assert (resets.count(SMALL.n_copies) >= 8) == each_step
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(1.0, 4.0), st.integers(0, 1000))
+def test_exaggerated_commands_go_on_from_the_present_velocity(gain: float, seed: int) -> None:
+    step = make_env(SPEC, 2).reset(np.array([seed, seed + 1], np.uint64))
+    actions = np.random.default_rng(seed).uniform(-1, 1, (2, 4, 2)).astype(np.float32)
+    np.testing.assert_array_equal(exaggerated(step, actions, SPEC, 1.0), actions)
+    fastest = np.array([robot.max_speed for robot in SPEC.robots], np.float32)[:, None]
+    speeds = robots_of(step.states, 4)[..., [VX, VY]] / fastest
+    out = exaggerated(step, actions, SPEC, gain)
+    np.testing.assert_allclose(out, np.clip(speeds + gain * (actions - speeds), -1, 1), atol=1e-5)
+    np.testing.assert_array_equal(exaggerated(step, speeds, SPEC, gain), speeds.clip(-1, 1))

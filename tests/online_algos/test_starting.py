@@ -1,0 +1,98 @@
+"""Actors that start from another run are its actors; what cannot be a start is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
+from swarmdata.interfaces import OnlineAlgorithm
+from swarmdata.learn.policy_file import save_policy
+from swarmdata.online_algos.maddpg import MADDPG
+from swarmdata.online_algos.maddpg_learner import MADDPGConfig
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.run_folder import policy_path
+from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Step
+
+SPEC = TaskSpec(horizon=20)
+SMALL = MAPPOConfig(n_frames=1024, n_copies=2, n_steps=8, hidden=8, minibatch=64)
+
+
+def made(seeds: tuple[int, ...], config: MAPPOConfig = SMALL) -> MAPPO:
+    return MAPPO(make_env(SPEC, config.n_copies * len(seeds)), seeds, config)
+
+
+def saved(run: OnlineAlgorithm, seeds: tuple[int, ...], folder: Path) -> Path:
+    """A folder with policies of two checkpoints for each seed."""
+    for frames in (16, 32):
+        run.update()
+        for index, seed in enumerate(seeds):
+            save_policy(policy_path(folder, seed, frames), run.policy(index))
+    return folder
+
+
+def some_step() -> Step:
+    return make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("folders", ["", "seeds-3-7"])
+def test_each_seed_starts_from_its_own_last_policy(
+    tmp_path: Path, parameters: str, folders: str
+) -> None:
+    config = replace(SMALL, parameters=parameters)  # type: ignore[arg-type]
+    first = made((3, 7), config)
+    saved(first, (3, 7), tmp_path / folders)
+    second = made((7, 3), replace(config, start=str(tmp_path)))
+    step = some_step()
+    assert not np.array_equal(second.policy(0).act(step), first.policy(1).act(step))
+    second.warm_start()
+    for ours, theirs in ((0, 1), (1, 0)):
+        np.testing.assert_allclose(
+            second.policy(ours).act(step), first.policy(theirs).act(step), atol=1e-6
+        )
+    second.update()  # goes on from there
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frame": "world"}, "expected shared ones in None"),
+        ({"parameters": "separate"}, "holds shared actors in frame"),
+        ({"hidden": 16}, "weights have shapes"),
+    ],
+)
+def test_other_actors_are_refused(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+    saved(made((0,)), (0,), tmp_path)
+    run = made((0,), replace(SMALL, start=str(tmp_path), **changes))  # type: ignore[arg-type]
+    before = run.actor.flat.clone()
+    with pytest.raises(CheckpointError, match=message):
+        run.warm_start()
+    assert (run.actor.flat == before).all()
+
+
+def test_squashed_actors_of_the_same_sizes_are_refused(tmp_path: Path) -> None:
+    config = MADDPGConfig(
+        n_frames=100, n_copies=2, n_steps=4, batch_size=4, capacity=20, margin=20, warm_up=0,
+        actor_hidden=(8, 8), critic_hidden=(8,),
+    )  # fmt: skip
+    saved(MADDPG(make_env(SPEC, 2), (0,), config, tmp_path / "replay"), (0,), tmp_path / "run")
+    run = made((0,), replace(SMALL, start=str(tmp_path / "run")))
+    with pytest.raises(CheckpointError, match="another algorithm"):
+        run.warm_start()
+
+
+def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:
+    saved(made((0,)), (0,), tmp_path)
+    with pytest.raises(BuildError, match="no policy of seed 1"):
+        made((0, 1), replace(SMALL, start=str(tmp_path))).warm_start()
+
+
+def test_an_unknown_teacher_is_an_error() -> None:
+    with pytest.raises(UnknownNameError, match="scripted"):
+        made((0,), replace(SMALL, teacher="scriptd")).warm_start()
