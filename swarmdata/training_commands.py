@@ -14,6 +14,7 @@ def train(
     task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
     steps: Annotated[
         float | None, typer.Option(min=1, help="joint steps of a seed, online")
     ] = None,
@@ -51,7 +52,14 @@ def train(
         "communication": communication,
     }
     if task is not None:
-        train_online(algorithm, task, folder, seeds=range(seeds), workers=workers, **common)
+        train_online(
+            algorithm,
+            task,
+            folder,
+            seeds=range(first_seed, first_seed + seeds),
+            workers=workers,
+            **common,
+        )
     elif data is not None:
         common |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
         train_offline(algorithm, data, folder, **common)
