@@ -94,8 +94,8 @@ def ship(
     from swarmdata.online_algos.selection import seeds_of
     from swarmdata.online_algos.selection import ship as ship_seeds
 
-    seeds = [seeds_of(runs or []) for runs in (medium, expert, convention)]
-    entry = ship_seeds(*seeds, task, preset(task), out)
+    mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))
+    entry = ship_seeds(mediums, experts, sided, task, preset(task), out)
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
@@ -107,3 +107,16 @@ def _setting(text: str) -> tuple[str, str]:
     if not equals:
         raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
     return key, value
+
+
+def learning(
+    runs: Annotated[list[Path], typer.Argument(help="one online run per algorithm and task")],
+    out: Annotated[Path, typer.Option(help="folder of curves, table and figure")],
+) -> None:
+    """Write what online training achieved and what it cost."""
+    from swarmdata.targets import require
+
+    require("torch", "torch", "reading online runs")
+    from swarmdata.online_report import write_online_report
+
+    typer.echo(write_online_report(runs, out), nl=False)
