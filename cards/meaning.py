@@ -36,10 +36,11 @@ TIERS = MappingProxyType(
             "Failures are rare: what not to do is hardly in the data."
         ),
         "mixed-conventions": (
-            "Experts with passing conventions that do not go together: some always keep to the "
-            "right, some always to the left, and each team is consistent in itself. Every episode "
-            "is good, but robots that each copy the mixture on their own pick sides "
-            "independently and meet in the middle. The table of passings shows the conventions."
+            "Experts with passing conventions that do not go together: half were trained to keep "
+            "to the right, the others are their mirror images and keep to the left; each team is "
+            "consistent in itself. Nearly every episode is good, but robots that each copy the "
+            "mixture on their own pick sides independently and meet in the middle. The table of "
+            "passings shows how strong the conventions are."
         ),
         "narrow": (
             "One expert with little action noise: high returns and poor coverage. Values of other "

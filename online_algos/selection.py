@@ -37,7 +37,7 @@ N_REPLAY = 5
 """Policies that stand for the way of one seed to its medium."""
 
 MAX_SCALE = 20.0
-"""Greatest factor on an observed feature: 3 units of it, a wide arena, stay below the clip, 64."""
+"""Greatest factor on an observed feature: 3 units, a wide arena, stay below the clip of 64."""
 
 N_EPISODES, N_REPLAY_EPISODES = 1024, 256
 """Selection episodes that decide, and those that describe a policy of a replay."""

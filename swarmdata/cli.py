@@ -172,6 +172,7 @@ def card(
 
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
+app.command()(training_commands.learning)
 
 
 @app.command()

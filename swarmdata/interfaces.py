@@ -141,7 +141,10 @@ class OnlineAlgorithm(Protocol):
     `n_frames` and `n_copies`, `Kind.LOSSES` names what `update` returns.
     """
 
-    frames: int  # joint steps that each seed has taken
+    @property
+    def frames(self) -> int:
+        """Joint steps that each seed has taken."""
+        ...
 
     def warm_start(self) -> None:
         """What comes before the first update of a new run, such as cloning a teacher."""

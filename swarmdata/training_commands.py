@@ -7,13 +7,18 @@ import typer
 
 from swarmdata.task_commands import Communication, Observation
 
+ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "device")
+"""Options of `train` that only one kind of algorithm has."""
+
 
 def train(
+    context: typer.Context,
     algorithm: Annotated[str, typer.Argument(help="such as bc offline or mappo online")],
     data: Annotated[str | None, typer.Argument(metavar="[ID]", help="dataset, offline")] = None,
     task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
     steps: Annotated[
         float | None, typer.Option(min=1, help="joint steps of a seed, online")
     ] = None,
@@ -37,15 +42,15 @@ def train(
     from swarmdata.targets import require
 
     require("torch", "torch", "training")
-    from swarmdata.training import read_settings, train_offline, train_online
+    from swarmdata.training import train_offline, train_online
 
     _check_subject(algorithm, data, task)
-    changes = read_settings(config) if config else {}
-    changes |= _changes(steps, updates, settings or [])
+    _check_options(context, algorithm, OFFLINE if task else ONLINE)
+    changes = _changes(config, steps, updates, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
-        options |= {"seeds": range(seeds), "workers": workers}
+        options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
@@ -81,19 +86,33 @@ def ship(
     from swarmdata.online_algos.selection import seeds_of
     from swarmdata.online_algos.selection import ship as ship_seeds
 
-    mediums, experts, conventions = (seeds_of(runs or []) for runs in (medium, expert, convention))
-    entry = ship_seeds(mediums, experts, conventions, task, preset(task), out)
+    mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))
+    entry = ship_seeds(mediums, experts, sided, task, preset(task), out)
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
             typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
 
 
-def _changes(steps: float | None, updates: int | None, settings: list[str]) -> dict[str, str]:
-    """Settings as options give them; those of `--set` come last and win."""
+def _check_options(context: typer.Context, algorithm: str, refused: tuple[str, ...]) -> None:
+    """Nothing that was asked for is left out in silence."""
+    for name in refused:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            option = f"--{name.replace('_', '-')}"
+            raise typer.BadParameter(f"{algorithm} has no such option", param_hint=option)
+
+
+def _changes(
+    config: str | None, steps: float | None, updates: int | None, settings: list[str]
+) -> dict[str, str]:
+    """Settings of an algorithm as text: of a file, then of options, then of `--set`, which wins."""
+    from swarmdata.training import read_settings
+
     lengths = {"n_frames": steps and round(steps), "n_updates": updates}
     changes = {name: str(length) for name, length in lengths.items() if length is not None}
-    return changes | dict(_setting(text) for text in settings)
+    named = dict(_setting(text) for text in settings)
+    return (read_settings(config) if config else {}) | changes | named
 
 
 def _setting(text: str) -> tuple[str, str]:
@@ -101,3 +120,16 @@ def _setting(text: str) -> tuple[str, str]:
     if not equals:
         raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
     return key, value
+
+
+def learning(
+    runs: Annotated[list[Path], typer.Argument(help="one online run per algorithm and task")],
+    out: Annotated[Path, typer.Option(help="folder of curves, table and figure")],
+) -> None:
+    """Write what online training achieved and what it cost."""
+    from swarmdata.targets import require
+
+    require("torch", "torch", "reading online runs")
+    from swarmdata.online_report import write_online_report
+
+    typer.echo(write_online_report(runs, out), nl=False)
