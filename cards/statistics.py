@@ -4,6 +4,7 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.cards.facts import Facts
+from swarmdata.cards.schema import clean_successes
 from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
 from swarmdata.encounters import NEAR, REACH
 from swarmdata.errors import SchemaError
@@ -62,16 +63,11 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
         f"{table.lengths.sum():,}",
         f"{table.team_return.mean():.2f} ± {table.team_return.std():.2f}",
         percent(table.success),
-        percent(_clean(table)),
+        percent(clean_successes(table)),
         f"{table.robot_collisions.mean():.3f}",
         f"{table.obstacle_collisions.mean():.3f}",
         f"{table.lengths.mean():.1f}",
     )
-
-
-def _clean(table: EpisodeTable) -> Bool:
-    """Solved without touching anything: every contact has its beginning among the collisions."""
-    return table.success & (table.robot_collisions + table.obstacle_collisions == 0)
 
 
 def statistics_section(facts: Facts, picture: str | None) -> str:
@@ -88,7 +84,7 @@ def statistics_section(facts: Facts, picture: str | None) -> str:
         ("return, standard deviation", f"{table.team_return.std():.3f}"),
         ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
         ("success", percent(table.success)),
-        ("clean success", percent(_clean(table))),
+        ("clean success", percent(clean_successes(table))),
         ("length, mean", f"{table.lengths.mean():.1f} steps"),
         ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
         ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),

@@ -9,7 +9,6 @@
 Everything is measured on the selection seeds, by exact inference, as the datasets run it.
 """
 
-import csv
 import json
 import shutil
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,7 @@ from swarmdata.behavior_policies.mirror import mirrored
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
-from swarmdata.learn.run import CONFIG, CURVE
+from swarmdata.learn.run import CONFIG, CURVE, read_table
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
 from swarmdata.online_algos.training import SELECTION_OFFSET, measure, read_online_run
 from swarmdata.registry import make_env
@@ -80,9 +79,7 @@ def seeds_of(runs: Sequence[Path]) -> list[Seed]:
 
 def read_curve(seed: Seed) -> list[dict[str, float]]:
     """The rows of one seed in its run's `curve.csv`."""
-    with (seed.folder / CURVE).open(newline="", encoding="utf-8") as file:
-        rows = [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
-    return [row for row in rows if row["seed"] == seed.seed]
+    return [row for row in read_table(seed.folder / CURVE) if row["seed"] == seed.seed]
 
 
 def export(source: Path, target: Path, n_agents: int) -> None:
@@ -231,6 +228,10 @@ def ship(
 
     Returns:
         The preset's entry of the index.
+
+    Raises:
+        BuildError: a seed has no medium, an expert's run is not finished, or a policy cannot be run
+            exactly.
     """
     work = folder / ".work"
     work.mkdir(parents=True, exist_ok=True)

@@ -64,7 +64,7 @@ def _normal(means: Double, actions: Double, noise: float) -> Double:
     return parts
 
 
-def _certain(chosen: "Float | np.float32", actions: Float) -> Double:
+def _certain(chosen: Float | np.float32, actions: Float) -> Double:
     return np.where(actions == chosen, 0.0, -np.inf)
 
 

@@ -1,5 +1,6 @@
 """On which side robots pass each other head on: conventions that no observation shows."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from swarmdata.compiling import kernel
@@ -70,7 +71,7 @@ def passings(
     return Passings(n_right, n_left)
 
 
-def total(counts: "list[Passings]") -> Passings:
+def total(counts: Sequence[Passings]) -> Passings:
     """The passings of several episodes."""
     return Passings(sum(each.n_right for each in counts), sum(each.n_left for each in counts))
 

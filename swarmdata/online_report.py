@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from swarmdata.cards import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.learn.checkpoint import write_atomically
-from swarmdata.learn.run import CURVE
+from swarmdata.learn.run import CURVE, read_table
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.metrics import bootstrap, mean
 from swarmdata.online_algos.selection import seeds_of
@@ -51,9 +52,9 @@ def read_training(run: Path) -> Training:
         raise SchemaError(f"{run} holds {len(kinds)} different trainings, expected one")
     tracks = []
     for folder, each in zip(folders, runs, strict=True):
-        rows = _read(folder / CURVE)
+        rows = read_table(folder / CURVE)
         tracks += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
-    speeds = tuple(tuple(_read(folder / SPEED)) for folder in folders)
+    speeds = tuple(tuple(read_table(folder / SPEED)) for folder in folders)
     return Training(runs[0].spec.task, runs[0].algorithm, tuple(tracks), speeds)
 
 
@@ -66,9 +67,19 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
 
     Returns:
         The table, as Markdown.
+
+    Raises:
+        BuildError: a folder holds no run.
+        SchemaError: two runs are of one algorithm in one task, or processes of a run differ.
     """
-    out.mkdir(parents=True, exist_ok=True)
     trainings = [read_training(run) for run in runs]
+    for name, count in Counter(f"{t.algorithm} in {t.task}" for t in trainings).items():
+        if count > 1:
+            raise SchemaError(
+                f"{count} of the runs trained {name}, expected one. Leave out the others, or put "
+                "seeds of one training into folders seeds-... of one run."
+            )
+    out.mkdir(parents=True, exist_ok=True)
     files = []
     for training in trainings:
         files.append(out / f"{training.task}-{training.algorithm}.csv")
@@ -77,11 +88,6 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
     write_atomically(out / "table.md", table.encode())
     plot_learning(group_files(files, "task-algorithm"), out / "learning.png")
     return table
-
-
-def _read(path: Path) -> list[Row]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
 
 
 def _curve(training: Training) -> bytes:

@@ -44,8 +44,7 @@ def train(
     require("torch", "torch", "training")
     from swarmdata.training import train_offline, train_online
 
-    _check_subject(algorithm, data, task)
-    _check_options(context, algorithm, OFFLINE if task else ONLINE)
+    _check_subject(context, algorithm, data, task)
     changes = _changes(config, steps, updates, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
@@ -58,8 +57,10 @@ def train(
     typer.echo(folder)
 
 
-def _check_subject(algorithm: str, data: str | None, task: str | None) -> None:
-    """Offline algorithms train on a dataset, online ones in a task, and neither on both."""
+def _check_subject(
+    context: typer.Context, algorithm: str, data: str | None, task: str | None
+) -> None:
+    """Offline algorithms train on a dataset, online ones in a task; no option goes unused."""
     from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
     resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
@@ -67,6 +68,11 @@ def _check_subject(algorithm: str, data: str | None, task: str | None) -> None:
     if (task is None) == is_online or (data is None) != is_online:
         wanted = "--task TASK" if is_online else "a dataset's ID"
         raise typer.BadParameter(f"{algorithm} needs {wanted}, and nothing else to train on")
+    for name in OFFLINE if is_online else ONLINE:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            option = f"--{name.replace('_', '-')}"
+            raise typer.BadParameter(f"{algorithm} has no such option", param_hint=option)
 
 
 def ship(
@@ -92,15 +98,6 @@ def ship(
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
             typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
-
-
-def _check_options(context: typer.Context, algorithm: str, refused: tuple[str, ...]) -> None:
-    """Nothing that was asked for is left out in silence."""
-    for name in refused:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name != "DEFAULT":
-            option = f"--{name.replace('_', '-')}"
-            raise typer.BadParameter(f"{algorithm} has no such option", param_hint=option)
 
 
 def _changes(

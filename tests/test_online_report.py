@@ -73,3 +73,9 @@ def test_runs_of_different_tasks_are_not_one_training(tmp_path: Path) -> None:
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="no online run"):
         read_training(tmp_path)
+
+
+def test_two_runs_of_one_algorithm_in_one_task_are_refused(runs: Path, tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="2 of the runs trained mappo in coop_nav"):
+        write_online_report([runs, runs], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
