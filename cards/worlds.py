@@ -1,4 +1,4 @@
-"""The page of all worlds: what policies without training achieve in every preset."""
+"""The page of all worlds: what reference policies achieve in every preset."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,7 +17,15 @@ What an idle, a random, a straight driving and the scripted team achieve in ever
 {n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
 `swarmdata references PRESET --out cards/references.json` measures a preset again, and
 `swarmdata task table --out WORLDS.md` writes this page. Times are those of solved episodes.
+
+Where policies were trained for a preset, `medium` and `expert` are the means of their checkpoints,
+which follow one by one, greedy and without noise. The score is 0 for the better of the idle and the
+random team and 100 for the expert.
 """
+
+
+ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
+"""Rows of a table."""
 
 
 def worlds_page(known: Mapping[str, TaskReferences]) -> str:
@@ -50,11 +58,24 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
     columns = [*SHARED, "time_to_goal", *own]
+    titles = ["policy", "score", *(_title(metrics[column]) for column in columns)]
     rows = [
-        [policy, *(_cell(values.get(column), column) for column in columns)]
-        for policy, values in entry.policies.items()
+        [policy, _score(entry, policy), *(_cell(values.get(column), column) for column in columns)]
+        for policy, values in sorted(entry.policies.items(), key=lambda item: _rank(item[0]))
     ]
-    return head + table(["policy", *(_title(metrics[column]) for column in columns)], rows)
+    return head + table(titles, rows)
+
+
+def _rank(policy: str) -> tuple[int, str]:
+    """Policies in the order of `ORDER`, the checkpoints of a tier after it."""
+    tier = policy.rstrip("0123456789").removesuffix("-")
+    return ORDER.index(tier) if tier in ORDER else len(ORDER), policy
+
+
+def _score(entry: TaskReferences, policy: str) -> str:
+    team_return = entry.mean_return(policy)
+    score = None if team_return is None else entry.score(team_return)
+    return "no expert" if score is None else f"{score:.1f}"
 
 
 def _title(metric: Metric) -> str:

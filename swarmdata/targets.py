@@ -199,5 +199,10 @@ def measure_references(
     """
     find_spec(task)
     there = [name for name in names if name not in TIERS or sources(task, name)]
-    targets = [find_target(name, task) for name in there]
-    return summarize({t.label: evaluate_target(t, n_episodes, progress=progress) for t in targets})
+    results: dict[str, list[EvalResult]] = {}
+    for target in (find_target(name, task) for name in there):
+        found = evaluate_target(target, n_episodes, progress=progress)
+        results[target.label] = found
+        if len(found) > 1:  # the tier is their mean; each is shown as well
+            results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}
+    return summarize(results)
