@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="training needs the torch extra")
 
+from swarmdata.behavior_policies.tiers import FAMILIES
 from swarmdata.cli import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.frames import find_frame
@@ -70,7 +71,8 @@ def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> Non
     assert config != MAPPOConfig()
     assert config.n_frames >= 500_000
     Shaping.of(config)
-    env = make_env(preset(name.rpartition("-")[0]), 1)
+    task = max((each for each in FAMILIES if name.startswith(f"{each}-")), key=len)
+    env = make_env(preset(task), 1)
     assert (find_frame(env.features, config.frame) is None) == (config.frame == "world")
 
 
@@ -100,7 +102,7 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="holds list, expected a table"):
         read_settings(str(file))
     with pytest.raises(UnknownNameError, match="Did you mean 'hidden'"):
-        override(MAPPOConfig(), {"hiden": "8"})
+        override(MAPPOConfig(), {"hidde": "8"})
 
 
 @pytest.mark.parametrize(
@@ -129,7 +131,7 @@ def test_wrong_usage_is_code_2(arguments: tuple[str, ...], message: str) -> None
     [
         (("mapo", "--task", "coop_nav"), "Did you mean 'mappo'"),
         (("mappo", "--task", "coop_nv"), "Did you mean 'coop_nav'"),
-        (("mappo", "--task", "coop_nav", "--set", "hiden=8"), "Did you mean 'hidden'"),
+        (("mappo", "--task", "coop_nav", "--set", "hidde=8"), "Did you mean 'hidden'"),
         (("mappo", "--task", "coop_nav", "--config", "x"), "unknown settings 'x'"),
     ],
 )
