@@ -1,5 +1,6 @@
 """The shipped recipes."""
 
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
 
@@ -169,3 +170,10 @@ def test_an_index_with_unknown_keys_is_refused() -> None:
     entry = checkpoint("medium", 0).model_dump() | {"steps": 3}
     with pytest.raises(ValueError, match="steps"):
         Index.model_validate({"coop_nav": {"medium": [entry]}})
+
+
+def test_no_file_lies_beside_those_of_the_index() -> None:
+    folder = files("swarmdata.behavior_policies") / "checkpoints"
+    index = Index.model_validate_json((folder / "index.json").read_text("utf-8")).root
+    known = {each.file for family in index.values() for tier in family.values() for each in tier}
+    assert {each.name for each in folder.iterdir()} == known | {"index.json"}

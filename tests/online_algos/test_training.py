@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy_file import load_policy
+from swarmdata.learn.run import read_table
 from swarmdata.online_algos import training
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path
@@ -57,6 +59,7 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
 
 PROGRAM = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 from swarmdata.online_algos.training import OnlineRun, train_run
 train_run(OnlineRun.from_text(sys.argv[1]), Path(sys.argv[2]))
@@ -104,3 +107,15 @@ def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
 def test_a_run_without_checkpoints_has_no_policy(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="wait for its first checkpoint"):
         last_policy_path(tmp_path, 0)
+
+
+def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
+    config = replace(SMALL, critic_warmup=1.0)
+    folder = train_run(
+        describe_run("mappo", config, SPEC, (0,), n_checkpoints=2, n_episodes=2), tmp_path
+    )
+    rows = read_table(folder / "curve.csv")
+    assert len(rows) == 2
+    for row in rows:
+        assert "policy" not in row
+        assert row["value"] > 0
