@@ -1,14 +1,12 @@
 """Every registered policy keeps the contract, and the suite notices every broken promise."""
 
-import hashlib
 from collections.abc import Callable
-from importlib.resources import files
-from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmdata import registry
+from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED, Checkpoint, checkpoints
 from swarmdata.interfaces import Policy
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
@@ -19,13 +17,13 @@ from swarmdata.types import Float, Int, Step
 SPEC = TaskSpec(horizon=25)
 
 
-def checkpoints() -> list[Any]:
-    """The actors that the package ships."""
-    folder = files("swarmdata.behavior_policies") / "checkpoints"
-    return sorted(
-        (item for item in folder.iterdir() if item.name.endswith(".safetensors")),
-        key=lambda item: item.name,
-    )
+SHIPPED = [
+    pytest.param(family, found[0], id=f"{family}-{tier}")
+    for family in FAMILIES
+    for tier in TRAINED
+    if (found := checkpoints(family, tier))
+]
+"""The first actor of every shipped tier, with its preset; the others are run by the same code."""
 
 
 @pytest.mark.parametrize("name", sorted(set(registry.POLICIES) - {"learned"}))
@@ -41,12 +39,14 @@ def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: floa
     check_policy(policy, spec, make_env, n_episodes=3, n_steps=5)
 
 
-@pytest.mark.parametrize("checkpoint", checkpoints(), ids=lambda item: item.name)
+@pytest.mark.parametrize(("family", "shipped"), SHIPPED)
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_shipped_actors_keep_the_contract(checkpoint: Any, noise: float) -> None:
-    digest = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
-    policy = make_policy("learned", SPEC, checkpoint=checkpoint.name, sha256=digest, noise=noise)
-    check_policy(policy, SPEC, make_env)
+def test_shipped_actors_keep_the_contract(family: str, shipped: Checkpoint, noise: float) -> None:
+    spec = preset(family).with_updates(horizon=12)
+    policy = make_policy(
+        "learned", spec, checkpoint=shipped.file, sha256=shipped.sha256, noise=noise
+    )
+    check_policy(policy, spec, make_env, n_episodes=4, n_steps=10)
 
 
 class Good:
