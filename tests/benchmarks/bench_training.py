@@ -30,8 +30,8 @@ from tests.benchmarks.trainers import PEER_EPOCHS, Turn
 ROUNDS, SECONDS = 5, 2.0
 """Turns of each run, and how long one is at least; one of BenchMARL's is an iteration."""
 
-SETTINGS_EPOCHS = 3
-"""Passes over each frame in our defaults; BenchMARL is measured with as many as well."""
+OUR_EPOCHS = 3
+"""Passes over each frame, `MAPPOConfig.n_epochs`; BenchMARL is measured with as many as well."""
 
 RECORDED = 621
 """Frames a second of BenchMARL with its defaults, recorded on one core of another machine."""
@@ -125,24 +125,25 @@ def rates(turns: list[list[Turn]]) -> tuple[list[float], list[float]]:
     )
 
 
-def share_of_core(turns: dict[str, list[list[Turn]]]) -> float:
-    """Median part of its core that a process got."""
-    every = [turn for rounds in turns.values() for answers in rounds for turn in answers]
-    return float(np.median([turn.processor / turn.seconds for turn in every]))
+def share_of_core(its: list[list[Turn]]) -> float:
+    """Median part of its core that each process of a run got."""
+    every = [turn.processor / turn.seconds for answers in its for turn in answers]
+    return float(np.median(every))
 
 
-def speed_table(turns: dict[str, list[list[Turn]]], peer: str | None) -> str:
-    """A row for each run; with a peer, how many times its rate in the same round."""
+def speed_table(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
+    """A row for each run: rates, and how many times each peer's in the same round."""
     rows = []
     for name, its in turns.items():
         wall, processor = rates(its)
-        row = [name, str(Rate.of(wall)), str(Rate.of(processor))]
-        if peer is not None:
-            pairs = zip(processor, rates(turns[peer])[1], strict=True)
-            row.append(str(Rate.of([ours / theirs for ours, theirs in pairs])))
-        rows.append(tuple(row))
-    head = ("run", "frames a second", "frames per second of processor")
-    return table((*head, f"times {peer}") if peer else head, rows)
+        ratios = [
+            Rate.of([a / b for a, b in zip(processor, rates(turns[peer])[1], strict=True)])
+            for peer in peers
+        ]
+        core = f"{100 * share_of_core(its):.0f} %"
+        rows.append((name, *map(str, (Rate.of(wall), core, Rate.of(processor), *ratios))))
+    head = ("run", "frames a second", "of its cores it got", "frames per second of processor")
+    return table((*head, *(f"times {peer}" for peer in peers)), rows)
 
 
 def share_table(turns: dict[str, list[list[Turn]]]) -> str:
@@ -159,40 +160,43 @@ def share_table(turns: dict[str, list[list[Turn]]]) -> str:
     return table(("run", "worlds", "rest of the rollouts", "updates"), rows)
 
 
-def text(turns: dict[str, list[list[Turn]]], peer: str | None) -> str:
+def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
     """The section of BENCHMARKS.md."""
     parts = [
         "Joint steps a second of `mappo` training on `coop_nav` with 4 robots, default settings: "
         "rollouts, updates and resets, from the first update on, without evaluation and files. "
-        "Seeds are stacked in one process, and their frames added. One process has one core, two "
-        "have two, with two seeds each."
+        "Seeds are stacked in one process, and their frames added. A process has one core; where "
+        "there are two, each has its own, and their rates are added.",
+        _about_the_peer(peers),
     ]
-    if peer is None:
+    if min(map(share_of_core, turns.values())) < BUSY:
         parts.append(
-            "BenchMARL is not installed here: no figures of it. On one core of another machine its "
-            f"MAPPO on VMAS navigation made {RECORDED} frames a second with its defaults, which "
-            "says nothing exact about this one."
+            "**The machine was busy with other work, and these are figures of a busy machine.** "
+            "Where a run did not get its cores, its frames a second are too low by what it did not "
+            "get. Those per second of processor do not count the waiting; on an idle machine both "
+            "are the same, but for caches that are shared. Ratios are the figures to trust."
         )
-    else:
-        parts.append(
-            "BenchMARL: its MAPPO on VMAS navigation with its defaults, 3 robots, 60 copies, 6000 "
-            f"frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, networks of 256 "
-            f"units; ours has {SETTINGS_EPOCHS} epochs, minibatches of 2048 robot samples and "
-            f"networks of 64. With {SETTINGS_EPOCHS} epochs BenchMARL is faster and learns less "
-            f"from each frame. {RECORDED} frames a second with its defaults were recorded on one "
-            "core of another machine. Ratios are of frames per second of processor in the same "
-            "round, of all processes together."
-        )
-    part = share_of_core(turns)
-    if part < BUSY:
-        parts.append(
-            f"**The machine was busy with other work: a process got {100 * part:.0f} % of its "
-            "core. Frames a second by the clock are too low by about that, those per second of processor "
-            "by what shared caches cost; ratios, taken in turns, hold better than either.**"
-        )
-    parts.append(speed_table(turns, peer).rstrip())
+    parts.append(speed_table(turns, peers).rstrip())
     parts.append("Where the processor time goes:\n\n" + share_table(turns).rstrip())
     return "\n\n".join(parts)
+
+
+def _about_the_peer(peers: Sequence[str]) -> str:
+    recorded = f"{RECORDED} frames a second with its defaults were recorded on one core of another"
+    if not peers:
+        return (
+            "BenchMARL is not installed here: no figures of it. Of its MAPPO on VMAS navigation "
+            f"{recorded} machine, which says nothing exact about this one."
+        )
+    return (
+        "BenchMARL: its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, 60 "
+        f"copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, networks "
+        f"of 256 units. Ours passes {OUR_EPOCHS} times over each frame, in minibatches of 2048 "
+        "robot samples, with networks of 64 units; therefore BenchMARL is measured with "
+        f"{OUR_EPOCHS} epochs as well, which are not its defaults. {recorded} machine. Ratios are "
+        "of frames per second of processor in the same round; that of two processes is of two "
+        "cores to one."
+    )
 
 
 def main() -> None:
@@ -200,7 +204,9 @@ def main() -> None:
     cores: Sequence[int | None] = [None]
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0), reverse=True)
-    peer = "BenchMARL" if find_spec("benchmarl") else None
+    peers = {"BenchMARL": PEER_EPOCHS, f"BenchMARL, {OUR_EPOCHS} epochs": OUR_EPOCHS}
+    if not find_spec("benchmarl"):
+        peers = {}
     with ExitStack() as stack:
 
         def start(*arguments: str, core: int | None = cores[0]) -> Trainee:
@@ -210,12 +216,9 @@ def main() -> None:
         if len(cores) > 1:
             both = [*runs["ours, 2 seeds"], start("ours", "2", core=cores[1])]
             runs["ours, 2 processes of 2 seeds"] = both
-        if peer is not None:
-            runs[peer] = [start("benchmarl", str(PEER_EPOCHS))]
-            few = [start("benchmarl", str(SETTINGS_EPOCHS))]
-            runs[f"{peer}, {SETTINGS_EPOCHS} epochs"] = few
+        runs |= {name: [start("benchmarl", str(epochs))] for name, epochs in peers.items()}
         turns = take_turns(runs)
-    write_section("Training", text(turns, peer))
+    write_section("Training", text(turns, tuple(peers)))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.benchmarks.bench_training import (
+    OUR_EPOCHS,
     Trainee,
     rates,
     share_of_core,
@@ -68,28 +69,38 @@ def test_what_slows_the_machine_in_a_round_changes_no_ratio(turn: Turn, factor: 
         ours, peer = (t._replace(processor=t.processor * by) for t in (turn, PEER))
         return {"ours": [[turn], [ours]], "peer": [[PEER], [peer]]}
 
-    ratios = [speed_table(slowed(by), "peer").splitlines()[2].split("|")[4] for by in (1.0, factor)]
+    ratios = [
+        speed_table(slowed(by), ["peer"]).splitlines()[2].split("|")[5] for by in (1.0, factor)
+    ]
     assert ratios[0].split()[0] == ratios[1].split()[0]
 
 
 def test_tables_show_rates_ratios_and_shares() -> None:
     turns = {"ours": [[OURS, OURS]], "peer": [[PEER]]}
-    ours, peer = speed_table(turns, "peer").splitlines()[2:]
-    assert ours == "| ours | 2k (2k–2k) | 4k (4k–4k) | 40 (40–40) |"
-    assert peer.endswith("| 1 (1–1) |")
-    assert speed_table(turns, None).splitlines()[2].count("|") == 4
+    ours, peer = speed_table(turns, ["peer"]).splitlines()[2:]
+    assert ours == "| ours | 2k (2k–2k) | 50 % | 4k (4k–4k) | 40 (40–40) |"
+    assert peer.endswith("| 100 % | 100 (100–100) | 1 (1–1) |")
+    assert speed_table(turns, []).splitlines()[2].count("|") == 5
     shares = share_table(turns).splitlines()[2:]
     assert shares == ["| ours | 20 % | 30 % | 50 % |", "| peer | — | 10 % | 90 % |"]
 
 
 def test_a_busy_machine_and_an_absent_peer_are_said() -> None:
-    busy = {"ours": [[OURS]]}
+    idle, busy = [[OURS._replace(seconds=1.0)]], [[OURS]]
     assert share_of_core(busy) == 0.5
-    assert "busy with other work: a process got 50 %" in text(busy, None)
-    assert "BenchMARL is not installed here" in text(busy, None)
-    idle = {"ours": [[OURS._replace(seconds=1.0)]], "BenchMARL": [[PEER]]}
-    assert "busy" not in text(idle, "BenchMARL")
-    assert "not installed" not in text(idle, "BenchMARL")
+    alone = text({"one": idle, "two": busy}, [])
+    assert "figures of a busy machine" in alone
+    assert "BenchMARL is not installed here" in alone
+    assert "621" in alone
+    both = text({"ours": idle, "BenchMARL": [[PEER]]}, ["BenchMARL"])
+    assert "busy" not in both
+    assert "not installed" not in both
+    assert "times BenchMARL" in both
+
+
+def test_the_peer_passes_over_each_frame_as_often_as_we_do() -> None:
+    mappo = pytest.importorskip("swarmdata.online_algos.mappo", exc_type=ImportError)
+    assert mappo.MAPPOConfig().n_epochs == OUR_EPOCHS
 
 
 @pytest.fixture
