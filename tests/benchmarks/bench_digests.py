@@ -49,7 +49,7 @@ def command(dataset: str, folder: Path, n_workers: int, n_steps: int | None) -> 
 
 
 def build(
-    dataset: str, variant: Variant, *, n_steps: int | None = None, typical: float = 5
+    dataset: str, variant: Variant, *, n_steps: int | None = None, typical: float = 5.0
 ) -> Built:
     """Builds a dataset from nothing under a variant, and removes it.
 
@@ -59,15 +59,22 @@ def build(
         n_steps: another number of joint steps than the recipe's.
         typical: seconds that a build takes, for the moments of the kills.
     """
-    with tempfile.TemporaryDirectory() as root:
-        line = command(dataset, Path(root) / "data", variant.n_workers, n_steps)
-        for _ in range(variant.n_kills):
-            kill(line, variant, random.uniform(0.3, 0.9) * typical)
-        begin = time.perf_counter()
-        run = subprocess.run(
-            line, env=variant.variables(), capture_output=True, text=True, check=False
-        )
-        seconds = time.perf_counter() - begin
+    for part in (0.7, 0.5, 0.35, 0.25):  # of a build, before each kill: less where it was too late
+        with tempfile.TemporaryDirectory() as root:
+            line = command(dataset, Path(root) / "data", variant.n_workers, n_steps)
+            moments = [random.uniform(0.5, 1.0) * part * typical for _ in range(variant.n_kills)]
+            if all(kill(line, variant, moment) for moment in moments):
+                return finish(line, variant)
+    return Built("", f"it ended before it could be killed {variant.n_kills} times", 0.0)
+
+
+def finish(line: Sequence[str], variant: Variant) -> Built:
+    """Runs a build to its end."""
+    begin = time.perf_counter()
+    run = subprocess.run(
+        line, env=variant.variables(), capture_output=True, text=True, check=False
+    )  # fmt: skip
+    seconds = time.perf_counter() - begin
     found = DIGEST.search(run.stdout.strip())
     if run.returncode or not found:
         said = run.stderr.strip().splitlines() or [f"exit code {run.returncode}"]
@@ -75,15 +82,19 @@ def build(
     return Built(found[1], "", seconds)
 
 
-def kill(line: Sequence[str], variant: Variant, seconds: float) -> None:
-    """Starts a build and kills it, workers included."""
+def kill(line: Sequence[str], variant: Variant, seconds: float) -> bool:
+    """Starts a build and kills it, workers included; False if it had ended by then."""
     process = subprocess.Popen(
         line, env=variant.variables(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         start_new_session=True,
     )  # fmt: skip
-    time.sleep(seconds)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        return True
+    return False
 
 
 def build_all(dataset: str, chosen: Sequence[Variant], n_steps: int | None) -> dict[str, Built]:

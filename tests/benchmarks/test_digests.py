@@ -1,5 +1,8 @@
 """Variants of a build, and the table of digests."""
 
+import sys
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,6 +94,29 @@ def test_a_build_gives_its_digest_or_says_why_not() -> None:
     bad = build("coop_nav-nothing-mini", named("default"), n_steps=400)
     assert bad.digest == ""
     assert "coop_nav-nothing-mini" in bad.message
+
+
+def test_a_build_that_is_killed_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A stand-in for the build: it writes down its starts, and ends only from the third on."""
+    notes = tmp_path / "starts"
+    script = (
+        "import sys, time; notes = open(sys.argv[1], 'a+'); notes.write('x'); notes.flush();"
+        "notes.seek(0); len(notes.read()) > 2 or time.sleep(60); print('digest ' + 'a' * 64)"
+    )
+    line = [sys.executable, "-c", script, str(notes)]
+    monkeypatch.setattr(bench_digests, "command", lambda *_: line)
+    twice = Variant("killed", n_kills=2)
+    assert build(MINI, twice, typical=3.0).digest == A
+    assert notes.read_text() == "xxx"
+
+
+def test_a_build_that_ends_before_it_is_killed_proves_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bench_digests, "command", lambda *_: [sys.executable, "-c", "pass"])
+    made = build(MINI, Variant("killed", n_kills=1), typical=60.0)
+    assert made.digest == ""
+    assert "before it could be killed" in made.message
 
 
 def test_published_digests_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
