@@ -201,6 +201,9 @@ def _about_the_peer(peers: Sequence[str]) -> str:
 
 def main() -> None:
     """Measures all, on the last core and the one before."""
+    if not find_spec("torch"):
+        print("torch is not installed: training is not measured")
+        return
     cores: Sequence[int | None] = [None]
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0), reverse=True)
