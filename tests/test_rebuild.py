@@ -4,7 +4,7 @@ import pytest
 
 import swarmdata
 from swarmdata.cards.schema import published
-from tests.benchmarks.bench_digests import build
+from tests.benchmarks.bench_digests import Built, build
 from tests.benchmarks.variants import Variant, variants
 
 LEARNED, FEW = "coop_nav-medium-mini", 4000
@@ -29,20 +29,20 @@ def test_the_other_minis_rebuild_to_their_published_digests(tier: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def default_digest() -> str:
-    """Of the learned dataset with few steps."""
+def default() -> Built:
+    """The learned dataset with few steps."""
     found = build(LEARNED, variants()[0], n_steps=FEW)
     assert found.message == ""
-    return found.digest
+    return found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", variants()[1:], ids=lambda variant: str(variant.name))
 def test_a_learned_mini_has_one_digest_under_every_variant(
-    variant: Variant, default_digest: str
+    variant: Variant, default: Built
 ) -> None:
     if reason := variant.unavailable():
         pytest.skip(reason)
-    found = build(LEARNED, variant, n_steps=FEW)
+    found = build(LEARNED, variant, n_steps=FEW, typical=default.seconds)
     assert found.message == ""
-    assert found.digest == default_digest
+    assert found.digest == default.digest

@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -53,7 +54,8 @@ class Trainee:
         self.messages = tempfile.TemporaryFile("w+")  # noqa: SIM115 (closed in __exit__)
         self.process = subprocess.Popen(
             [sys.executable, "-W", "ignore", "-m", "tests.benchmarks.trainers", *arguments],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.messages, text=True,
+            cwd=Path(__file__).parents[2], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=self.messages, text=True,
         )  # fmt: skip
         if core is not None:
             os.sched_setaffinity(self.process.pid, {core})
