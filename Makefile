@@ -4,6 +4,7 @@
 #   make test                    the default tests; PYTHON=python3.12 runs them on another Python
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | bench | wheel    the long tests, the timings, the installable file
+#   make digests                 every mini under every circumstance: one digest each, in hours
 #   make clean                   removes what the targets made, datasets in the user cache excepted
 
 PYTHON ?= python3
@@ -26,7 +27,7 @@ TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: quickstart test check fix slow learns bench wheel clean
+.PHONY: quickstart test check fix slow learns bench digests wheel clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -75,8 +76,11 @@ learns: $(STAMPS)/test
 	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; \
-	$(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
+	set -e; for file in $(filter-out %/bench_digests.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
+
+digests: $(STAMPS)/test
+	$(BIN)/python -m tests.benchmarks.bench_digests $(ARGS)
 
 wheel: $(STAMPS)/test
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist

@@ -6,12 +6,13 @@
 - expert: a seed's last policy;
 - mixed-conventions: the last policies of runs with one convention, every other one mirrored.
 
-Everything is measured on the selection seeds, by exact inference, as the datasets run it.
+Everything is measured on the selection seeds, by exact inference, as the datasets run it. Runs may
+be of another team size than the datasets: their policies are carried over as they are.
 """
 
 import json
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from swarmdata.online_algos.training import SELECTION_OFFSET, measure, read_onli
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
+from swarmdata.types import Double
 
 MEDIUM_BAND = (0.40, 0.60)
 """Team success of a medium policy."""
@@ -38,8 +40,8 @@ N_REPLAY = 5
 MAX_SCALE = 20.0
 """Greatest factor on an observed feature: 3 units, a wide arena, stay below the clip of 64."""
 
-N_EPISODES, N_REPLAY_EPISODES = 1024, 256
-"""Selection episodes that decide, and those that describe a policy of a replay."""
+N_EPISODES, N_REPLAY_EPISODES, N_ROUGH_EPISODES = 1024, 256, 128
+"""Selection episodes that decide, that describe a policy of a replay, and that make a sieve."""
 
 
 class Seed(NamedTuple):
@@ -100,7 +102,14 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     # less, by a power of two, and weighted more.
     fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
     layers[0][0][: len(fold)] *= fold[:, None]
+    layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
     save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
+
+
+def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:
+    """First weights for a team of another size: robot i gets the number i modulo the trained N."""
+    seen, numbers = weight[:n_seen], weight[n_seen:]
+    return np.concatenate([seen, numbers[np.arange(n_agents) % len(numbers)]])
 
 
 def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
@@ -116,14 +125,23 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
     """
     low, high = MEDIUM_BAND
     for row in read_curve(seed):
-        if low - 0.1 <= row["success"] <= high + 0.1:  # few episodes: a rough sieve
-            chosen = _measured("medium", seed, int(row["frames"]), spec, work)
+        frames = int(row["frames"])
+        if low - 0.1 <= _rough_success(seed, row, spec, work) <= high + 0.1:
+            chosen = _measured("medium", seed, frames, spec, work)
             if low <= chosen.figures["success"] <= high:
                 return chosen
     raise BuildError(
         f"no checkpoint of seed {seed.seed} in {seed.folder} has a team success in {MEDIUM_BAND}; "
         "train it longer, or with more checkpoints"
     )
+
+
+def _rough_success(seed: Seed, row: Mapping[str, float], spec: TaskSpec, work: Path) -> float:
+    """Success at a row of the curve, on few episodes; measured again in another spec."""
+    if read_online_run(seed.folder).spec == spec or row["success"] < MEDIUM_BAND[0] - 0.1:
+        return row["success"]
+    rough = _measured("medium", seed, int(row["frames"]), spec, work, N_ROUGH_EPISODES)
+    return rough.figures["success"]
 
 
 def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterator[Chosen]:
@@ -153,6 +171,8 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
             "command again to go on"
         )
     chosen = _measured("expert", seed, int(path.stem), spec, work)
+    if read_online_run(seed.folder).spec.n_agents != spec.n_agents:
+        return chosen  # the trained network does not run in this team
     error = exact_error(path, chosen.file, spec)
     return chosen._replace(figures=chosen.figures | {"exact_error": error})
 

@@ -4,6 +4,11 @@ import pytest
 
 import swarmdata
 from swarmdata.cards.schema import published
+from tests.benchmarks.bench_digests import Built, build
+from tests.benchmarks.variants import Variant, variants
+
+LEARNED, FEW = "coop_nav-medium-mini", 4000
+"""A dataset whose policies are networks, and so few joint steps that a build takes seconds."""
 
 
 @pytest.mark.parametrize("tier", ["medium", "scripted", "random"])
@@ -21,3 +26,23 @@ def test_a_mini_dataset_rebuilds_to_its_published_digest(tier: str) -> None:
 def test_the_other_minis_rebuild_to_their_published_digests(tier: str) -> None:
     dataset = swarmdata.load(f"coop_nav-{tier}-mini", progress=False)
     assert dataset.digest == published()[dataset.id].digest
+
+
+@pytest.fixture(scope="module")
+def default() -> Built:
+    """The learned dataset with few steps."""
+    found = build(LEARNED, variants()[0], n_steps=FEW)
+    assert found.message == ""
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", variants()[1:], ids=lambda variant: str(variant.name))
+def test_a_learned_mini_has_one_digest_under_every_variant(
+    variant: Variant, default: Built
+) -> None:
+    if reason := variant.unavailable():
+        pytest.skip(reason)
+    found = build(LEARNED, variant, n_steps=FEW, typical=default.seconds)
+    assert found.message == ""
+    assert found.digest == default.digest

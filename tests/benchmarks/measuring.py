@@ -11,7 +11,9 @@ import numpy as np
 
 from tests.benchmarks.engines import Run
 
-PACKAGES = ("numpy", "numba", "pymunk", "vmas", "torch", "mpe2", "pettingzoo")
+PACKAGES = (
+    "numpy", "numba", "pymunk", "vmas", "benchmarl", "torchrl", "torch", "mpe2", "pettingzoo",
+)  # fmt: skip
 
 FILE = Path(__file__).parents[2] / "BENCHMARKS.md"
 

@@ -24,6 +24,7 @@ from swarmdata.online_algos.selection import (
     ship,
 )
 from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
 
@@ -78,6 +79,20 @@ def test_an_exported_policy_acts_as_the_trained_one(run: Path, tmp_path: Path) -
     step = make_env(SPEC, 8).reset(np.arange(8, dtype=np.uint64))
     exact = own_actor(tmp_path / "actor.safetensors", SPEC).act(step)
     np.testing.assert_allclose(exact, load_policy(source).act(step), atol=0.01)
+
+
+def test_policies_are_carried_over_to_larger_teams(run: Path, tmp_path: Path) -> None:
+    source = last_policy_path(run, 1)
+    for n_agents in (4, 8):
+        export(source, tmp_path / f"{n_agents}.safetensors", n_agents)
+    larger = preset("coop_nav-n8")
+    step = make_env(larger, 4).reset(np.arange(4, dtype=np.uint64))
+    actions = own_actor(tmp_path / "8.safetensors", larger).act(step)
+    first = step._replace(observations=step.observations[:, :4], rewards=step.rewards[:, :4])
+    second = step._replace(observations=step.observations[:, 4:], rewards=step.rewards[:, 4:])
+    small = own_actor(tmp_path / "4.safetensors", SPEC)
+    np.testing.assert_array_equal(actions[:, :4], small.act(first))
+    np.testing.assert_array_equal(actions[:, 4:], small.act(second))
 
 
 @pytest.mark.usefixtures("half")

@@ -1,0 +1,153 @@
+"""The circumstances under which a dataset must be the same bits, and whether they are given here.
+
+A setting that a library ignores proves nothing, so a fresh interpreter is asked what it does under
+each of them: the kernel and the threads of OpenBLAS, and the CPU features that NumPy uses.
+"""
+
+import ctypes
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+CLEARED = (
+    "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES",
+    "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES",
+)  # fmt: skip
+"""Settings of the caller that no variant takes over."""
+
+KERNELS = MappingProxyType(
+    {
+        "Prescott": ("Prescott", "Katmai"),  # SSE3; the first of the names that share its kernels
+        "Nehalem": ("Nehalem",),  # SSE4.2
+        "Sandybridge": ("Sandybridge",),  # AVX
+        "Haswell": ("Haswell",),  # AVX2 and fused multiply-add
+        "SkylakeX": ("SkylakeX",),  # AVX-512
+    }
+)
+"""OpenBLAS's kernels by the name one asks for, and the names that it then gives itself."""
+
+
+class Probe(NamedTuple):
+    """What the libraries of an interpreter do."""
+
+    kernel: str | None  # of NumPy's OpenBLAS; None: NumPy has another BLAS
+    n_threads: int  # of OpenBLAS; 1 without it
+    features: tuple[str, ...]  # beyond its baseline that NumPy may use, and the processor has
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to build a dataset."""
+
+    name: str
+    environment: Mapping[str, str] = field(default_factory=dict)
+    n_workers: int = 1
+    n_threads: int = 1
+    n_kills: int = 0  # of the whole build, at random moments, before it may finish
+    obstacle: Callable[[Probe], str] = field(default=lambda probe: "", repr=False)
+
+    def variables(self) -> dict[str, str]:
+        """The whole environment of its processes."""
+        kept = {name: value for name, value in os.environ.items() if name not in CLEARED}
+        return {**kept, **dict.fromkeys(THREADS, str(self.n_threads)), **self.environment}
+
+    def unavailable(self) -> str:
+        """Why it cannot be had on this machine; empty if it can.
+
+        Raises:
+            subprocess.CalledProcessError: an interpreter does not start under it.
+        """
+        run = subprocess.run(
+            [sys.executable, "-m", "tests.benchmarks.variants"],
+            cwd=Path(__file__).parents[2], env=self.variables(), stdout=subprocess.PIPE,
+            text=True, check=True,
+        )  # fmt: skip
+        kernel, n_threads, features = json.loads(run.stdout)
+        return self.obstacle(Probe(kernel, n_threads, tuple(features)))
+
+
+def probe() -> Probe:
+    """What the libraries of this interpreter do."""
+    library = _open_blas()
+    if library is None:
+        return Probe(None, 1, found_features())
+    name = _function(library, "get_corename")
+    name.restype = ctypes.c_char_p
+    return Probe(name().decode(), _function(library, "get_num_threads")(), found_features())
+
+
+def found_features() -> tuple[str, ...]:
+    """NumPy's optional CPU features that are in use, as `numpy.show_runtime` finds them."""
+    core = import_module("numpy._core._multiarray_umath")
+    return tuple(name for name in core.__cpu_dispatch__ if core.__cpu_features__[name])
+
+
+def variants() -> tuple[Variant, ...]:
+    """Every variant; the first is the default, which differs from each other one in one thing."""
+    features = " ".join(found_features())
+    return (
+        Variant("default"),
+        *map(_kernel, KERNELS),
+        Variant(
+            "plain NumPy",
+            {"NPY_DISABLE_CPU_FEATURES": features} if features else {},
+            obstacle=lambda probe: _plain(features, probe),
+        ),
+        Variant("generic numba", {"NUMBA_CPU_NAME": "generic"}),
+        Variant("2 workers", n_workers=2),
+        Variant("2 threads", n_threads=2, obstacle=_two_threads),
+        Variant("3 kills", n_workers=2, n_kills=3),
+    )
+
+
+def _kernel(name: str) -> Variant:
+    def obstacle(probe: Probe) -> str:
+        if probe.kernel is None:
+            return "NumPy's BLAS is not OpenBLAS"
+        if probe.kernel not in KERNELS[name]:
+            return f"OpenBLAS runs {probe.kernel} instead: the processor lacks its instructions"
+        return ""
+
+    return Variant(name, {"OPENBLAS_CORETYPE": name}, obstacle=obstacle)
+
+
+def _plain(features: str, probe: Probe) -> str:
+    if not features:
+        return "NumPy has no optional features for this processor"
+    return f"NumPy still uses {' '.join(probe.features)}" if probe.features else ""
+
+
+def _two_threads(probe: Probe) -> str:
+    return "" if probe.n_threads == 2 else f"OpenBLAS runs {probe.n_threads} threads"
+
+
+def _open_blas() -> ctypes.CDLL | None:
+    """The OpenBLAS that comes with NumPy's wheels."""
+    package = Path(np.__file__).parent
+    folders = (package.parent / "numpy.libs", package / ".dylibs")
+    found = [file for folder in folders for file in folder.glob("*openblas*")]
+    return ctypes.CDLL(str(found[0])) if found else None
+
+
+def _function(library: ctypes.CDLL, name: str) -> "ctypes._NamedFuncPointer":
+    """A function of OpenBLAS, whose names depend on how it was built."""
+    names = [f"{a}openblas_{name}{b}" for a in ("scipy_", "") for b in ("64_", "")]
+    for each in names:
+        if hasattr(library, each):
+            return getattr(library, each)
+    raise RuntimeError(f"NumPy's OpenBLAS has none of {', '.join(names)}: add its name here")
+
+
+if __name__ == "__main__":
+    print(json.dumps(probe()))
