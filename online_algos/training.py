@@ -27,7 +27,7 @@ from pydantic import Field
 from tensorboardX import SummaryWriter
 from tqdm import tqdm
 
-from swarmdata.errors import BuildError
+from swarmdata.errors import BuildError, SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint, write_atomically
@@ -118,7 +118,9 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
 
     Raises:
         BuildError: the folder holds another run.
+        SpecError: the replay would not last from one checkpoint to the next.
     """
+    _check_margin(run)
     before = torch.get_num_threads()
     torch.set_num_threads(1)  # the networks are too small to gain from more
     try:
@@ -136,6 +138,19 @@ def read_online_run(folder: Path) -> OnlineRun:
         SpecError: it is malformed.
     """
     return OnlineRun.from_file(folder / CONFIG)
+
+
+def _check_margin(run: OnlineRun) -> None:
+    """A replay must keep what a checkpoint draws from until the next one, `learn.replay`."""
+    margin = run.config.get("margin")
+    between = run.config["n_frames"] / run.n_checkpoints
+    needed = math.ceil(between + run.config["n_copies"] * run.config.get("n_steps", 1))
+    if margin is not None and margin < needed:
+        raise SpecError(
+            f"margin is {margin}, expected at least {needed} joint steps, as many as lie between "
+            f"two of {run.n_checkpoints} checkpoints: a run that is killed could not be resumed. "
+            "Set margin to that, or train fewer steps."
+        )
 
 
 def _claim(folder: Path, run: OnlineRun) -> None:

@@ -12,13 +12,14 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import BuildError
+from swarmdata.errors import BuildError, SpecError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import read_table
 from swarmdata.online_algos import training
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path
 from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
+from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
@@ -119,3 +120,13 @@ def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
     for row in rows:
         assert "policy" not in row
         assert row["value"] > 0
+
+
+def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
+    config = VDNConfig(
+        n_frames=320, n_copies=4, n_steps=8, batch_size=4, capacity=64, margin=100, hidden=(8,)
+    )
+    run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
+    with pytest.raises(SpecError, match="margin is 100, expected at least 112"):
+        train_run(run, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
