@@ -1,6 +1,6 @@
 """Picks the policies that make datasets from online runs, and puts them into the package.
 
-- medium: a seed's first checkpoint whose team success lies in `MEDIUM_BAND`;
+- medium: a seed's first checkpoint whose team success lies in `MEDIUM_SUCCESS`;
 - medium-replay: policies met on the way there, each for an equal part of the way, with the noise
   that training had then;
 - expert: a seed's last policy;
@@ -18,27 +18,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.learned import digest_of, load_actor, own_actor, save_actor
-from swarmdata.behavior_policies.mirror import mirrored
+from swarmdata.behavior_policies.learned import digest_of, own_actor
+from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import CONFIG, CURVE, read_table
+from swarmdata.online_algos.exporting import exact_error, export, mirror_file
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
-from swarmdata.online_algos.training import SELECTION_OFFSET, measure, read_online_run
-from swarmdata.registry import make_env
-from swarmdata.seeding import evaluation_seeds
+from swarmdata.online_algos.training import measure, read_online_run
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Double
-
-MEDIUM_BAND = (0.40, 0.60)
-"""Team success of a medium policy."""
 
 N_REPLAY = 5
 """Policies that stand for the way of one seed to its medium."""
-
-MAX_SCALE = 20.0
-"""Greatest factor on an observed feature: 3 units, a wide arena, stay below the clip of 64."""
 
 N_EPISODES, N_REPLAY_EPISODES, N_ROUGH_EPISODES = 1024, 256, 128
 """Selection episodes that decide, that describe a policy of a replay, and that make a sieve."""
@@ -84,36 +74,8 @@ def read_curve(seed: Seed) -> list[dict[str, float]]:
     return [row for row in read_table(seed.folder / CURVE) if row["seed"] == seed.seed]
 
 
-def export(source: Path, target: Path, n_agents: int) -> None:
-    """Writes a run's policy as a checkpoint for exact inference.
-
-    Raises:
-        BuildError: the policy is not a network that can be run exactly.
-    """
-    policy = load_policy(source)
-    if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
-        raise BuildError(
-            f"{source} is not an actor with clipped outputs that all robots share; only those can "
-            "be run exactly. Train it with mappo and parameters=shared."
-        )
-    layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
-    mean, scale = policy.observation_mean.numpy(), 1 / policy.observation_std.numpy()
-    # Inputs of exact inference are clipped at 64. What hardly varied when it was measured is scaled
-    # less, by a power of two, and weighted more.
-    fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
-    layers[0][0][: len(fold)] *= fold[:, None]
-    layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
-    save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
-
-
-def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:
-    """First weights for a team of another size: robot i gets the number i modulo the trained N."""
-    seen, numbers = weight[:n_seen], weight[n_seen:]
-    return np.concatenate([seen, numbers[np.arange(n_agents) % len(numbers)]])
-
-
 def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
-    """The first checkpoint in `MEDIUM_BAND`.
+    """The first checkpoint in `MEDIUM_SUCCESS`.
 
     Args:
         seed: of a run.
@@ -123,7 +85,7 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
     Raises:
         BuildError: no checkpoint lies in the band.
     """
-    low, high = MEDIUM_BAND
+    band = low, high = MEDIUM_SUCCESS
     for row in read_curve(seed):
         frames = int(row["frames"])
         if low - 0.1 <= _rough_success(seed, row, spec, work) <= high + 0.1:
@@ -131,14 +93,14 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
             if low <= chosen.figures["success"] <= high:
                 return chosen
     raise BuildError(
-        f"no checkpoint of seed {seed.seed} in {seed.folder} has a team success in {MEDIUM_BAND}; "
+        f"no checkpoint of seed {seed.seed} in {seed.folder} has a team success in {band}; "
         "train it longer, or with more checkpoints"
     )
 
 
 def _rough_success(seed: Seed, row: Mapping[str, float], spec: TaskSpec, work: Path) -> float:
     """Success at a row of the curve, on few episodes; measured again in another spec."""
-    if read_online_run(seed.folder).spec == spec or row["success"] < MEDIUM_BAND[0] - 0.1:
+    if read_online_run(seed.folder).spec == spec or row["success"] < MEDIUM_SUCCESS[0] - 0.1:
         return row["success"]
     rough = _measured("medium", seed, int(row["frames"]), spec, work, N_ROUGH_EPISODES)
     return rough.figures["success"]
@@ -182,18 +144,10 @@ def conventions_of(seeds: Sequence[Seed], spec: TaskSpec, work: Path) -> Iterato
     for number, seed in enumerate(seeds):
         chosen = last_of(seed, spec, work)._replace(tier="mixed-conventions", policy=number)
         if number % 2:
-            chosen = chosen._replace(file=_mirror(chosen.file, spec.n_agents))
+            chosen = chosen._replace(file=mirror_file(chosen.file, spec.n_agents))
             figures = measure(own_actor(chosen.file, spec), spec, N_EPISODES)
             chosen = chosen._replace(figures=figures)
         yield chosen
-
-
-def _mirror(file: Path, n_agents: int) -> Path:
-    """Writes the mirror image of an exported policy beside it."""
-    actor = mirrored(load_actor(file.read_bytes(), n_agents, str(file)))
-    target = file.with_stem(f"{file.stem}-mirrored")
-    save_actor(target, actor.layers, actor.mean, actor.scale, actor.n_agents, actor.frame)
-    return target
 
 
 def _measured(
@@ -204,28 +158,6 @@ def _measured(
         export(policy_path(seed.folder, seed.seed, frames), file, spec.n_agents)
     figures = measure(own_actor(file, spec), spec, n_episodes)
     return Chosen(tier, 0, frames, 1.0, None, figures, file)
-
-
-def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
-    """Largest difference of an action component between exact inference and the trained network.
-
-    Both see the observations of the selection episodes, played by the exact policy.
-
-    Args:
-        source: a run's policy.
-        exported: the same, for exact inference.
-        spec: to play in.
-        n_episodes: how many.
-    """
-    trained, exact, env = load_policy(source), own_actor(exported, spec), make_env(spec, n_episodes)
-    step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
-    worst = 0.0
-    while not step.ended.all():
-        actions = exact.act(step)
-        difference = np.abs(trained.act(step) - actions)[~step.ended]
-        worst = max(worst, float(difference.max()))
-        step = env.step(actions)
-    return worst
 
 
 def ship(

@@ -13,11 +13,11 @@ from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos import selection
+from swarmdata.online_algos.exporting import export
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import (
     Seed,
-    export,
     find_medium,
     read_curve,
     seeds_of,

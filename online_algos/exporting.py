@@ -1,0 +1,82 @@
+"""Writes policies of online runs as checkpoints for exact inference, as datasets run them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from swarmdata.behavior_policies.learned import load_actor, own_actor, save_actor
+from swarmdata.behavior_policies.mirror import mirrored
+from swarmdata.errors import BuildError
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.policy_file import load_policy
+from swarmdata.online_algos.training import SELECTION_OFFSET
+from swarmdata.registry import make_env
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+from swarmdata.types import Double
+
+MAX_SCALE = 20.0
+"""Greatest factor on an observed feature: 3 units, a wide arena, stay below the clip of 64."""
+
+
+def export(source: Path, target: Path, n_agents: int) -> None:
+    """Writes a run's policy as a checkpoint for exact inference.
+
+    Args:
+        source: the run's policy.
+        target: the checkpoint.
+        n_agents: robots of the team that it is for.
+
+    Raises:
+        BuildError: the policy is not a network that can be run exactly.
+    """
+    policy = load_policy(source)
+    if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
+        raise BuildError(
+            f"{source} is not an actor with clipped outputs that all robots share; only those can "
+            "be run exactly. Train it with mappo and parameters=shared."
+        )
+    layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
+    mean, scale = policy.observation_mean.numpy(), 1 / policy.observation_std.numpy()
+    # Inputs of exact inference are clipped at 64. What hardly varied when it was measured is scaled
+    # less, by a power of two, and weighted more.
+    fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
+    layers[0][0][: len(fold)] *= fold[:, None]
+    layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
+    save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
+
+
+def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:
+    """First weights for a team of another size: robot i gets the number i modulo the trained N."""
+    seen, numbers = weight[:n_seen], weight[n_seen:]
+    return np.concatenate([seen, numbers[np.arange(n_agents) % len(numbers)]])
+
+
+def mirror_file(file: Path, n_agents: int) -> Path:
+    """Writes the mirror image of an exported policy beside it."""
+    actor = mirrored(load_actor(file.read_bytes(), n_agents, str(file)))
+    target = file.with_stem(f"{file.stem}-mirrored")
+    save_actor(target, actor.layers, actor.mean, actor.scale, actor.n_agents, actor.frame)
+    return target
+
+
+def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
+    """Largest difference of an action component between exact inference and the trained network.
+
+    Both see the observations of the selection episodes, played by the exact policy.
+
+    Args:
+        source: a run's policy.
+        exported: the same, for exact inference.
+        spec: to play in.
+        n_episodes: how many.
+    """
+    trained, exact, env = load_policy(source), own_actor(exported, spec), make_env(spec, n_episodes)
+    step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
+    worst = 0.0
+    while not step.ended.all():
+        actions = exact.act(step)
+        difference = np.abs(trained.act(step) - actions)[~step.ended]
+        worst = max(worst, float(difference.max()))
+        step = env.step(actions)
+    return worst
