@@ -163,7 +163,6 @@ class MAPPO:
         std = torch.full((len(self.generators),), self.std)
         rollout = self._collect()
         c = self.config
-        self.frames += c.n_steps * c.n_copies
         advantages = generalized_advantages(
             rollout.rewards, rollout.values, rollout.next_values,
             rollout.terminations, rollout.ended, c.discount, c.gae_lambda,
@@ -171,6 +170,7 @@ class MAPPO:
         targets = advantages + rollout.values
         self.scale.update(targets)
         losses = self._descend(rollout, advantages, self.scale.normalize(targets))
+        self.frames += c.n_steps * c.n_copies  # after: the loss is of the deviation that acted
         reward = rollout.rewards.mean(axis=(0, 2, 3), dtype=np.float64)
         return {**losses, "reward": torch.from_numpy(reward), "std": std}
 
