@@ -47,7 +47,7 @@ def test_the_critic_alone_learns_during_its_warm_up() -> None:
     assert (run.actor.flat == actor).all()
     assert not (run.critic.flat == critic).all()
     assert losses["policy"].isnan().all()
-    for _ in range(8):
+    for _ in range(9):
         losses = run.update()
     assert not (run.actor.flat == actor).all()
     assert losses["policy"].isfinite().all()
