@@ -10,6 +10,7 @@ Everything is measured on the selection seeds, by exact inference, as the datase
 be of another team size than the datasets: their policies are carried over as they are.
 """
 
+import hashlib
 import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -74,28 +75,22 @@ def read_curve(seed: Seed) -> list[dict[str, float]]:
     return [row for row in read_table(seed.folder / CURVE) if row["seed"] == seed.seed]
 
 
-def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
-    """The first checkpoint in `MEDIUM_SUCCESS`.
+def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
+    """The first checkpoint in `MEDIUM_SUCCESS`, None if the seed has none.
 
     Args:
         seed: of a run.
         spec: to measure in.
         work: folder for exported checkpoints.
-
-    Raises:
-        BuildError: no checkpoint lies in the band.
     """
-    band = low, high = MEDIUM_SUCCESS
+    low, high = MEDIUM_SUCCESS
     for row in read_curve(seed):
         frames = int(row["frames"])
         if low - 0.1 <= _rough_success(seed, row, spec, work) <= high + 0.1:
             chosen = _measured("medium", seed, frames, spec, work)
             if low <= chosen.figures["success"] <= high:
                 return chosen
-    raise BuildError(
-        f"no checkpoint of seed {seed.seed} in {seed.folder} has a team success in {band}; "
-        "train it longer, or with more checkpoints"
-    )
+    return None
 
 
 def _rough_success(seed: Seed, row: Mapping[str, float], spec: TaskSpec, work: Path) -> float:
@@ -153,7 +148,8 @@ def conventions_of(seeds: Sequence[Seed], spec: TaskSpec, work: Path) -> Iterato
 def _measured(
     tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path, n_episodes: int = N_EPISODES
 ) -> Chosen:
-    file = work / f"{seed.folder.name}-{seed.seed}-{frames}.safetensors"
+    run = hashlib.sha256(str(seed.folder.resolve()).encode()).hexdigest()[:12]
+    file = work / f"{run}-{seed.seed}-{frames}.safetensors"
     if not file.exists():
         export(policy_path(seed.folder, seed.seed, frames), file, spec.n_agents)
     figures = measure(own_actor(file, spec), spec, n_episodes)
@@ -171,7 +167,7 @@ def ship(
     """Copies the mediums of some seeds, with their replays, and the last policies of others.
 
     Args:
-        mediums: seeds from which the first checkpoint in the band is taken.
+        mediums: seeds from which the first checkpoint in the band is taken, if there is one.
         experts: seeds of finished runs.
         conventions: seeds of finished runs that share a convention.
         name: of the preset that the datasets are of.
@@ -182,16 +178,23 @@ def ship(
         The preset's entry of the index.
 
     Raises:
-        BuildError: a seed has no medium, an expert's run is not finished, or a policy cannot be run
+        BuildError: no seed has a medium, an expert's run is not finished, or a policy cannot be run
             exactly.
     """
     work = folder / ".work"
     work.mkdir(parents=True, exist_ok=True)
     try:
         chosen = []
-        for number, seed in enumerate(mediums):
-            medium = find_medium(seed, spec, work)._replace(policy=number)
-            chosen += [medium, *replay_of(seed, medium, spec, work)]
+        found = [(seed, find_medium(seed, spec, work)) for seed in mediums]
+        reached = [(seed, medium) for seed, medium in found if medium is not None]
+        if mediums and not reached:
+            raise BuildError(
+                f"none of {len(mediums)} seeds has a checkpoint with a team success in "
+                f"{MEDIUM_SUCCESS}; train them longer, or with more checkpoints"
+            )
+        for number, (seed, medium) in enumerate(reached):
+            numbered = medium._replace(policy=number)
+            chosen += [numbered, *replay_of(seed, numbered, spec, work)]
         for number, seed in enumerate(experts):
             chosen.append(last_of(seed, spec, work)._replace(policy=number))
         chosen += conventions_of(conventions, spec, work)

@@ -94,6 +94,8 @@ def ship(
 
     mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))
     entry = ship_seeds(mediums, experts, sided, task, preset(task), out)
+    if mediums:
+        typer.echo(f"{len(entry['medium'])} of {len(mediums)} seeds have a medium")
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]

@@ -67,10 +67,13 @@ def test_the_medium_is_the_first_checkpoint_in_the_band(
 ) -> None:
     figures = iter([{"success": 0.35}, {"success": 0.41}])
     monkeypatch.setattr(selection, "measure", lambda *_: next(figures))
-    assert find_medium(Seed(run, 1), SPEC, tmp_path).frames == 192
+    medium = find_medium(Seed(run, 1), SPEC, tmp_path)
+    assert medium is not None
+    assert medium.frames == 192
     monkeypatch.setattr(selection, "measure", lambda *_: {"success": 0.7})
-    with pytest.raises(BuildError, match="train it longer"):
-        find_medium(Seed(run, 1), SPEC, tmp_path)
+    assert find_medium(Seed(run, 1), SPEC, tmp_path) is None
+    with pytest.raises(BuildError, match="none of 1 seeds has a checkpoint"):
+        ship([Seed(run, 1)], [], [], "coop_nav", SPEC, tmp_path)
 
 
 def test_an_exported_policy_acts_as_the_trained_one(run: Path, tmp_path: Path) -> None:
