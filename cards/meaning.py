@@ -37,10 +37,10 @@ TIERS = MappingProxyType(
         ),
         "mixed-conventions": (
             "Experts with passing conventions that do not go together: half were trained to keep "
-            "to the right, the others are their mirror images and keep to the left; each team is "
-            "consistent in itself. Nearly every episode is good, but robots that each copy the "
-            "mixture on their own pick sides independently and meet in the middle. The table of "
-            "passings shows how strong the conventions are."
+            "to the right of oncoming robots, half to the left, and all robots of a team keep to "
+            "the same side. Nearly every episode is good, but robots that each copy the mixture "
+            "on their own pick sides independently and meet in the middle. The table of passings "
+            "shows how strong the conventions are."
         ),
         "narrow": (
             "One expert with little action noise: high returns and poor coverage. Values of other "

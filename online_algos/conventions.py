@@ -1,4 +1,4 @@
-"""Who keeps to the right: a cost that gives robots one convention for meeting head on."""
+"""On which side oncoming robots are: what a convention for meeting head on is about."""
 
 import numpy as np
 
@@ -7,11 +7,12 @@ from swarmdata.states import VX, VY, X, Y, robots_of
 from swarmdata.types import Float, Step
 
 
-def on_the_wrong_side(step: Step) -> Float:
-    """Returns how many oncoming robots each robot has on its right, [E, N].
+def oncoming(step: Step) -> tuple[Float, Float]:
+    """Returns how many oncoming robots each robot has on its right and on its left, each [E, N].
 
     Robots are oncoming while they are closer than `encounters.REACH`, both move, their velocities
     point against each other, and they have not passed. Who keeps to the right has them on its left.
+    Exactly ahead is on neither side.
     """
     robots = robots_of(step.states, step.rewards.shape[1])
     places, speeds = robots[..., [X, Y]], robots[..., [VX, VY]]
@@ -23,5 +24,6 @@ def on_the_wrong_side(step: Step) -> Float:
     near = np.square(gap).sum(-1) < REACH**2
     ahead = (gap * speeds[:, :, None]).sum(-1) > 0
     side = speeds[:, :, None, 0] * gap[..., 1] - speeds[:, :, None, 1] * gap[..., 0]
-    wrong = moving & opposed & near & ahead & (side < 0)
-    return wrong.sum(-1).astype(np.float32)
+    meeting = moving & opposed & near & ahead
+    right, left = ((meeting & there).sum(-1).astype(np.float32) for there in (side < 0, side > 0))
+    return right, left

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.behavior_policies.learned import load_actor, own_actor, save_actor
-from swarmdata.behavior_policies.mirror import mirrored
+from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
@@ -50,14 +49,6 @@ def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:
     """First weights for a team of another size: robot i gets the number i modulo the trained N."""
     seen, numbers = weight[:n_seen], weight[n_seen:]
     return np.concatenate([seen, numbers[np.arange(n_agents) % len(numbers)]])
-
-
-def mirror_file(file: Path, n_agents: int) -> Path:
-    """Writes the mirror image of an exported policy beside it."""
-    actor = mirrored(load_actor(file.read_bytes(), n_agents, str(file)))
-    target = file.with_stem(f"{file.stem}-mirrored")
-    save_actor(target, actor.layers, actor.mean, actor.scale, actor.n_agents, actor.frame)
-    return target
 
 
 def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:

@@ -91,6 +91,7 @@ class MAPPOConfig:
     contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
     keep_right: float = 0.0  # cost in each step of an oncoming robot on the right
+    keep_left: float = 0.0  # the same on the left
     rewards: tuple[str, ...] = ()  # weights to train with, such as "proximity=2", not the spec's
 
 

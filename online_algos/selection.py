@@ -4,7 +4,7 @@
 - medium-replay: policies met on the way there, each for an equal part of the way, with the noise
   that training had then;
 - expert: a seed's last policy;
-- mixed-conventions: the last policies of runs with one convention, every other one mirrored.
+- mixed-conventions: the last policies of runs that were trained to keep to one side.
 
 Everything is measured on the selection seeds, by exact inference, as the datasets run it. Runs may
 be of another team size than the datasets: their policies are carried over as they are.
@@ -23,7 +23,7 @@ from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
 from swarmdata.learn.run import CONFIG, CURVE, read_table
-from swarmdata.online_algos.exporting import exact_error, export, mirror_file
+from swarmdata.online_algos.exporting import exact_error, export
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
 from swarmdata.online_algos.training import measure, read_online_run
 from swarmdata.spec import TaskSpec
@@ -134,17 +134,6 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
     return chosen._replace(figures=chosen.figures | {"exact_error": error})
 
 
-def conventions_of(seeds: Sequence[Seed], spec: TaskSpec, work: Path) -> Iterator[Chosen]:
-    """The last policies of finished runs with one convention, every other one as in a mirror."""
-    for number, seed in enumerate(seeds):
-        chosen = last_of(seed, spec, work)._replace(tier="mixed-conventions", policy=number)
-        if number % 2:
-            chosen = chosen._replace(file=mirror_file(chosen.file, spec.n_agents))
-            figures = measure(own_actor(chosen.file, spec), spec, N_EPISODES)
-            chosen = chosen._replace(figures=figures)
-        yield chosen
-
-
 def _measured(
     tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path, n_episodes: int = N_EPISODES
 ) -> Chosen:
@@ -169,7 +158,7 @@ def ship(
     Args:
         mediums: seeds from which the first checkpoint in the band is taken, if there is one.
         experts: seeds of finished runs.
-        conventions: seeds of finished runs that share a convention.
+        conventions: seeds of finished runs that keep to the right, or to the left.
         name: of the preset that the datasets are of.
         spec: that preset's.
         folder: the package's `behavior_policies/checkpoints`; its `index.json` is updated.
@@ -197,7 +186,9 @@ def ship(
             chosen += [numbered, *replay_of(seed, numbered, spec, work)]
         for number, seed in enumerate(experts):
             chosen.append(last_of(seed, spec, work)._replace(policy=number))
-        chosen += conventions_of(conventions, spec, work)
+        for number, seed in enumerate(conventions):
+            kept = last_of(seed, spec, work)
+            chosen.append(kept._replace(tier="mixed-conventions", policy=number))
         entry = _install(chosen, name, folder)
     finally:
         shutil.rmtree(work)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.online_algos.conventions import on_the_wrong_side
+from swarmdata.online_algos.conventions import oncoming
 from swarmdata.rules import Rewards
 from swarmdata.types import Float, Step
 
@@ -22,6 +22,7 @@ class Shaping:
     contact_cost: float  # how much of each contact cost of the task is added at last
     contact_ramp: tuple[float, ...]  # part of training in which that grows from 0: begin, end
     keep_right: float  # cost of each oncoming robot on the right, in each step
+    keep_left: float  # the same on the left
     team_share: float  # part of each reward that is the team's mean
 
     def __post_init__(self) -> None:
@@ -37,7 +38,8 @@ class Shaping:
     @classmethod
     def of(cls, config: Any) -> "Shaping":
         """Reads the fields of the same names from an algorithm's config."""
-        return cls(config.contact_cost, config.contact_ramp, config.keep_right, config.team_share)
+        names = ("contact_cost", "contact_ramp", "keep_right", "keep_left", "team_share")
+        return cls(*(getattr(config, name) for name in names))
 
     def rewards(self, step: Step, weights: Rewards, progress: float) -> Float:
         """Returns each robot's reward to train on, float32 [E, N].
@@ -55,8 +57,10 @@ class Shaping:
             np.float32,
         )  # fmt: skip
         rewards = step.rewards - self._extra(progress) * (step.events @ costs)
-        if self.keep_right:
-            rewards = rewards - np.float32(self.keep_right) * on_the_wrong_side(step)
+        if self.keep_right or self.keep_left:
+            right, left = oncoming(step)
+            cost = np.float32(self.keep_right) * right + np.float32(self.keep_left) * left
+            rewards = rewards - cost
         share = self.team_share
         mixed: Float = (1 - share) * rewards + share * rewards.mean(1, keepdims=True)
         return mixed

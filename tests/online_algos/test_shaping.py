@@ -19,7 +19,9 @@ from swarmdata.types import Step
 
 SPEC = TaskSpec()
 WEIGHTS = SPEC.rules.rewards
-PLAIN = Shaping(contact_cost=0.0, contact_ramp=(0.0, 1.0), keep_right=0.0, team_share=0.0)
+PLAIN = Shaping(
+    contact_cost=0.0, contact_ramp=(0.0, 1.0), keep_right=0.0, keep_left=0.0, team_share=0.0
+)
 
 
 def touching() -> Step:
