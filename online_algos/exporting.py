@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmdata.behavior_policies.actor import MAX_WEIGHT
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policy import TorchPolicy
@@ -40,6 +41,9 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     # Inputs of exact inference are clipped at 64. What hardly varied when it was measured is scaled
     # less, by a power of two, and weighted more.
     fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
+    largest = np.abs(layers[0][0][: len(fold)]).max(axis=1)  # weights have a bound too
+    fold = np.minimum(fold, np.exp2(np.floor(np.log2(MAX_WEIGHT / np.maximum(largest, 1e-9)))))
+    fold = np.maximum(fold, 1.0)
     layers[0][0][: len(fold)] *= fold[:, None]
     layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
     save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
