@@ -17,9 +17,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.online_algos.generators import standard_normal
 from swarmdata.online_algos.rollouts import minibatches, pick, sample_rows, seed_means
-from swarmdata.spec import TaskSpec
-from swarmdata.states import VX, VY, robots_of
-from swarmdata.types import Float, Step
+from swarmdata.types import Float
 
 if TYPE_CHECKING:
     from swarmdata.online_algos.mappo import MAPPO
@@ -77,8 +75,7 @@ def _collect(
         if not run.config.teacher_remembers:
             teacher.reset(now, everyone)
         own = run.inputs(worlds.seen(now))
-        wanted = exaggerated(now, teacher.act(now), worlds.env.spec, run.config.teacher_gain)
-        label = worlds.to_local(now, wanted).astype(np.float32)
+        label = worlds.to_local(now, teacher.act(now)).astype(np.float32)
         inputs.append(own.numpy())
         actions.append(label)
         drive = label if teacher_drives else run.means(own).numpy()
@@ -88,28 +85,6 @@ def _collect(
         if len(ended):
             teacher.reset(worlds.present, ended)
     return np.stack(inputs), np.stack(actions)
-
-
-def exaggerated(step: Step, actions: Float, spec: TaskSpec, gain: float) -> Float:
-    """Returns velocity commands that ask for `gain` times the change of velocity, [E, N, A].
-
-    A robot accelerates at most at its limit, so near it a gain changes little of what happens. But
-    a pusher whose command is a little too weak does not move the payload at all: a clone needs
-    labels that leave room for its errors.
-
-    Args:
-        step: in which the commands are given.
-        actions: commands, [E, N, A].
-        spec: of the robots.
-        gain: 1 changes nothing.
-    """
-    if gain == 1.0:
-        return actions
-    fastest = np.array([robot.max_speed for robot in spec.robots], np.float32)[:, None]
-    speeds = robots_of(step.states, spec.n_agents)[..., [VX, VY]] / fastest
-    out = actions.copy()
-    out[..., :2] = speeds + np.float32(gain) * (actions[..., :2] - speeds)
-    return out.clip(-1, 1)
 
 
 def _regress(

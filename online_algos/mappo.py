@@ -87,7 +87,6 @@ class MAPPOConfig:
     start: str = ""  # folder of a run whose last policies the actors start from; empty for none
     teacher: str = ""  # registered policy that the actor first clones; empty for none
     teacher_remembers: bool = True  # else it is reset in each step: labels then fit the step alone
-    teacher_gain: float = 1.0  # of the velocity changes that it asks for, see `cloning.exaggerated`
     contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
     keep_right: float = 0.0  # cost in each step of an oncoming robot on the right

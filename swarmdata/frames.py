@@ -3,8 +3,7 @@
 A task without preferred directions looks the same when it is turned. A policy that sees every
 vector relative to where its robot has to go need not learn the same driving for every direction.
 How fast a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it. On `coop_nav`, clones of the scripted controller finished 36 % of their episodes
-without a contact in the world's frame, 57 % in the target's, and 66 % with closing speeds.
+frame adds it. To see what that brings, train with `--set frame=world`.
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """

@@ -7,14 +7,10 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from swarmdata.online_algos.cloning import CloneConfig, clone_teacher, exaggerated
+from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env, make_policy
 from swarmdata.spec import TaskSpec
-from swarmdata.states import VX, VY, robots_of
 from swarmdata.testing.comparing import act_on
 from swarmdata.types import Int, Step
 
@@ -69,16 +65,3 @@ def test_a_teacher_without_memory_is_reset_in_each_step(
     short = replace(SHORT, n_rounds=1, n_steps=8)  # less than an episode of most copies
     clone_teacher(made(config=config), teacher, short)
     assert (resets.count(SMALL.n_copies) >= 8) == each_step
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.floats(1.0, 4.0), st.integers(0, 1000))
-def test_exaggerated_commands_go_on_from_the_present_velocity(gain: float, seed: int) -> None:
-    step = make_env(SPEC, 2).reset(np.array([seed, seed + 1], np.uint64))
-    actions = np.random.default_rng(seed).uniform(-1, 1, (2, 4, 2)).astype(np.float32)
-    np.testing.assert_array_equal(exaggerated(step, actions, SPEC, 1.0), actions)
-    fastest = np.array([robot.max_speed for robot in SPEC.robots], np.float32)[:, None]
-    speeds = robots_of(step.states, 4)[..., [VX, VY]] / fastest
-    out = exaggerated(step, actions, SPEC, gain)
-    np.testing.assert_allclose(out, np.clip(speeds + gain * (actions - speeds), -1, 1), atol=1e-5)
-    np.testing.assert_array_equal(exaggerated(step, speeds, SPEC, gain), speeds.clip(-1, 1))
