@@ -5,6 +5,7 @@ from pathlib import Path
 
 from swarmdata.cards.findings import Findings, measure
 from swarmdata.cards.schema import TaskReferences, references_of
+from swarmdata.errors import SchemaError
 from swarmdata.spec import Recipe
 from swarmdata.store import EpisodeTable, Manifest, open_store
 
@@ -28,5 +29,7 @@ def facts_of(folder: Path) -> Facts:
         SchemaError: too few joint steps to estimate anything.
     """
     stored = open_store(folder, verify="none")
+    if not isinstance(stored.recipe, Recipe):
+        raise SchemaError(f"{stored.manifest.id} was not made from a recipe, cards need one")
     references = references_of(stored.recipe.spec.hash())
     return Facts(stored.manifest, stored.recipe, stored.table, measure(stored), references)

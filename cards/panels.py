@@ -7,9 +7,10 @@ import numpy as np
 
 from swarmdata.figures import COLORS, FAINT, GRAY, INK, thousands
 from swarmdata.occupancy import Occupancy
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.origins import Origin
+from swarmdata.spec import TaskSpec
 from swarmdata.store import EpisodeTable
-from swarmdata.types import END_REASONS, Double, Float
+from swarmdata.types import TASK_END_REASONS, Double, Float
 
 SMALL = 8
 """Points of ticks and notes."""
@@ -18,7 +19,7 @@ MOST_RIDGES = 8
 """Policies that are shown as ridges; more become rows of a table of shades."""
 
 _BINS = 36
-_ENDS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1]), strict=True))
+_ENDS = dict(zip(TASK_END_REASONS, (COLORS[2], "#D52222", COLORS[1]), strict=True))
 _SOLID, _FLOOR = "#545D6A", "#FCFCFA"  # as in pictures of worlds
 _SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
 
@@ -36,7 +37,7 @@ def finish(axes: Any, title: str, xlabel: str = "", ylabel: str = "") -> None:
     axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
 
 
-def draw_returns(axes: Any, table: EpisodeTable, recipe: Recipe) -> None:
+def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
     """Distribution of the team return, a ridge for each policy with a mark at its mean."""
     labels = [source.label for source in recipe.policies]
     groups = [table.team_return[table.policy == k] for k in range(len(labels))]
@@ -105,7 +106,7 @@ def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
     """How long episodes were, stacked by the reason of their end."""
     edges = np.linspace(0.0, spec.horizon, 33)
     bottom = np.zeros(32)
-    for code, reason in enumerate(END_REASONS):
+    for code, reason in enumerate(TASK_END_REASONS):
         lengths = table.lengths[table.end_reason == code]
         if not len(lengths):
             continue

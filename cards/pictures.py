@@ -12,6 +12,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
 from swarmdata.figures import GRAY, figure
+from swarmdata.origins import task_of
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""
@@ -44,7 +45,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
-    table, recipe, spec = dataset.episodes, dataset.recipe, dataset.recipe.spec
+    table, recipe, spec = dataset.episodes, dataset.recipe, task_of(dataset.recipe, "the picture")
     places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_ACTIONS)
     path.parent.mkdir(parents=True, exist_ok=True)

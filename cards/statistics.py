@@ -11,7 +11,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.metrics import wilson_interval
 from swarmdata.spec import PolicySource
 from swarmdata.store import EpisodeTable
-from swarmdata.types import END_REASONS, Bool, Double
+from swarmdata.types import TASK_END_REASONS, Bool, Double
 
 BINS, BAR = 12, 40
 """Rows of the return histogram, and characters of its longest bar."""
@@ -89,7 +89,7 @@ def statistics_section(facts: Facts, picture: str | None) -> str:
         ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
         ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
     ]
-    for code, reason in enumerate(END_REASONS):
+    for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
     if picture is None:
         shown = (

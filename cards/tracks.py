@@ -10,7 +10,8 @@ from swarmdata.envs.render.canvas import WALL_SHOWN
 from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
 from swarmdata.envs.render.scene import n_bodies
 from swarmdata.figures import GRAY
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.origins import Origin, task_of
+from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, X, Y, robots_of
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode
@@ -43,12 +44,12 @@ def choose_episodes(table: EpisodeTable, n: int = N_TRACKS) -> list[int | None]:
     return chosen + [None] * (n - len(chosen))
 
 
-def draw_track(axes: Any, episode: Episode | None, recipe: Recipe) -> None:
+def draw_track(axes: Any, episode: Episode | None, recipe: Origin) -> None:
     """Draws the last state of an episode with whole paths; rings show where robots started."""
     if episode is None:
         note(axes, "no further episode")
         return
-    spec, last = recipe.spec, len(episode)
+    spec, last = task_of(recipe, "a picture"), len(episode)
     image = draw(
         spec, episode.layout, episode.states[last], events=episode.events[last - 1], size=_SIZE
     )

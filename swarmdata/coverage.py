@@ -22,6 +22,7 @@ from swarmdata.information import (
     mutual_information,
 )
 from swarmdata.occupancy import Occupancy, occupancy
+from swarmdata.origins import task_of
 from swarmdata.seeding import derive, uniform
 from swarmdata.spec import TaskSpec
 from swarmdata.states import VX, VY, X, Y, robots_of
@@ -111,7 +112,7 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
     chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
     if not len(chosen):
         raise SchemaError("no episodes are selected, expected at least one to measure coverage of.")
-    spec, table = stored.recipe.spec, stored.table
+    spec, table = task_of(stored.recipe, "coverage"), stored.table
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
     commands = stored.arrays["actions"][steps][..., :_DRIVING]
@@ -209,7 +210,9 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
     n_states = int(table.lengths[selection].sum()) + len(selection)
     taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))
     states = np.concatenate([_states(stored, episode) for episode in taken.tolist()])
-    return occupancy(states, table.layouts[selection], stored.recipe.spec), len(states)
+    return occupancy(states, table.layouts[selection], task_of(stored.recipe, "coverage")), len(
+        states
+    )
 
 
 def _states(stored: StoredDataset, episode: int) -> Float:

@@ -13,14 +13,23 @@ from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.metrics import Reference, normalized_score
 from swarmdata.models import Source, describe, with_models
+from swarmdata.origins import Origin, RecordedSpec, task_of
 from swarmdata.registry import make_env
 from swarmdata.sampling import Rows, Sampler, gather_transitions
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.spec import TaskSpec
 from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD
 from swarmdata.store.reading import Verify
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Double, Episode, Int
+from swarmdata.types import (
+    OPTIONAL_STATE_FIELDS,
+    OPTIONAL_STEP_FIELDS,
+    STATE_FIELDS,
+    STEP_FIELDS,
+    Double,
+    Episode,
+    Int,
+)
 
 if TYPE_CHECKING:
     from swarmdata.reobserve import View
@@ -98,14 +107,23 @@ class Dataset:
         return self.stored.manifest.digest
 
     @property
-    def recipe(self) -> Recipe:
-        """Everything needed to make the dataset again."""
+    def recipe(self) -> Origin:
+        """Where the dataset comes from: a recipe makes it again."""
         return self.stored.recipe
 
     @property
-    def spec(self) -> TaskSpec:
-        """The task that was recorded; of a re-observation, with its models."""
+    def spec(self) -> TaskSpec | RecordedSpec:
+        """What was recorded; of a re-observation, the task with its models."""
         return self.recipe.spec if self.seen is None else self.seen.spec
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task that was recorded, one of this library.
+
+        Raises:
+            SpecError: the dataset was recorded in another environment.
+        """
+        return task_of(self.recipe, "this") if self.seen is None else self.seen.spec
 
     @property
     def view(self) -> str | None:
@@ -169,7 +187,8 @@ class Dataset:
         part = "" if len(self) == whole else f" of {whole:,}"
         seen = ""
         if self.seen is not None:
-            seen = f" seen with {describe(self.spec)}; acted on {describe(self.recipe.spec)};"
+            acted = describe(self.seen.recorded_task)
+            seen = f" seen with {describe(self.seen.spec)}; acted on {acted};"
         return (
             f"<Dataset {self.id}:{seen} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
@@ -191,6 +210,8 @@ class Dataset:
         return Episode(
             **{name: arrays[name][states] for name in STATE_FIELDS},
             **{name: arrays[name][steps] for name in STEP_FIELDS},
+            **{name: arrays[name][states] for name in OPTIONAL_STATE_FIELDS if name in arrays},
+            **{name: arrays[name][steps] for name in OPTIONAL_STEP_FIELDS if name in arrays},
             layout=arrays["episodes/layouts"][stored],
             seed=int(table.seeds[stored]),
             policy=int(table.policy[stored]),
@@ -265,7 +286,9 @@ class Dataset:
             UnknownNameError: no such model.
             SpecError: a malformed model, or learned messages that were not recorded.
         """
-        spec = with_models(self.spec, observation, communication)
+        if observation is None and communication is None:
+            return self
+        spec = with_models(self.task, observation, communication)
         if spec == self.spec:
             return self
         recorded = self.stored if self.seen is None else self.seen.recorded
@@ -343,12 +366,12 @@ class Dataset:
             SchemaError: several copies of a PettingZoo environment.
         """
         if api == "vector":
-            return make_env(self.spec, n_copies)
+            return make_env(self.task, n_copies)
         if api != "pettingzoo":
             raise UnknownNameError("api", api, ("vector", "pettingzoo"))
         if n_copies != 1:
             raise SchemaError(f"a PettingZoo environment has 1 copy, got n_copies={n_copies}")
-        return import_module("swarmdata.envs.parallel").ParallelWorld(self.spec)
+        return import_module("swarmdata.envs.parallel").ParallelWorld(self.task)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.

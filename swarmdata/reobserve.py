@@ -17,6 +17,7 @@ from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.models import describe, models_json
 from swarmdata.observing import Observer
+from swarmdata.origins import task_of
 from swarmdata.registry import make_task
 from swarmdata.senses import Broadcast
 from swarmdata.spec import TaskSpec
@@ -57,6 +58,11 @@ class View:
     arrays: Mapping[str, NDArray[Any]]
 
     @property
+    def recorded_task(self) -> TaskSpec:
+        """The task as it was recorded."""
+        return task_of(self.recorded.recipe, "a view")
+
+    @property
     def identity(self) -> str:
         """Canonical JSON of the two models; with the dataset's digest it says what was seen."""
         return models_json(self.spec)
@@ -67,7 +73,7 @@ class View:
         return (
             f"> **This is a view.** It shows {describe(self.spec)}, computed from the recorded "
             "states. The actions came from policies that saw something else: "
-            f"{describe(self.recorded.recipe.spec)}. What follows describes the recorded dataset.\n"
+            f"{describe(self.recorded_task)}. What follows describes the recorded dataset.\n"
         )
 
     @cached_property
@@ -98,7 +104,8 @@ def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True)
     Raises:
         SpecError: the view asks for learned messages that the recorded actions do not hold.
     """
-    actions = actions_for(spec, recorded.recipe.spec, recorded.arrays["actions"])
+    task = task_of(recorded.recipe, "re-observation")
+    actions = actions_for(spec, task, recorded.arrays["actions"])
     table, arrays = recorded.table, recorded.arrays
     tracks = Tracks(
         arrays["states"], actions, table.starts, table.lengths, table.seeds, table.layouts

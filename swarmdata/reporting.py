@@ -159,8 +159,8 @@ def draw_target(
         dataset = load_dataset(name)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
-        spec = with_models(dataset.spec, observation, communication)
-        episode = seen_again(dataset[index], dataset.spec, spec)
+        spec = with_models(dataset.task, observation, communication)
+        episode = seen_again(dataset[index], dataset.task, spec)
     else:
         target = find_target(name, task, observation, communication)
         spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]

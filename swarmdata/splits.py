@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.spec import Recipe
+from swarmdata.origins import Origin
 from swarmdata.store import SPLITS, EpisodeTable
 from swarmdata.types import Bool
 
@@ -20,7 +20,7 @@ def split_mask(table: EpisodeTable, split: str) -> Bool:
     return mask
 
 
-def policy_mask(table: EpisodeTable, recipe: Recipe, label: str) -> Bool:
+def policy_mask(table: EpisodeTable, recipe: Origin, label: str) -> Bool:
     """Returns which episodes were made by the recipe's policy `label`, [n].
 
     Raises:

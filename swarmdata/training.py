@@ -63,7 +63,7 @@ def train_offline(
     dataset = load(
         dataset_id, observation=observation, communication=communication, progress=progress
     ).split("train")
-    spec = dataset.spec
+    spec = dataset.task
     return train(
         algorithm,
         dataset,

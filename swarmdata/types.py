@@ -2,7 +2,8 @@
 
 Axis letters, always in this order: E copies of a task or B batch, T time, N agents, then features:
 O observation, S state, A action, P values of a message. M obstacles of a layout. Without a channel
-P is 0, and so is the sender axis of `delivered` and `ages`.
+P is 0, and so is the sender axis of `delivered` and `ages`. What a recording of another environment
+does not have is empty: its `events` [T, N, 0], `log_probs` [T, 0], layouts [0, 8], states [T+1, 0].
 """
 
 from collections.abc import Mapping
@@ -30,8 +31,12 @@ EVENTS = ("robot_contact", "obstacle_contact", "robot_onsets", "obstacle_onsets"
 NEVER = 255
 """In `ages`: nothing was ever received. Older messages than 254 steps count as 254."""
 
-END_REASONS = ("success", "failure", "horizon")
-"""Why an episode ended, by code: two terminations, then the truncation."""
+TASK_END_REASONS = ("success", "failure", "horizon")
+"""Why an episode of our tasks ended, by code: two terminations, then the truncation."""
+
+END_REASONS = (*TASK_END_REASONS, "ended")
+"""The same of any episode. `ended` is a termination of a recorded environment that does not say
+whether its task was solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +82,12 @@ STATE_FIELDS = ("observations", "states", "sent", "delivered", "ages")
 STEP_FIELDS = ("actions", "log_probs", "rewards", "terminations", "truncations", "events")
 """Fields of an episode with a row for each joint action, T."""
 
+OPTIONAL_STATE_FIELDS = ("alive", "action_masks")
+"""The same, of recordings in which agents leave or choices are forbidden."""
+
+OPTIONAL_STEP_FIELDS = ("agent_terminations", "agent_truncations")
+"""The same, of recordings in which agents leave."""
+
 
 def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
     """Returns a step that shares no memory with `step`, of all copies or those selected."""
@@ -119,18 +130,28 @@ class Episode:
     seed: int
     policy: int  # index into the recipe's policies
     end_reason: int  # index into END_REASONS
+    alive: Bool | None = None  # [T+1, N] who acts next, where agents can leave the episode
+    action_masks: Bool | None = None  # [T+1, N, C] which choices are allowed, where some are not
+    agent_terminations: Bool | None = None  # [T, N] where agents can leave the episode
+    agent_truncations: Bool | None = None  # [T, N] the same
 
     def __post_init__(self) -> None:
         """Checks that all time axes agree."""
         steps = len(self)
-        for name in (*STATE_FIELDS, *STEP_FIELDS):
+        for name in (*STATE_FIELDS, *STEP_FIELDS, *self.optional):
             rows = len(getattr(self, name))
-            expected = steps + (name in STATE_FIELDS)
+            expected = steps + (name in STATE_FIELDS or name in OPTIONAL_STATE_FIELDS)
             if rows != expected:
                 raise SchemaError(
                     f"episode field {name!r} has {rows} rows, expected {expected} "
                     f"(actions has {steps}). Pass the state reached by the last action as well."
                 )
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """The optional fields that it has."""
+        names = (*OPTIONAL_STATE_FIELDS, *OPTIONAL_STEP_FIELDS)
+        return tuple(name for name in names if getattr(self, name) is not None)
 
     def __len__(self) -> int:
         """Number of joint steps, T."""

@@ -78,7 +78,7 @@ def test_load_through_other_models(cache_folder: Path) -> None:
     )
     recorded = load("coop_nav-tiny")
 
-    assert seen.spec.observation.kind == "lidar"
+    assert seen.task.observation.kind == "lidar"
     assert (seen.digest, seen.source) == (recorded.digest, "rebuilt")
     assert (seen.view is None, recorded.view is None) == (False, True)
     assert load("coop_nav-tiny", observation="state", communication="none").view is None

@@ -187,7 +187,7 @@ def test_a_view_says_what_it_is(dataset: Dataset, view: Dataset) -> None:
     (dataset.path / "card.md").write_text("# the card", encoding="utf-8")
     assert view.digest == dataset.digest
     assert view.id == dataset.id
-    assert view.spec.observation.kind == "lidar"
+    assert view.task.observation.kind == "lidar"
     assert view.recipe == dataset.recipe
     assert dataset.view is None
     assert view.view is not None
@@ -263,7 +263,7 @@ def test_lost_messages_are_those_that_a_clear_channel_delivers() -> None:
 
 
 def test_one_episode_seen_again_is_that_of_the_view(dataset: Dataset, view: Dataset) -> None:
-    got = seen_again(dataset[2], dataset.spec, view.spec)
+    got = seen_again(dataset[2], dataset.task, view.task)
     for name in OBSERVED:
         np.testing.assert_array_equal(getattr(got, name), getattr(view[2], name))
     assert got.states is dataset[2].states or np.shares_memory(got.states, dataset[2].states)

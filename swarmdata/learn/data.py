@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from swarmdata.learn.statistics import Episodes
+from swarmdata.origins import RecordedSpec
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Batch, Int
 
@@ -27,6 +28,6 @@ class Data(Episodes, Protocol):
     @property
     def view(self) -> str | None: ...  # models of a re-observation as JSON
     @property
-    def spec(self) -> TaskSpec: ...
+    def spec(self) -> TaskSpec | RecordedSpec: ...
     def __len__(self) -> int: ...  # episodes
     def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...

@@ -26,8 +26,8 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
+from swarmdata.origins import AnySpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
-from swarmdata.spec import TaskSpec
 
 CONFIG, LOSSES, CURVE, CHECKPOINT = (
     "config.json",
@@ -49,7 +49,7 @@ class Run(Frozen):
     digest: str  # of the dataset
     view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
     n_episodes: Count  # of the view that was trained on
-    spec: TaskSpec
+    spec: AnySpec
     spec_hash: str
     n_agents: Count
     observation_size: Count

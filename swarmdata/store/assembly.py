@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
+from swarmdata.origins import Edit, Origin
 from swarmdata.spec import Recipe
 from swarmdata.store.atomic import new_folder
 from swarmdata.store.layout import (
+    ALL_FIELDS,
     FIELDS,
     FORMAT_VERSION,
     MANIFEST,
@@ -26,17 +28,24 @@ from swarmdata.store.layout import (
 )
 from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
 from swarmdata.store.order import split_codes
-from swarmdata.store.parts import episode_slices, read_part_layouts, read_part_table
+from swarmdata.store.parts import (
+    episode_slices,
+    optional_fields,
+    read_part_layouts,
+    read_part_table,
+)
 from swarmdata.store.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.statistics import Moments
 from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
-from swarmdata.types import END_REASONS, EVENTS, Bool
+from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Bool, Counts
 
 Parts = Mapping[int, Sequence[Path]]
 Order = Sequence[tuple[int, int]]
 
 
-def assemble(out: Path, *, recipe: Recipe, parts: Parts, order: Order) -> Manifest:
+def assemble(
+    out: Path, *, recipe: Origin, parts: Parts, order: Order, splits: Counts | None = None
+) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
     Memory stays bounded by one chunk of the widest array and one part. Where `out` already is a
@@ -48,6 +57,8 @@ def assemble(out: Path, *, recipe: Recipe, parts: Parts, order: Order) -> Manife
         parts: consecutive parts of each policy's stream, by policy index.
         order: the episodes as (policy index, index in that policy's stream), each stream in
             increasing order; see `merge_order`.
+        splits: index into `SPLITS` of each episode; None for those of the recipe's rule. An edit
+            has no rule.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -57,9 +68,10 @@ def assemble(out: Path, *, recipe: Recipe, parts: Parts, order: Order) -> Manife
     """
     if out.exists():
         return _existing(out, recipe)
-    table = _episode_table(recipe, parts, order)
+    table = _episode_table(recipe, parts, order, splits)
     source = _Source(parts, order, table)
-    shards = {name: plan_shard(FIELDS[name].dtype, source.shape(name)) for name in sorted(FIELDS)}
+    names = sorted([*FIELDS, *_optional(parts)])
+    shards = {name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name)) for name in names}
     with new_folder(out) as temporary:
         create_metadata(temporary, shards, _attributes(recipe))
         manifest = _write(temporary, recipe, source, shards)
@@ -73,7 +85,15 @@ def assemble(out: Path, *, recipe: Recipe, parts: Parts, order: Order) -> Manife
     return published
 
 
-def _existing(out: Path, recipe: Recipe) -> Manifest:
+def _optional(parts: Parts) -> tuple[str, ...]:
+    """The optional arrays, which all parts have or none."""
+    kinds = {optional_fields(folder) for folders in parts.values() for folder in folders}
+    if len(kinds) != 1:
+        raise SchemaError(f"the parts have different arrays: {sorted(kinds)}, expected the same")
+    return kinds.pop()
+
+
+def _existing(out: Path, recipe: Origin) -> Manifest:
     try:
         manifest = read_manifest(out)
     except DatasetError as error:
@@ -96,15 +116,15 @@ class _Source:
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of the finished array."""
-        if FIELDS[name].rows == "episodes":
+        if ALL_FIELDS[name].rows == "episodes":
             return table_columns(self.table)[name].shape
         first = next(self.blocks(name))
-        extra = len(self.table) if FIELDS[name].rows == "states" else 0
+        extra = len(self.table) if ALL_FIELDS[name].rows == "states" else 0
         return (int(self.table.lengths.sum()) + extra, *first.shape[1:])
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of the array; one block per episode for arrays over time."""
-        if FIELDS[name].rows == "episodes":
+        if ALL_FIELDS[name].rows == "episodes":
             yield table_columns(self.table)[name]
             return
         streams = {p: enumerate(episode_slices(paths, name)) for p, paths in self.parts.items()}
@@ -112,7 +132,9 @@ class _Source:
             yield next(block for index, block in streams[policy] if index == episode)
 
 
-def _episode_table(recipe: Recipe, parts: Parts, order: Order) -> EpisodeTable:
+def _episode_table(
+    recipe: Origin, parts: Parts, order: Order, splits: Counts | None
+) -> EpisodeTable:
     rows, layouts = _ordered_rows(parts, order)
     lengths = rows["length"].astype(np.int64)
     policy, policy_episode = np.array(order, dtype=np.int64).T
@@ -127,7 +149,7 @@ def _episode_table(recipe: Recipe, parts: Parts, order: Order) -> EpisodeTable:
         lengths=lengths,
         seeds=rows["seed"].astype(np.uint64),
         layouts=layouts,
-        split=split_codes(recipe, order),
+        split=_splits(recipe, order, splits),
         end_reason=rows["end_reason"].copy(),
         policy=policy.astype(np.uint8),
         policy_episode=policy_episode,
@@ -136,6 +158,16 @@ def _episode_table(recipe: Recipe, parts: Parts, order: Order) -> EpisodeTable:
         robot_collisions=rows["robot_collisions"].astype(np.int64),
         obstacle_collisions=rows["obstacle_collisions"].astype(np.int64),
     )
+
+
+def _splits(recipe: Origin, order: Order, splits: Counts | None) -> Counts:
+    if splits is None and not isinstance(recipe, Edit):
+        return split_codes(recipe, order)
+    if splits is None or len(splits) != len(order) or (splits >= len(SPLITS)).any():
+        raise SchemaError(
+            f"splits of {recipe.id} are {splits}, expected {len(order)} codes below {len(SPLITS)}"
+        )
+    return splits
 
 
 def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray[np.float32]]:
@@ -157,7 +189,7 @@ def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray
     return rows, np.stack([layouts[p][e] for p, e in order])
 
 
-def _write(folder: Path, recipe: Recipe, source: _Source, shards: dict[str, Shard]) -> Manifest:
+def _write(folder: Path, recipe: Origin, source: _Source, shards: dict[str, Shard]) -> Manifest:
     """Writes all arrays and the recipe, and returns the manifest that lists them."""
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")
@@ -212,12 +244,12 @@ def _file_entry(path: Path) -> FileEntry:
     return FileEntry(size=path.stat().st_size, sha256=file_digest(path))
 
 
-def _attributes(recipe: Recipe) -> dict[str, Any]:
+def _attributes(recipe: Origin) -> dict[str, Any]:
     """What somebody who has only Zarr needs to read the codes."""
     return {
         "id": recipe.id,
         "splits": list(SPLITS),
-        "end_reasons": list(END_REASONS),
+        "end_reasons": list(TASK_END_REASONS if isinstance(recipe, Recipe) else END_REASONS),
         "events": list(EVENTS),
         "policies": [policy.label for policy in recipe.policies],
         "time_arrays": list(TIME_FIELDS),

@@ -69,10 +69,20 @@ FIELDS = {
     "episodes/robot_collisions": _column("int64"),
     "episodes/obstacle_collisions": _column("int64"),
 }
-"""Arrays of `data.zarr` by name."""
+"""Arrays of every `data.zarr` by name."""
+
+OPTIONAL_FIELDS = {
+    "alive": Field("bool", "states", ("state", "agent")),
+    "action_masks": Field("bool", "states", ("state", "agent", "choice")),
+    "agent_terminations": Field("bool", "steps", ("step", "agent")),
+    "agent_truncations": Field("bool", "steps", ("step", "agent")),
+}
+"""Arrays that recordings have where agents leave an episode, or choices are forbidden."""
+
+ALL_FIELDS = FIELDS | OPTIONAL_FIELDS
 
 TIME_FIELDS = tuple(name for name, field in FIELDS.items() if field.rows != "episodes")
-"""The arrays that have rows over time."""
+"""The arrays of every dataset that have rows over time."""
 
 
 def array_file(name: str, n_dimensions: int) -> str:

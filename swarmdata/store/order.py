@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.origins import Recording
 from swarmdata.seeding import STREAMS, derive
 from swarmdata.spec import Recipe
 from swarmdata.store.table import SPLITS
@@ -73,7 +74,7 @@ def _weights(recipe: Recipe) -> list[int]:
     return [int(share * common) for share in shares]
 
 
-def split_codes(recipe: Recipe, order: Sequence[tuple[int, int]]) -> Counts:
+def split_codes(recipe: Recipe | Recording, order: Sequence[tuple[int, int]]) -> Counts:
     """Returns the split of each episode, as index into `SPLITS`, [len(order)].
 
     In each block of `recipe.splits.block` consecutive episodes of one policy's stream, random
@@ -94,7 +95,7 @@ def split_codes(recipe: Recipe, order: Sequence[tuple[int, int]]) -> Counts:
     return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)
 
 
-def _block_codes(recipe: Recipe, policy: int, block: int) -> Counts:
+def _block_codes(recipe: Recipe | Recording, policy: int, block: int) -> Counts:
     """Splits of one block: the held-out positions are the head of a Fisher-Yates shuffle."""
     rule = recipe.splits
     held_out = rule.validation + rule.test

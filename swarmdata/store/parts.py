@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, MissingFileError, SchemaError, TruncatedFileError
 from swarmdata.store.atomic import new_folder
-from swarmdata.store.layout import FIELDS, TIME_FIELDS
+from swarmdata.store.layout import ALL_FIELDS, OPTIONAL_FIELDS, TIME_FIELDS
 from swarmdata.store.table import PART_COLUMNS, PartTable, measure
 from swarmdata.types import Episode
 
@@ -36,13 +36,17 @@ def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
     if len(policies) > 1:
         raise SchemaError(f"part {folder} mixes policies {sorted(policies)}, expected one")
     table = np.array([measure(episode) for episode in episodes], dtype=PART_COLUMNS)
-    arrays = {name: [getattr(e, name) for e in episodes] for name in TIME_FIELDS}
+    optional = {episode.optional for episode in episodes}
+    if len(optional) > 1:
+        raise SchemaError(f"part {folder} has episodes with {sorted(optional)}, expected one kind")
+    names = (*TIME_FIELDS, *episodes[0].optional)
+    arrays = {name: [getattr(e, name) for e in episodes] for name in names}
     layouts = [episode.layout[None] for episode in episodes]
     with new_folder(folder) as temporary:
         np.save(temporary / _TABLE, table, allow_pickle=False)
         np.save(temporary / _LAYOUTS, _join("layout", layouts, "float32"), allow_pickle=False)
         for name, values in arrays.items():
-            joined = _join(name, values, FIELDS[name].dtype)
+            joined = _join(name, values, ALL_FIELDS[name].dtype)
             np.save(temporary / f"{name}.npy", joined, allow_pickle=False)
 
 
@@ -73,6 +77,11 @@ def read_part_table(folder: Path) -> PartTable:
     return PartTable(rows)
 
 
+def optional_fields(folder: Path) -> tuple[str, ...]:
+    """The optional arrays that a part has, sorted."""
+    return tuple(name for name in sorted(OPTIONAL_FIELDS) if (folder / f"{name}.npy").exists())
+
+
 def read_part_layouts(folder: Path) -> NDArray[np.float32]:
     """Reads the obstacles of each episode of a part, [n, M, 8]."""
     layouts: NDArray[np.float32] = _load(folder / _LAYOUTS)
@@ -81,7 +90,7 @@ def read_part_layouts(folder: Path) -> NDArray[np.float32]:
 
 def episode_slices(parts: Sequence[Path], field: str) -> Iterator[NDArray[Any]]:
     """Yields one field of each episode of consecutive parts, holding one part open at a time."""
-    extra = FIELDS[field].rows == "states"
+    extra = ALL_FIELDS[field].rows == "states"
     for folder in parts:
         ends = np.cumsum(read_part_table(folder).lengths + extra)
         values = _load(folder / f"{field}.npy", mapped=True)

@@ -16,8 +16,9 @@ from swarmdata.errors import (
     SpecError,
     TruncatedFileError,
 )
-from swarmdata.spec import Recipe
+from swarmdata.origins import Origin, parse_origin
 from swarmdata.store.layout import (
+    ALL_FIELDS,
     FIELDS,
     RECIPE,
     array_file,
@@ -39,7 +40,7 @@ class StoredDataset:
 
     path: Path
     manifest: Manifest
-    recipe: Recipe
+    recipe: Origin
     arrays: dict[str, NDArray[Any]]
     table: EpisodeTable
 
@@ -102,7 +103,9 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
         if len(entry.checksums) != entry.shard.n_chunks:
             problem = f"{len(entry.checksums)} checksums for {entry.shard.n_chunks} chunks"
             raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
-    for name, field in FIELDS.items():
+    for name, field in ALL_FIELDS.items():
+        if name not in manifest.arrays:
+            continue
         entry = manifest.arrays[name]
         got = (entry.dtype, len(entry.shape), entry.shape[0])
         expected = (field.dtype, len(field.dimensions), rows[field.rows])
@@ -181,11 +184,11 @@ def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uin
             raise ChecksumError(f"the shard index at the end of {file} was changed. {hint}")
 
 
-def _read_recipe(path: Path, manifest: Manifest) -> Recipe:
+def _read_recipe(path: Path, manifest: Manifest) -> Origin:
     file = path / RECIPE
     try:
-        # not Recipe.from_file: its YAML parser takes most of the time of opening
-        recipe = Recipe.parse(json.loads(file.read_bytes()), str(file))
+        # not from_file: its YAML parser takes most of the time of opening
+        recipe = parse_origin(json.loads(file.read_bytes()), str(file))
     except (SpecError, ValueError, RecursionError) as error:
         raise ManifestError(
             f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
@@ -196,7 +199,7 @@ def _read_recipe(path: Path, manifest: Manifest) -> Recipe:
 
 
 def _read_table(
-    path: Path, manifest: Manifest, recipe: Recipe, arrays: dict[str, NDArray[Any]]
+    path: Path, manifest: Manifest, recipe: Origin, arrays: dict[str, NDArray[Any]]
 ) -> EpisodeTable:
     """Copies the episode table into memory and checks that it covers the arrays exactly."""
     names = [name for name in FIELDS if name.startswith("episodes/")]

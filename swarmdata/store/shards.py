@@ -10,7 +10,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.layout import DATA, FIELDS, Shard, array_file
+from swarmdata.store.layout import ALL_FIELDS, DATA, Shard, array_file
 from swarmdata.store.manifest import ArrayEntry, logical_header
 
 
@@ -46,7 +46,7 @@ def create_metadata(folder: Path, shards: dict[str, Shard], attributes: dict[str
             filters=None,
             fill_value=0,
             chunk_key_encoding={"name": "default", "separator": "."},
-            dimension_names=FIELDS[name].dimensions,
+            dimension_names=ALL_FIELDS[name].dimensions,
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.spec import PolicySource, Recipe, Role, Splits, TaskSpec
 from swarmdata.store import Manifest, assemble, merge_order, write_part
-from swarmdata.types import END_REASONS, EVENTS, Counts, Episode
+from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Counts, Episode
 
 N, S, A, M = 2, 3, 2, 4
 N_FEATURES = 5
@@ -36,7 +36,7 @@ def make_episode(
     states = rng.standard_normal((length + 1, n_states), dtype=np.float32)
     states[:, 0] = seed
     states[:, 1] = np.arange(length + 1)
-    end_reason = int(rng.integers(len(END_REASONS)))
+    end_reason = int(rng.integers(len(TASK_END_REASONS)))
     ends = np.arange(length) == length - 1
     horizon = END_REASONS[end_reason] == "horizon"
     return Episode(

@@ -1,0 +1,94 @@
+"""Spaces: rows are as wide as they say, and values come back from them."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import SchemaError
+from swarmdata.spaces import (
+    BoxSpace,
+    DictSpace,
+    DiscreteSpace,
+    MultiBinarySpace,
+    MultiDiscreteSpace,
+    Space,
+    TupleSpace,
+    bounds,
+    flatten,
+    unflatten,
+    width,
+)
+
+leaves = st.one_of(
+    st.builds(
+        BoxSpace,
+        shape=st.lists(st.integers(0, 3), max_size=3).map(tuple),
+        dtype=st.sampled_from(["float32", "uint8", "int32"]),
+        low=st.just(0.0),
+        high=st.just(9.0),
+    ),
+    st.builds(DiscreteSpace, n=st.integers(1, 9), start=st.integers(-3, 3)),
+    st.builds(MultiDiscreteSpace, n=st.lists(st.integers(1, 9), min_size=1, max_size=4).map(tuple)),
+    st.builds(MultiBinarySpace, n=st.integers(1, 5)),
+)
+spaces = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.builds(DictSpace, spaces=st.dictionaries(st.text("abc", min_size=1), inner)),
+        st.builds(TupleSpace, spaces=st.lists(inner, max_size=3).map(tuple)),
+    ),
+    max_leaves=5,
+)
+
+
+def gymnasium_space(space: Space) -> Any:
+    match space:
+        case BoxSpace():
+            return gymnasium.spaces.Box(0, 9, space.shape, np.dtype(space.dtype).type)
+        case DiscreteSpace():
+            return gymnasium.spaces.Discrete(space.n, start=space.start)
+        case MultiDiscreteSpace():
+            return gymnasium.spaces.MultiDiscrete(space.n)
+        case MultiBinarySpace():
+            return gymnasium.spaces.MultiBinary(space.n)
+        case DictSpace():
+            return gymnasium.spaces.Dict({k: gymnasium_space(s) for k, s in space.spaces.items()})
+    return gymnasium.spaces.Tuple([gymnasium_space(s) for s in space.spaces])
+
+
+@given(spaces, st.integers(0, 99))
+def test_samples_of_the_peer_come_back_exactly(space: Space, seed: int) -> None:
+    peer = gymnasium_space(space)
+    peer.seed(seed)
+    value = peer.sample()
+    row = flatten(space, value, "value")
+    assert row.shape == (width(space),)
+    low, high = bounds(space)
+    assert ((low <= row) & (row <= high)).all()
+    again = unflatten(space, np.concatenate([row, np.zeros(2, np.float32)]))  # padded
+    np.testing.assert_array_equal(flatten(space, again, "value"), row)
+    assert again in peer
+
+
+def test_a_wrong_value_is_named() -> None:
+    space = DictSpace(spaces={"a": BoxSpace(shape=(2,), dtype="float32")})
+    with pytest.raises(SchemaError, match=r"of robot_0\['a'\] has shape \(3,\).* expected 2"):
+        flatten(space, {"a": np.zeros(3)}, "observation of robot_0")
+    with pytest.raises(SchemaError, match="has no entry 'a'"):
+        flatten(space, {"b": np.zeros(2)}, "observation")
+    with pytest.raises(SchemaError, match="is not finite"):
+        flatten(space, {"a": np.array([0.0, np.nan])}, "observation")
+    with pytest.raises(SchemaError, match="above 16777216"):
+        flatten(DiscreteSpace(n=1 << 30), 1 << 25, "action")
+    with pytest.raises(SchemaError, match="has 1 parts, expected 0"):
+        flatten(TupleSpace(spaces=()), (1,), "observation")
+
+
+def test_one_bound_stands_for_all_and_none_is_infinite() -> None:
+    low, high = bounds(BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=(None, 3.0)))
+    np.testing.assert_array_equal(low, [-1, -1])
+    np.testing.assert_array_equal(high, [np.inf, 3])
