@@ -73,7 +73,7 @@ def test_a_recording_is_stored_with_what_it_has(tmp_path: Path) -> None:
             np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
     attributes = json.loads((tmp_path / "ds/data.zarr/zarr.json").read_text())["attributes"]
     assert attributes["end_reasons"] == list(END_REASONS)
-    with pytest.raises(SpecError, match="recorded in tag_v3.* needs a task of swarmdata"):
+    with pytest.raises(SpecError, match=r"recorded in tag_v3.* needs a task of swarmdata"):
         _ = dataset.task
 
 
