@@ -4,7 +4,7 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER
-from swarmdata.origins import Edit, Origin, Recording
+from swarmdata.origins import Edit, Origin, RecordedSpec, Recording
 from swarmdata.spec import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
@@ -24,7 +24,7 @@ def license_of(origin: Origin) -> str:
     """For the Hub's front matter; `unknown` where a recording does not say."""
     if isinstance(origin, Recording):
         return origin.metadata.get("license", "unknown")
-    if isinstance(origin, Edit) and origin.spec.kind == "recorded":
+    if isinstance(origin, Edit) and isinstance(origin.spec, RecordedSpec):
         return "unknown"
     return OURS
 

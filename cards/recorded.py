@@ -17,6 +17,7 @@ from swarmdata.cards.statistics import histogram, percent
 from swarmdata.errors import SpecError
 from swarmdata.origins import Origin, RecordedSpec
 from swarmdata.spaces import (
+    Bound,
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -30,8 +31,8 @@ from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import END_REASONS
 
 LIMITS = (
-    "What the environment does is known here by its name and version only: rewards and observations "
-    "cannot be recomputed, and observations cannot be seen with other sensors.",
+    "What the environment does is known here by its name and version only: rewards and "
+    "observations cannot be recomputed, and nothing can be seen with other sensors.",
     "Whether a policy was the one it is said to be, nobody checked.",
     "There is no normalized score: no reference policies were measured.",
 )
@@ -132,7 +133,7 @@ def describe(space: Space) -> str:
             return "; ".join(describe(part) for part in space.spaces)
 
 
-def _bound(bound: float | None | tuple[float | None, ...], infinite: str) -> str:
+def _bound(bound: Bound, infinite: str) -> str:
     each = bound if isinstance(bound, tuple) else (bound,)
     texts = [infinite if value is None else f"{value:g}" for value in each]
     if len(texts) == 1:
@@ -215,7 +216,7 @@ def _checked(table: EpisodeTable, spec: RecordedSpec) -> tuple[Sequence[str], Se
     """What holds, and what does not, in words."""
     unique = len(np.unique(table.seeds)) == len(table)
     holds = ["Every return is finite."]
-    broken = []
+    broken: list[str] = []
     (holds if unique else broken).append(
         "No seed of a reset occurs twice." if unique else "Some seeds of resets occur twice."
     )

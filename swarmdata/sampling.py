@@ -223,9 +223,21 @@ class Sampler:
             batch = gather_windows(self._arrays, self.rows, index, self.horizon)
         if self._scale is None:
             return batch
-        inside = batch.mask[..., None, None]  # padding stays 0, whatever the bounds
-        actions = np.where(inside, batch.actions, self._scale.middle)
+        acting = self._acting(index, batch.mask)[..., None]
+        actions = np.where(acting, batch.actions, self._scale.middle)  # else 0 in [-1, 1]
         return replace(batch, actions=self._scale.to_unit(actions))
+
+    def _acting(self, index: Int, mask: Bool) -> Bool:
+        """Who takes the actions of a batch that starts at `index`, bool [..., N] or [..., 1]."""
+        if "alive" not in self._arrays:
+            return mask[..., None]
+        steps = index
+        if self.horizon is not None:
+            end = self.rows.ends.take(self.rows.episode.take(index))[..., None]
+            steps = np.minimum(index[..., None] + np.arange(self.horizon), end - 1)
+        here = steps + self.rows.episode.take(steps)
+        acting: Bool = self._arrays["alive"].take(here, axis=0) & mask[..., None]
+        return acting
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""

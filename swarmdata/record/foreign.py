@@ -1,5 +1,6 @@
 """A foreign environment as frozen data: its gymnasium spaces, its name, its library."""
 
+import math
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import SpecError
 from swarmdata.origins import RecordedAgent
 from swarmdata.spaces import (
+    Bound,
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -23,7 +25,7 @@ from swarmdata.spaces import (
 )
 
 MASK = "action_mask"
-"""Key of a mask in an agent's info or observation (PettingZoo's documentation, "Action Masking")."""
+"""Key of a mask in an agent's info or observation (PettingZoo, "Action Masking")."""
 
 
 def space_of(space: Any, where: str) -> Space:
@@ -47,7 +49,7 @@ def space_of(space: Any, where: str) -> Space:
                 raise SpecError(f"{where} is {space}: a MultiDiscrete must start at 0 to be stored")
             return MultiDiscreteSpace(n=tuple(int(n) for n in np.ravel(space.nvec)))
         case gymnasium.spaces.MultiBinary():
-            return MultiBinarySpace(n=int(np.prod(space.shape)))
+            return MultiBinarySpace(n=math.prod(space.shape or ()))
         case gymnasium.spaces.Dict():
             parts = {str(k): space_of(s, f"{where}[{k!r}]") for k, s in space.spaces.items()}
             return DictSpace(spaces=parts)
@@ -61,7 +63,7 @@ def space_of(space: Any, where: str) -> Space:
     )
 
 
-def _bound(values: NDArray[Any]) -> float | None | tuple[float | None, ...]:
+def _bound(values: NDArray[Any]) -> Bound:
     """One number where all are equal; None is infinite."""
     each = [float(v) if np.isfinite(v) else None for v in np.ravel(values).tolist()]
     return each[0] if len(set(each)) == 1 else tuple(each)
@@ -126,6 +128,6 @@ def _distributions() -> Mapping[str, list[str]]:
 
 def horizon_of(env: Any) -> int | None:
     """Most steps of an episode, where the environment has the usual attribute for it."""
-    value = getattr(getattr(env, "unwrapped", env), "max_cycles", None)
+    value: Any = getattr(getattr(env, "unwrapped", env), "max_cycles", None)
     is_count = isinstance(value, int | np.integer) and not isinstance(value, bool) and value > 0
     return int(value) if is_count else None

@@ -97,9 +97,7 @@ class Reader:
         """Whether any agent was told which actions are allowed."""
         return any(_mask_of(name, observations, infos) is not None for name in self.names)
 
-    def masks(
-        self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool
-    ) -> Bool:
+    def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:
         """Allowed choices, [N, C]: of an agent without a mask all of its own, of the dead none.
 
         A multi-discrete action has the choices of its parts one after the other.

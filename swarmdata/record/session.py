@@ -1,7 +1,7 @@
 """The folder of a running recording: finished parts that survive any crash, and their assembly.
 
-`<path>.recording/` holds `session.json`, which says what is recorded, and immutable parts. Killed at
-any time, it is whole: what was not yet in a part is lost and nothing else.
+`<path>.recording/` holds `session.json`, which says what is recorded, and immutable parts. Killed
+at any time, it is whole: what was not yet in a part is lost and nothing else.
 """
 
 import re
@@ -129,11 +129,7 @@ class RecordingFolder:
 
     def parts(self) -> dict[tuple[int, int], Path]:
         """Finished parts by (number, policy), in the order in which they were recorded."""
-        found = {}
-        for path in self.folder.glob("part-*"):
-            if match := _PART.fullmatch(path.name):
-                found[int(match[1]), int(match[2])] = path
-        return dict(sorted(found.items()))
+        return _parts(self.folder)
 
     @property
     def n_episodes(self) -> int:
@@ -185,7 +181,44 @@ def recover(path: Path | str) -> Dataset:
         DatasetNotFoundError: there is no unfinished recording.
         BuildError: a process is still recording, or no episode was finished.
     """
-    path = Path(path)
+    path = _unfinished(Path(path))
+    parts = RecordingFolder(path)
+    try:
+        return parts.finish()
+    finally:
+        parts.release()
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What an unfinished recording holds."""
+
+    session: Session
+    policies: tuple[tuple[str, int, int], ...]  # label, finished episodes, their joint steps
+
+
+def look(path: Path | str) -> Contents:
+    """Looks into an unfinished recording, which may be running.
+
+    Args:
+        path: of the dataset to be, or its `.recording` folder.
+
+    Raises:
+        DatasetNotFoundError: there is no unfinished recording.
+    """
+    folder = recording_folder(_unfinished(Path(path)))
+    session = Session.from_file(folder / SESSION)
+    counts = {source.label: [0, 0] for source in session.recording.policies}
+    labels = list(counts)
+    for (_, policy), part in _parts(folder).items():
+        table = read_part_table(part)
+        counts[labels[policy]][0] += len(table)
+        counts[labels[policy]][1] += table.n_steps
+    return Contents(session, tuple((label, n, steps) for label, (n, steps) in counts.items()))
+
+
+def _unfinished(path: Path) -> Path:
+    """The path of the dataset to be."""
     if path.suffix == ".recording":
         path = path.with_suffix("")
     folder = recording_folder(path)
@@ -194,11 +227,16 @@ def recover(path: Path | str) -> Dataset:
             f"there is no unfinished recording {folder}"
             + (f"; {path} is finished already." if path.exists() else ".")
         )
-    parts = RecordingFolder(path)
-    try:
-        return parts.finish()
-    finally:
-        parts.release()
+    return path
+
+
+def _parts(folder: Path) -> dict[tuple[int, int], Path]:
+    """Finished parts by (number, policy), in the order in which they were recorded."""
+    found = {}
+    for path in folder.glob("part-*"):
+        if match := _PART.fullmatch(path.name):
+            found[int(match[1]), int(match[2])] = path
+    return dict(sorted(found.items()))
 
 
 def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) -> Manifest:
