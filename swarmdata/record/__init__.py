@@ -8,6 +8,7 @@ from swarmdata.record.playing import evaluate_parallel, policy_actions, step_of
 from swarmdata.record.recorder import Recorder, UnfinishedEpisodeWarning
 from swarmdata.record.seeds import foreign_evaluation_seeds
 from swarmdata.record.session import Limits, recover
+from swarmdata.record.vmas import record_vmas
 
 __all__ = [
     "Limits",
@@ -16,6 +17,7 @@ __all__ = [
     "evaluate_parallel",
     "foreign_evaluation_seeds",
     "policy_actions",
+    "record_vmas",
     "recover",
     "step_of",
 ]

@@ -7,7 +7,6 @@ from functools import cache
 from importlib.metadata import packages_distributions, version
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,9 +26,11 @@ from swarmdata.spaces import (
 MASK = "action_mask"
 """Key of a mask in an agent's info or observation (PettingZoo, "Action Masking")."""
 
+_KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
+
 
 def space_of(space: Any, where: str) -> Space:
-    """Describes a gymnasium space.
+    """Describes a space of gymnasium, or of the older gym, which VMAS has; both by their names.
 
     Args:
         space: of an agent.
@@ -38,22 +39,23 @@ def space_of(space: Any, where: str) -> Space:
     Raises:
         SpecError: values of such a space cannot be stored as rows of numbers.
     """
-    match space:
-        case gymnasium.spaces.Box():
+    names = [kind.__name__ for kind in type(space).__mro__]
+    match next((name for name in names if name in _KINDS), None):
+        case "Box":
             low, high = _bound(space.low), _bound(space.high)
-            return BoxSpace(shape=space.shape, dtype=str(space.dtype), low=low, high=high)
-        case gymnasium.spaces.Discrete():
-            return DiscreteSpace(n=int(space.n), start=int(space.start))
-        case gymnasium.spaces.MultiDiscrete():
-            if np.any(space.start):
+            return BoxSpace(shape=tuple(space.shape), dtype=str(space.dtype), low=low, high=high)
+        case "Discrete":
+            return DiscreteSpace(n=int(space.n), start=int(getattr(space, "start", 0)))
+        case "MultiDiscrete":
+            if np.any(getattr(space, "start", 0)):
                 raise SpecError(f"{where} is {space}: a MultiDiscrete must start at 0 to be stored")
             return MultiDiscreteSpace(n=tuple(int(n) for n in np.ravel(space.nvec)))
-        case gymnasium.spaces.MultiBinary():
+        case "MultiBinary":
             return MultiBinarySpace(n=math.prod(space.shape or ()))
-        case gymnasium.spaces.Dict():
+        case "Dict":
             parts = {str(k): space_of(s, f"{where}[{k!r}]") for k, s in space.spaces.items()}
             return DictSpace(spaces=parts)
-        case gymnasium.spaces.Tuple():
+        case "Tuple":
             inner = enumerate(space.spaces)
             return TupleSpace(spaces=tuple(space_of(s, f"{where}[{k}]") for k, s in inner))
     raise SpecError(
@@ -117,8 +119,13 @@ def library_of(env: Any) -> tuple[str, str]:
     module = type(getattr(env, "unwrapped", env)).__module__.partition(".")[0]
     if module in ("", "__main__", "builtins"):
         return "", ""
+    return module, library_version(module)
+
+
+def library_version(module: str) -> str:
+    """Version of the installed distribution that has a module, empty where there is none."""
     distributions = _distributions().get(module, [])
-    return module, version(distributions[0]) if distributions else ""
+    return version(distributions[0]) if distributions else ""
 
 
 @cache

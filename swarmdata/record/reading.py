@@ -163,7 +163,7 @@ def _joined_mask(given: Any) -> Bool:
     return np.concatenate([np.ravel(np.asarray(part)).astype(np.bool_) for part in parts])
 
 
-def _padded(rows: list[Float]) -> Float:
+def _padded(rows: Sequence[Float]) -> Float:
     result = np.zeros((len(rows), max(map(len, rows))), dtype=np.float32)
     for index, row in enumerate(rows):
         result[index, : len(row)] = row
