@@ -83,7 +83,14 @@ class Rows:
         """The state, [S], of observations without padding in one."""
         if self.source == "observations":
             return plain
-        state = np.asarray(self.env.state())
+        try:
+            state = np.asarray(self.env.state())
+        except Exception as error:  # of the environment, which may raise anything
+            raise SchemaError(
+                f"state() of {self.env} failed after it had worked before: {error!r}. Some "
+                "environments have no state of their end; record all observations in its place "
+                "with state='observations'."
+            ) from error
         if state.dtype.kind not in "biuf" or not np.isfinite(state).all():
             raise SchemaError(f"state() gave {state!r}, expected finite numbers")
         row: Float = state.reshape(-1).astype(np.float32)

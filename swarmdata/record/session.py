@@ -26,6 +26,7 @@ from swarmdata.store import (
     SPLITS,
     Manifest,
     assemble,
+    read_manifest,
     read_part_table,
     remove_leftovers,
     split_codes,
@@ -149,17 +150,31 @@ class RecordingFolder:
 
         Raises:
             BuildError: there is no finished episode, or none falls into the train split.
+            RecipeConflictError: another dataset appeared at the path.
             DatasetError: a part is damaged.
         """
         session = self.session()
-        if session is None or not (self._waiting or self.parts()):
+        is_published = self.path.exists()  # by a process that was killed before it had tidied up
+        if session is None or not (self._waiting or self.parts() or is_published):
             raise BuildError(f"nothing was recorded to {self.path}: no episode was finished.")
-        self.flush()
-        _assemble(self.path, session, self.parts())
+        if not is_published:
+            self.flush()
+            _assemble(self.path, session, self.parts())
+        elif read_manifest(self.path).recipe_hash != session.recording.hash():
+            raise RecipeConflictError(
+                f"{self.path} holds another dataset than the recording {session.recording.id} in "
+                f"{self.folder}. Move one of them."
+            )
         write_card(self.path)
-        shutil.rmtree(self.folder)
+        self._remove()
         self.release()
         return Dataset.open(self.path, source="recorded")
+
+    def _remove(self) -> None:
+        """Deletes the folder, what says so last: killed in the middle, it can be done again."""
+        for part in self.parts().values():
+            shutil.rmtree(part)
+        shutil.rmtree(self.folder)
 
     def release(self) -> None:
         """Lets other processes have the recording; what waits is lost."""

@@ -22,6 +22,7 @@ from swarmdata.spaces import (
     DiscreteSpace,
     MultiBinarySpace,
     MultiDiscreteSpace,
+    Space,
     TupleSpace,
 )
 from swarmdata.spec import TaskSpec
@@ -127,9 +128,7 @@ def test_a_check_that_fails_is_a_known_limit_of_a_recording(
     folder = record(tmp_path / "whole", TaskSpec(horizon=20), ("random",))
     stored = open_store(folder)
     recipe = stored.recipe
-    origin = Recording(
-        id=recipe.id, spec=recipe.spec, policies=recipe.policies, source="recorder"
-    )
+    origin = Recording(id=recipe.id, spec=recipe.spec, policies=recipe.policies, source="recorder")
     twice = replace(stored.table, seeds=np.zeros_like(stored.table.seeds))
     facts = replace(facts_of(stored), recipe=origin, table=twice)
     assert checked(facts)[1] == ("No seed occurs twice.",)
@@ -146,7 +145,7 @@ def foreign() -> RecordedSpec:
 
 def test_spaces_in_words() -> None:
     box = BoxSpace(shape=(2, 3), dtype="float32", low=(0.0,) * 6, high=None)
-    pairs = {
+    pairs: dict[str, Space] = {
         "box of 2 x 3 in [(0, 0, 0, 0, 0, 0), ∞]": box,
         "discrete, 1 to 4": DiscreteSpace(n=4, start=1),
         "discrete, 2 x 3 choices": MultiDiscreteSpace(n=(2, 3)),

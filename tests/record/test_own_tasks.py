@@ -39,13 +39,11 @@ def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) ->
     assert "A recording cannot be made again" in dataset.card
     assert "## Log-probabilities" not in dataset.card
     seen = dataset.reobserve("state", progress=False)
-    assert seen.spec.observation != SPEC.observation
+    assert seen.task.observation != SPEC.observation
 
 
 def test_what_the_spec_says_is_not_said_again(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="'horizon'.* are in the spec"):
-        Recorder(
-            ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds", horizon=3
-        )
+    with pytest.raises(SpecError, match=r"'horizon'.* are in the spec"):
+        Recorder(ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds", horizon=3)
     with pytest.raises(SchemaError, match="not reset yet"):
         _ = ParallelWorld(SPEC).current_step

@@ -1,14 +1,14 @@
 """Small PettingZoo environments that do what real ones do: each tests something of a recorder."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space, Tuple
 from pettingzoo import ParallelEnv
 
 
-class Counting(ParallelEnv):
+class Counting(ParallelEnv):  # type: ignore[misc]
     """Observations name the seed, the time and the agent; one buffer is used for all of them.
 
     Args:
@@ -55,10 +55,10 @@ class Counting(ParallelEnv):
         acted, self.time = list(self.agents), self.time + 1
         rewards = {a: float(self.time) for a in acted}
         for action in actions.values():
-            action += 100  # an environment may do this
+            action.fill(100)  # an environment may do this
         over = self.time == self.length
         ended = {a: (over and self.terminates) or self.leaves.get(a) == self.time for a in acted}
-        cut = {a: over and not self.terminates for a in acted}
+        cut = dict.fromkeys(acted, over and not self.terminates)
         self.agents = [a for a in acted if not (ended[a] or cut[a])]
         self.agents += [a for a, t in self.enters.items() if t == self.time and not over]
         infos: dict[str, dict[str, Any]] = {a: {} for a in acted}
@@ -77,7 +77,7 @@ class Counting(ParallelEnv):
         return {a: self.buffers[a] for a in agents}
 
 
-class Choosing(ParallelEnv):
+class Choosing(ParallelEnv):  # type: ignore[misc]
     """One agent for each kind of space; masks come as the caller wants.
 
     Args:
@@ -85,7 +85,7 @@ class Choosing(ParallelEnv):
         forbidden: makes the first choice forbidden at odd times.
     """
 
-    ACTIONS: dict[str, Space[Any]] = {
+    ACTIONS: ClassVar[dict[str, Space[Any]]] = {
         "one": Discrete(3, start=0),
         "many": MultiDiscrete([2, 3]),
         "bits": MultiBinary(2),
