@@ -2,6 +2,7 @@
 
 import hashlib
 import warnings
+import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -97,6 +98,8 @@ class Recorder(BaseParallelWrapper):
         self._reader = Reader(tuple(env.possible_agents), agents_of(env))
         self._state, self._has_log_probs, self._keeps = state, log_probs, keep_unfinished
         self._folder = RecordingFolder(Path(path), limits)
+        # a script that ends without closing loses nothing either; needs a part of this only
+        self._saved = weakref.finalize(self, self._folder.flush)
         self._seeds = SeedStream(seed, self._folder.seeds())
         self._rows: Rows | None = None
         self._tape: Tape | None = None
@@ -225,8 +228,7 @@ class Recorder(BaseParallelWrapper):
                 self._leave_episode()
                 self._dataset = self._folder.finish()
             finally:
-                self._folder.release()
-                self.env.close()
+                self._let_go()
         return self._dataset
 
     def pause(self) -> None:
@@ -236,8 +238,7 @@ class Recorder(BaseParallelWrapper):
         """
         self._leave_episode()
         self._folder.flush()
-        self._folder.release()
-        self.env.close()
+        self._let_go()
 
     def __enter__(self) -> Self:
         return self
@@ -253,6 +254,11 @@ class Recorder(BaseParallelWrapper):
             self.close()
         elif self._dataset is None:
             self.pause()
+
+    def _let_go(self) -> None:
+        self._saved.detach()
+        self._folder.release()
+        self.env.close()
 
     def _begin(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Rows:
         """Completes the description with what only a reset shows, and begins or goes on."""

@@ -91,7 +91,7 @@ def kill_while_recording(path: Path, n_kills: int) -> int:
 
 def test_kill_while_recording(tmp_path: Path) -> None:
     path = tmp_path / "ds"
-    survived = kill_while_recording(path, 3)
+    survived = kill_while_recording(path, 2)
     with pytest.raises(DatasetError):
         open_store(path)  # nothing half-made is to be seen
     recorder = Recorder(Counting(), id=ID, path=path)
@@ -119,7 +119,7 @@ def interrupted(path: Path, n_episodes: int) -> Path:
 
 
 @pytest.mark.parametrize(
-    "n_kills", [3, pytest.param(25, marks=pytest.mark.slow)], ids=["few", "many"]
+    "n_kills", [2, pytest.param(25, marks=pytest.mark.slow)], ids=["few", "many"]
 )
 def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
     whole = recover(interrupted(tmp_path / "whole", 60))
@@ -152,6 +152,20 @@ def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
     make_dataset(other, [[3] * 40], n_steps=60)
     with pytest.raises(RecipeConflictError, match="holds another dataset"):
         recover(other)
+
+
+def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> None:
+    code = RECORD.format(id=ID, n=7).replace("recorder.close()", "raise SystemExit(3)")
+    code = code.replace("episodes=2", "episodes=100")
+    ended = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "ds")],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+        capture_output=True,
+    )
+    assert ended.returncode == 3
+    assert len(recover(tmp_path / "ds")) == 7
 
 
 def test_a_damaged_part_is_named(tmp_path: Path) -> None:

@@ -373,7 +373,7 @@ def test_long_episodes_are_whole(tmp_path: Path) -> None:
     assert dataset[0].observations[-1, 0, 1] == 330_000
 
 
-@settings(max_examples=6)  # each makes a dataset
+@settings(max_examples=4)  # each makes a dataset
 @given(lengths=st.lists(st.integers(1, 6), min_size=3, max_size=8), limit=st.integers(1, 4))
 def test_any_lengths_in_parts_of_any_size_give_the_same_episodes(
     tmp_path_factory: pytest.TempPathFactory, lengths: list[int], limit: int
