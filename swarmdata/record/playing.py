@@ -11,7 +11,7 @@ from swarmdata.origins import RecordedSpec
 from swarmdata.record.describing import state_source
 from swarmdata.record.foreign import agents_of
 from swarmdata.record.reading import Reader
-from swarmdata.scaling import action_scale
+from swarmdata.scaling import ActionScale, action_scale
 from swarmdata.spaces import unflatten
 from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages
 
@@ -30,9 +30,12 @@ def policy_actions(policy: Policy, spec: RecordedSpec, step: Step) -> dict[str, 
     Raises:
         SchemaError: the environment's actions are choices, or without bounds.
     """
-    unit = policy.act(step)[0]
-    actions = action_scale(spec).to_environment(unit)  # [N, A]
-    agents = zip(spec.agents, actions, strict=True)
+    return _in_units(policy.act(step)[0], spec, action_scale(spec))
+
+
+def _in_units(unit: Float, spec: RecordedSpec, scale: ActionScale) -> dict[str, Any]:
+    """Joint actions in [-1, 1], [N, A], as the environment takes them."""
+    agents = zip(spec.agents, scale.to_environment(unit), strict=True)
     return {agent.name: unflatten(agent.action, row) for agent, row in agents}
 
 
@@ -105,6 +108,7 @@ def _play(
     observations, infos = env.reset(seed=seed)
     alive, total, time = reader.alive(env.agents), 0.0, 0
     source, _ = state_source(env, reader, spec.state_from)
+    scale = action_scale(spec)
     seen = alive
     while alive.any():
         rows, plain = reader.observations(observations, seen)
@@ -112,7 +116,7 @@ def _play(
         step = step_of(rows, state, seed=seed, time=time)
         if time == 0:
             policy.reset(step, np.zeros(1, np.int64))
-        acted, chosen = alive, policy_actions(policy, spec, step)
+        acted, chosen = alive, _in_units(policy.act(step)[0], spec, scale)
         observations, rewards, terminations, truncations, infos = env.step(
             _acting(chosen, reader, acted)
         )

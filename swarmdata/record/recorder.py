@@ -1,6 +1,5 @@
 """Recorder, a PettingZoo `ParallelEnv` that records what passes through it as a dataset."""
 
-import hashlib
 import warnings
 import weakref
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from swarmdata.record.describing import describe, is_ours, state_source
 from swarmdata.record.foreign import agents_of
 from swarmdata.record.reading import Reader
 from swarmdata.record.rows import Rows
-from swarmdata.record.seeds import SeedStream
+from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.record.tape import StepRow, Tape
 from swarmdata.spec import PolicySource, Splits
@@ -89,8 +88,7 @@ class Recorder(BaseParallelWrapper):
                 f"{path} exists. Record to another path, or delete it; a published version never "
                 "changes, so give the dataset a new one."
             )
-        if seed is None:
-            seed = int.from_bytes(hashlib.sha256(id.encode()).digest()[:4], "big")
+        seed = default_seed(id) if seed is None else seed
         self._recording = describe(
             env, id, policies, task, options, horizon, metadata, seed, splits or Splits()
         )

@@ -1,5 +1,6 @@
 """Seeds of resets that the user gives none: reproducible, and never twice in a dataset."""
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,11 @@ class SeedStream:
             )
         self.used.add(int(seed))
         return int(seed)
+
+
+def default_seed(id: str) -> int:
+    """A seed for the dataset of this id, the same in every process, another for other ids."""
+    return int.from_bytes(hashlib.sha256(id.encode()).digest()[:4], "big")
 
 
 def foreign_evaluation_seeds(n_episodes: int) -> Seeds:

@@ -5,7 +5,6 @@ DARS 2022) steps many copies at once and seeds them together: a copy's episode f
 of the reset and the number of copies. An episode's seed here is `reset seed * copies + copy`.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.record.describing import foreign_spec, recording_of
 from swarmdata.record.foreign import clean_name, library_version, space_of
 from swarmdata.record.reading import SUCCESS
-from swarmdata.record.seeds import SeedStream
+from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.record.tape import Outcome, StateRow, StepRow, Tape
 from swarmdata.spaces import width
@@ -75,7 +74,7 @@ def record_vmas(
     if len(policies) != 1:
         raise SpecError(f"policies are {policies}, expected one: record_vmas plays one policy")
     spec = _spec_of(env, task, options)
-    seed = _seed_of(id) if seed is None else seed
+    seed = default_seed(id) if seed is None else seed
     recording = recording_of(spec, id, policies, metadata, seed, splits or Splits())
     folder = RecordingFolder(Path(path), limits)
     try:
@@ -87,10 +86,6 @@ def record_vmas(
         return folder.finish()
     finally:
         folder.release()
-
-
-def _seed_of(id: str) -> int:
-    return int.from_bytes(hashlib.sha256(id.encode()).digest()[:4], "big")
 
 
 def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> RecordedSpec:
