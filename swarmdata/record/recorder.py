@@ -37,10 +37,10 @@ class Recorder(BaseParallelWrapper):
                     observations, rewards, _, _, _ = recorder.step(actions)
         dataset = recorder.close()
 
-    Values are copied as the environment and the policies give them. Finished episodes are written
-    to `<path>.recording/` now and then; a process that is killed loses at most those since (see
-    `limits`), and a new Recorder with the same arguments goes on. `close` makes the dataset. A task
-    of this library (`ParallelWorld`) keeps its spec, events and messages.
+    Values are copied as the environment and the policies give them, as float32. Finished episodes
+    are written to `<path>.recording/` now and then; a process that is killed loses at most those
+    since (see `limits`), and a new Recorder with the same arguments goes on. `close` makes the
+    dataset. A task of this library (`ParallelWorld`) keeps its spec, events and messages.
 
     Args:
         env: any `ParallelEnv`, not wrapped again afterwards.
@@ -157,7 +157,7 @@ class Recorder(BaseParallelWrapper):
 
         Args:
             seed: passed on and recorded; without one a new one is drawn.
-            options: passed on.
+            options: passed on; they are not recorded.
             policy: label of the one that acts from now on.
 
         Raises:

@@ -85,6 +85,9 @@ class RecordingFolder:
         if self.folder.exists():
             remove_leftovers(self.folder)
         self._waiting: dict[int, list[Episode]] = {}
+        parts = self.parts()
+        self._next_part = max((number for number, _ in parts), default=-1) + 1
+        self._n_episodes = sum(len(read_part_table(part)) for part in parts.values())
         self._n_bytes, self._since = 0, time.monotonic()
 
     def session(self) -> Session | None:
@@ -114,6 +117,7 @@ class RecordingFolder:
     def add(self, episode: Episode) -> None:
         """Takes a finished episode; writes all that wait once they reach a limit."""
         self._waiting.setdefault(episode.policy, []).append(episode)
+        self._n_episodes += 1
         self._n_bytes += n_bytes(episode)
         count = sum(map(len, self._waiting.values()))
         is_late = time.monotonic() - self._since >= self.limits.seconds
@@ -122,10 +126,10 @@ class RecordingFolder:
 
     def flush(self) -> None:
         """Writes the episodes that wait as parts, one for each policy."""
-        number = max((number for number, _ in self.parts()), default=-1) + 1
         for policy, episodes in sorted(self._waiting.items()):
-            write_part(self.folder / f"part-{number:06d}-policy-{policy}", episodes)
+            write_part(self.folder / f"part-{self._next_part:06d}-policy-{policy}", episodes)
         self._waiting.clear()
+        self._next_part += 1
         self._n_bytes, self._since = 0, time.monotonic()
 
     def parts(self) -> dict[tuple[int, int], Path]:
@@ -135,8 +139,7 @@ class RecordingFolder:
     @property
     def n_episodes(self) -> int:
         """Finished episodes, those that wait included."""
-        written = sum(len(read_part_table(path)) for path in self.parts().values())
-        return written + sum(map(len, self._waiting.values()))
+        return self._n_episodes
 
     def seeds(self) -> set[int]:
         """Seeds of the finished episodes, those that wait included."""

@@ -24,7 +24,7 @@ from swarmdata.training import train_offline
 ID = "simple_spread_v3-mixed-v0"
 OPTIONS = {"continuous_actions": True, "max_cycles": 25}
 GAINS = {"careful": 1.0, "hasty": 6.0}
-"""How hard each policy pushes towards its landmark; the hasty one overshoots."""
+"""How hard each policy pushes towards its landmark, whatever the others do."""
 
 
 def make_env() -> Any:
