@@ -35,7 +35,7 @@ from swarmdata.store import (
     write_part,
 )
 from swarmdata.store.layout import CARD
-from swarmdata.types import Episode, Seeds
+from swarmdata.types import Episode, Int, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
 
 N_COPIES = 64
@@ -82,7 +82,11 @@ def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> S
 
     The top two bits are clear, so they never meet the reserved evaluation seeds.
     """
-    episodes = np.arange(first, first + n_episodes, dtype=np.uint64)
+    return seeds_of(recipe, policy, np.arange(first, first + n_episodes, dtype=np.int64))
+
+
+def seeds_of(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
+    """The same of any episodes of the stream, by their index in it, [n]."""
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 
