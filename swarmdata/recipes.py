@@ -6,7 +6,7 @@ pure function of the recipe and k. So it does not matter who makes a part, when,
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
+from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
@@ -283,18 +284,6 @@ class _Parts:
 def _difference(there: Recipe, wanted: Recipe) -> str:
     """Names the fields that differ, with both values."""
     return "; ".join(
-        _differences("", there.model_dump(mode="json"), wanted.model_dump(mode="json"))
+        f"{path} is {old!r} there, {new!r} in the recipe"
+        for path, old, new in differences(there, wanted)
     )
-
-
-def _differences(path: str, there: Any, wanted: Any) -> Iterator[str]:
-    if isinstance(there, Mapping) and isinstance(wanted, Mapping):
-        for key in sorted(there.keys() | wanted.keys()):
-            yield from _differences(
-                f"{path}.{key}" if path else key, there.get(key), wanted.get(key)
-            )
-    elif isinstance(there, Sequence) and not isinstance(there, str) and len(there) == len(wanted):
-        for index, pair in enumerate(zip(there, wanted, strict=True)):
-            yield from _differences(f"{path}[{index}]", *pair)
-    elif there != wanted:
-        yield f"{path} is {there!r} there, {wanted!r} in the recipe"

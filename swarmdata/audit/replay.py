@@ -77,7 +77,7 @@ def replay(subject: Subject) -> Remarks:
     absent = [name for name in ("log_probs", "events") if not subject.arrays[name].size]
     if absent:
         yield note(f"{' and '.join(absent)} were not recorded, and are not compared")
-    policies = {}
+    policies: dict[int, Policy | None] = {}
     for index in np.unique(subject.table.policy[chosen]).tolist():
         source = subject.origin.policies[index]
         try:

@@ -5,10 +5,11 @@ Readers see the old state or the new one, whatever is killed and whenever.
 
 import contextlib
 import errno
+import glob
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 TEMPORARY = ".tmp-"
@@ -81,7 +82,16 @@ def _publish(temporary: Path, path: Path) -> None:
 
 def remove_leftovers(folder: Path) -> None:
     """Deletes what killed writers left in `folder`; only whoever holds its lock may call this."""
-    for leftover in folder.glob(f"{TEMPORARY}*"):
+    _remove(folder.glob(f"{TEMPORARY}*"))
+
+
+def remove_leftovers_of(path: Path) -> None:
+    """The same of one file or folder only; for whoever holds its lock, beside others' files."""
+    _remove(path.parent.glob(f"{TEMPORARY}{glob.escape(path.name)}-{'[0-9a-f]' * 32}"))
+
+
+def _remove(leftovers: Iterable[Path]) -> None:
+    for leftover in leftovers:
         if leftover.is_dir() and not leftover.is_symlink():
             shutil.rmtree(leftover)
         else:
