@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from filelock import FileLock
@@ -52,10 +53,17 @@ def _check_specs(views: Sequence[Dataset]) -> None:
                 "recorded, then call `reobserve` on the result."
             )
         if view.recipe.spec != first.recipe.spec:
-            path, here, there = next(differences(first.recipe.spec, view.recipe.spec))
+            path, here, there = _difference(first, view)
             raise SpecError(
                 f"{first.id} and {view.id} are of different specs: {path} is {here!r} and {there!r}"
             )
+
+
+def _difference(one: Dataset, other: Dataset) -> tuple[str, Any, Any]:
+    """The first difference of two specs; other tasks differ in everything, and first in name."""
+    if one.spec.task != other.spec.task:
+        return "task", one.spec.task, other.spec.task
+    return next(differences(one.recipe.spec, other.recipe.spec))
 
 
 def _check_episodes(views: Sequence[Dataset]) -> None:

@@ -179,6 +179,8 @@ class _Wave:
             return
         last = self.lengths + (name in REACHED)
         live = np.flatnonzero((last > t) & self.same)
+        if not len(live):
+            return
         replayed = getattr(values, name) if isinstance(values, tuple) else values
         stored, got = array[rows[live]], replayed[live]
         differs = _bits_differ(stored, got)
