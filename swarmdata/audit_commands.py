@@ -34,8 +34,15 @@ def _folder(dataset: str) -> Path:
     """The path itself, or the folder of an id in the cache; nothing is built or fetched."""
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.catalog import cache_folder, dataset_folder
+    from swarmdata.errors import DatasetNotFoundError
 
     for path in (Path(dataset), cache_folder() / "datasets" / dataset):
         if path.is_dir():
             return path
-    return dataset_folder(find_recipe(dataset))
+    recipe = find_recipe(dataset)
+    folder = dataset_folder(recipe)
+    if not folder.is_dir():
+        raise DatasetNotFoundError(
+            f"{recipe.id} is not in the cache ({folder}). Get it with: swarmdata generate {recipe.id}"
+        )
+    return folder

@@ -57,11 +57,13 @@ class InMemory:
 
 
 @pytest.fixture
-def forge(tmp_path: Path) -> Forge:
+def forge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Forge:
     """Writes a copy of a dataset with other arrays, columns or origin, rightly signed.
 
     Returns follow the rewards, as if somebody had converted wrong data with care.
     """
+
+    monkeypatch.setattr("swarmdata.store.atomic.sync_tree", lambda _: None)  # many, and short-lived
 
     def write(
         source: Path, change: Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None],
