@@ -43,6 +43,7 @@ def _folder(dataset: str) -> Path:
     folder = dataset_folder(recipe)
     if not folder.is_dir():
         raise DatasetNotFoundError(
-            f"{recipe.id} is not in the cache ({folder}). Get it with: swarmdata generate {recipe.id}"
+            f"{recipe.id} is not in the cache, expected at {folder}. "
+            f"Get it with: swarmdata generate {recipe.id}"
         )
     return folder

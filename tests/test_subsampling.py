@@ -17,9 +17,9 @@ def table_of(lengths: list[int], returns: list[float] | None = None) -> EpisodeT
     n = len(lengths)
     index = np.arange(n)
     none = np.zeros(n, dtype=np.int64)
-    ends = np.cumsum(np.array(lengths, dtype=np.int64))
+    steps = np.array(lengths, dtype=np.int64)
     return EpisodeTable(
-        starts=ends - np.array(lengths, dtype=np.int64), lengths=np.array(lengths), seeds=index.astype(np.uint64) * 7 + 3,
+        starts=np.cumsum(steps) - steps, lengths=steps, seeds=index.astype(np.uint64) * 7 + 3,
         layouts=np.zeros((n, 0, 8), np.float32), split=(index % 3).astype(np.uint8),
         end_reason=np.zeros(n, np.uint8), policy=(index % 2).astype(np.uint8), policy_episode=none,
         team_return=np.array(returns if returns is not None else index, dtype=np.float64),

@@ -4,8 +4,7 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
 from swarmdata.behavior_policies.tiers import SPECS
-from swarmdata.cards.facts import facts_of
-from swarmdata.cards.render import render
+from swarmdata.cards.render import card_of
 from swarmdata.cards.schema import (
     TaskReferences,
     changed_versions,
@@ -19,6 +18,9 @@ from swarmdata.store.layout import CARD
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
+
+BETWEEN = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "expert")}
+"""Mixtures, and the tiers between which their returns lie."""
 
 NOISE_COST = 0.15
 """Success that a tier may lose in a dataset: action noise, and few episodes. Bands are of policies
@@ -57,7 +59,7 @@ def tiers(subject: Subject) -> Remarks:
     if not isinstance(origin, Recipe):
         yield note("tiers are claims of recipes only; this dataset makes none")
         return
-    if origin.tier not in LADDER:
+    if origin.tier not in (*LADDER, *BETWEEN):
         return
     known = references_of(origin.spec.hash())
     if known is None:
@@ -70,16 +72,24 @@ def tiers(subject: Subject) -> Remarks:
 
 
 def _rung(subject: Subject, tier: str, known: TaskReferences) -> Remarks:
-    """The dataset's mean return lies nearest to its own tier's, and between its neighbors'."""
+    """The dataset's mean return lies nearest to its own tier's, or where its mixture's must."""
     measured = {name: known.mean_return(name) for name in LADDER}
     ladder = {name: value for name, value in measured.items() if value is not None}
     values = list(ladder.values())
     if sorted(values) != values:
         yield problem(f"the measured tiers are out of order: {_listed(ladder)}")
-    if tier not in ladder:
-        yield note(f"no {tier} is measured for this spec, so this one is compared with none")
+    lacking = sorted({*BETWEEN.get(tier, (tier,))} - ladder.keys())
+    if lacking:
+        yield note(f"{' and '.join(lacking)} of this spec are not measured: compared with none")
         return
     mean = float(subject.table.team_return.mean())
+    if tier in BETWEEN:
+        low, high = BETWEEN[tier]
+        if not ladder[low] < mean < ladder[high]:
+            yield problem(
+                f"the mean return {mean:.3f} is not between {low} and {high}: {_listed(ladder)}"
+            )
+        return
     nearest = min(ladder, key=lambda name: abs(ladder[name] - mean))
     if nearest != tier:
         yield problem(
@@ -127,15 +137,15 @@ def card(subject: Subject) -> Remarks:
     if not path.exists():
         yield problem(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
-    try:
-        facts = facts_of(subject.path)
-        wanted = [render(facts), render(facts, f"{subject.manifest.id}.png")]
-    except SwarmdataError as error:
-        yield problem(f"no card can be made of it: {error}")
-        return
-    text = path.read_bytes()
-    if text in [each.encode() for each in wanted]:
-        return
+    text, wanted = path.read_bytes(), []
+    for picture in (None, f"{subject.manifest.id}.png"):  # as generated, and as published
+        try:
+            wanted.append(card_of(subject.path, picture))
+        except SwarmdataError as error:
+            yield problem(f"no card can be made of it: {error}")
+            return
+        if text == wanted[-1].encode():
+            return
     yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
 
 

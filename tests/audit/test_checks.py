@@ -314,6 +314,40 @@ def test_swapped_tiers(random_team: Path, forge: Forge) -> None:
         assert f"success of this {tier} is 0.000, expected" in said
 
 
+@pytest.mark.parametrize(
+    ("tier", "ends", "inside", "outside"),
+    [
+        ("medium-replay", "random and medium", -6.0, (-30.0, 5.0)),
+        ("medium-expert", "medium and expert", 4.0, (0.0, 9.0)),
+    ],
+)
+def test_mixtures_lie_between_their_parts(
+    tier: str, ends: str, inside: float, outside: tuple[float, ...], random_team: Path, forge: Forge
+) -> None:
+    """D4RL's hopper-medium-replay-v1 was better than medium."""
+    origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
+
+    def said_of(mean: float) -> str:
+        def pay(arrays: Arrays, table: EpisodeTable) -> None:
+            arrays["rewards"][:] = np.float32(mean / table.lengths.mean())
+
+        return messages(look(forge(random_team, pay, origin), sample=0), "tiers")
+
+    assert not said_of(inside)
+    for mean in outside:
+        assert f"is not between {ends}" in said_of(mean)
+
+
+def test_other_versions_are_named(
+    clean: Path, forge: Forge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = forge(clean, late_rewards)
+    assert "other versions" not in messages(look(folder), "replay")
+    here = {"pymunk": "9.9", "numpy": read_manifest(folder).provenance["numpy"]}
+    monkeypatch.setattr("swarmdata.audit.replay.made_with", lambda: here)
+    assert "other versions: pymunk 9.9 instead of" in messages(look(folder), "replay")
+
+
 def test_actions_of_another_policy(random_team: Path, forge: Forge) -> None:
     """The arrays of one dataset under the recipe of another: seeds and choices give it away."""
     origin = open_store(random_team).recipe
