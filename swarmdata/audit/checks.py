@@ -40,10 +40,10 @@ CHECKS = {
     "duplicates": Check(content.duplicates),
     "rows": Check(content.rows),
     "boundaries": Check(content.boundaries),
-    "teleports": Check(content.teleports, _SHAPES),
+    "teleports": Check(content.teleports, _VALUES),
     "leaving": Check(content.leaving, _SHAPES),
     "replay": Check(replay, _SHAPES),
-    "tiers": Check(claims.tiers),
+    "tiers": Check(claims.tiers, ("finite",)),
     "card": Check(claims.card, _VALUES),
 }
 """Every check by its name, in the order in which they run; each docstring says what it is for."""

@@ -217,6 +217,8 @@ def splits(subject: Subject) -> Remarks:
     if isinstance(origin, Edit):
         yield note("the splits were inherited from the parents, and are compared with no rule")
         return
+    if (table.policy_episode < 0).any():
+        return  # `order` says so
     pairs = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     try:
         expected = split_codes(origin, pairs)

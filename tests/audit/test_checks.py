@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
+from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
 from swarmdata.presets import preset
 from swarmdata.seeding import EVALUATION_BASE
@@ -232,6 +233,43 @@ def test_any_changed_bit_of_any_array_is_found(
     assert "replay" in {each.check for each in look(forge(clean, flip), sample=100).problems}
 
 
+EXTREMES = {"f": (np.nan, np.inf, -1e30, 3e38, -0.0), "i": (-1, 1 << 40), "u": (255,), "b": (True,)}
+
+
+@settings(
+    max_examples=12,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_whatever_can_be_opened_can_be_audited(
+    data: st.DataObject, clean: Path, forge: Forge
+) -> None:
+    """Extreme values anywhere, as a careless conversion leaves them: findings, and no crash."""
+
+    def spoil(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+        names = sorted(n for n, a in arrays.items() if a.size and "/" not in n)
+        for name in data.draw(st.lists(st.sampled_from(names), max_size=3)):
+            array = arrays[name].reshape(-1)
+            values = EXTREMES[array.dtype.kind]
+            if name in ("observations", "rewards"):  # statistics of them must be finite
+                values = (-1e30, -0.0)
+            place = data.draw(st.integers(0, len(array) - 1))
+            array[place : place + data.draw(st.sampled_from([1, len(array)]))] = data.draw(
+                st.sampled_from(values)
+            )
+        columns = ["seeds", "policy_episode", "team_return", "robot_collisions", "layouts"]
+        changed = {}
+        for name in data.draw(st.lists(st.sampled_from(columns), max_size=2)):
+            column = getattr(table, name).copy()
+            column[data.draw(st.integers(0, len(table) - 1))] = data.draw(
+                st.sampled_from(EXTREMES[column.dtype.kind])
+            )
+            changed[name] = column
+        return changed
+
+    assert look(forge(clean, spoil), sample=3).problems  # at least: it has no card
+
+
 def test_flipped_byte_of_a_file(clean: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(clean, tmp_path / "damaged"))
     file = folder / array_file("rewards", 2)
@@ -370,3 +408,9 @@ def test_findings_as_text_and_json(clean: Path, forge: Forge) -> None:
         "level": found.findings[0].level,
         "message": found.findings[0].message,
     }
+
+
+@pytest.mark.slow
+def test_a_published_mini_is_clean() -> None:
+    dataset = load("coop_nav-random-mini", progress=False)
+    assert audit(dataset.path, progress=False).findings == ()
