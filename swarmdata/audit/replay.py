@@ -23,7 +23,7 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.origins import Recording
 from swarmdata.recipes import make_source_policy
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
 N_COPIES = 64
@@ -82,9 +82,10 @@ def replay(subject: Subject) -> Remarks:
         source = subject.origin.policies[index]
         try:
             policies[index] = make_source_policy(source, task)
-        except SwarmdataError as error:
+        except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
             policies[index] = None
-            yield note(f"what {source.label} chose is not compared: {error}")
+            say = problem if isinstance(subject.origin, Recipe) else note  # others claim less
+            yield say(f"{source.label} cannot be built, so that its choices are unknown: {error}")
     yield from _report(subject, list(_replay(subject, task, chosen, policies)), len(chosen))
 
 

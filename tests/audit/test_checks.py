@@ -397,6 +397,15 @@ def test_actions_of_another_policy(random_team: Path, forge: Forge) -> None:
     assert "actions is" in messages(found, "replay")
 
 
+def test_a_recipe_whose_policy_cannot_be_built(clean: Path, forge: Forge) -> None:
+    origin = open_store(clean).recipe
+    lost = {"name": "learned", "checkpoint": "lost.safetensors", "sha256": "0" * 64}
+    policies = (origin.policies[0], origin.policies[1].model_copy(update=lost))
+    mine = forge(clean, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    said = messages(look(mine), "replay")
+    assert "straight cannot be built, so that its choices are unknown: cannot read" in said
+
+
 def test_findings_as_text_and_json(clean: Path, forge: Forge) -> None:
     found = look(forge(clean, wrong_return))
     assert "problem: table: team_return of" in found.to_text()

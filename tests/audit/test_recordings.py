@@ -145,12 +145,21 @@ def test_longer_than_the_horizon(recording: Path, forge: Forge) -> None:
 def test_own_recording_is_replayed(own_recording: Path, forge: Forge) -> None:
     found = look(own_recording)
     assert not found.problems, found.to_text()
-    assert "what random chose is not compared" in messages(found, "replay", "note")
+    assert "random cannot be built, so that its choices are unknown: unknown policy" in messages(
+        found, "replay", "note"
+    )
 
     def shift(arrays: Arrays, _: EpisodeTable) -> None:
         arrays["rewards"][:] = np.roll(arrays["rewards"], 1, axis=0)
 
     assert "rewards is" in messages(look(forge(own_recording, shift)), "replay")
+
+
+def test_a_policy_with_options_that_it_does_not_have(own_recording: Path, forge: Forge) -> None:
+    origin = open_store(own_recording).recipe
+    policies = tuple(p.model_copy(update={"name": "learned"}) for p in origin.policies)
+    mine = forge(own_recording, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    assert "random cannot be built" in messages(look(mine), "replay", "note")
 
 
 def test_own_recording_with_other_seeds_is_not_replayed(own_recording: Path, forge: Forge) -> None:
