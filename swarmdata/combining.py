@@ -13,7 +13,7 @@ from swarmdata.frozen import differences
 from swarmdata.origins import Edit, Parent
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
-from swarmdata.store.atomic import remove_leftovers_of
+from swarmdata.store.atomic import remove_leftovers
 from swarmdata.types import Int
 
 MOST_POLICIES = 256
@@ -129,7 +129,7 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
     ]
     out.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(out.parent / f".{out.name}.lock"):
-        remove_leftovers_of(out)
+        remove_leftovers(out.parent, out.name)
         write_dataset(out, edit, Selection(pieces))
     return Dataset.open(out, references=views[0].references)
 

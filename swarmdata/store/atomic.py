@@ -9,7 +9,7 @@ import glob
 import os
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 TEMPORARY = ".tmp-"
@@ -80,18 +80,15 @@ def _publish(temporary: Path, path: Path) -> None:
             raise
 
 
-def remove_leftovers(folder: Path) -> None:
-    """Deletes what killed writers left in `folder`; only whoever holds its lock may call this."""
-    _remove(folder.glob(f"{TEMPORARY}*"))
+def remove_leftovers(folder: Path, name: str | None = None) -> None:
+    """Deletes what killed writers left in `folder`; only whoever holds its lock may call this.
 
-
-def remove_leftovers_of(path: Path) -> None:
-    """The same of one file or folder only; for whoever holds its lock, beside others' files."""
-    _remove(path.parent.glob(f"{TEMPORARY}{glob.escape(path.name)}-{'[0-9a-f]' * 32}"))
-
-
-def _remove(leftovers: Iterable[Path]) -> None:
-    for leftover in leftovers:
+    Args:
+        folder: where to look; it need not exist.
+        name: of the file or folder that they were writing; None: any.
+    """
+    written = "*" if name is None else f"{glob.escape(name)}-{'[0-9a-f]' * 32}"
+    for leftover in folder.glob(f"{TEMPORARY}{written}"):
         if leftover.is_dir() and not leftover.is_symlink():
             shutil.rmtree(leftover)
         else:
