@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import __version__, training_commands
+from swarmdata import __version__, audit_commands, editing_commands, training_commands
 from swarmdata.errors import SwarmdataError
 from swarmdata.record_commands import record_app
 from swarmdata.registry_commands import registry_app
@@ -172,6 +172,10 @@ def card(
         write_card(folder)
 
 
+app.command()(audit_commands.audit)
+app.command("filter")(editing_commands.filter_command)
+app.command("combine")(editing_commands.combine_command)
+app.command("subsample")(editing_commands.subsample_command)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
@@ -181,3 +181,23 @@ _UniqueKeyLoader.add_implicit_resolver(
     re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
     list("-+.0123456789"),
 )
+
+
+def differences(one: Frozen, other: Frozen) -> Iterator[tuple[str, Any, Any]]:
+    """Yields (path, value in one, value in the other) of every field in which two models differ."""
+    return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
+
+
+def _differences(path: str, one: Any, other: Any) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in sorted(one.keys() | other.keys()):
+            yield from _differences(f"{path}.{key}" if path else key, one.get(key), other.get(key))
+    elif isinstance(one, Sequence) and not isinstance(one, str) and _same_size(one, other):
+        for index, pair in enumerate(zip(one, other, strict=True)):
+            yield from _differences(f"{path}[{index}]", *pair)
+    elif one != other:
+        yield path, one, other
+
+
+def _same_size(one: Sequence[Any], other: Any) -> bool:
+    return isinstance(other, Sequence) and len(one) == len(other)

@@ -107,7 +107,7 @@ class Edit(Frozen):
     id: Id
     tier: str
     spec: AnySpec
-    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]  # of all parents
+    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]  # that made its episodes
     parents: Annotated[tuple[Parent, ...], Field(min_length=1)]
     operation: str  # what was asked for, in words
 

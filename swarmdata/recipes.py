@@ -6,7 +6,7 @@ pure function of the recipe and k. So it does not matter who makes a part, when,
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
+from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
@@ -35,7 +36,7 @@ from swarmdata.store import (
     write_part,
 )
 from swarmdata.store.layout import CARD
-from swarmdata.types import Episode, Seeds
+from swarmdata.types import Episode, Int, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
 
 N_COPIES = 64
@@ -82,7 +83,11 @@ def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> S
 
     The top two bits are clear, so they never meet the reserved evaluation seeds.
     """
-    episodes = np.arange(first, first + n_episodes, dtype=np.uint64)
+    return seeds_of(recipe, policy, np.arange(first, first + n_episodes, dtype=np.int64))
+
+
+def seeds_of(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
+    """The same of any episodes of the stream, by their index in it, [n]."""
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 
@@ -279,18 +284,6 @@ class _Parts:
 def _difference(there: Recipe, wanted: Recipe) -> str:
     """Names the fields that differ, with both values."""
     return "; ".join(
-        _differences("", there.model_dump(mode="json"), wanted.model_dump(mode="json"))
+        f"{path} is {old!r} there, {new!r} in the recipe"
+        for path, old, new in differences(there, wanted)
     )
-
-
-def _differences(path: str, there: Any, wanted: Any) -> Iterator[str]:
-    if isinstance(there, Mapping) and isinstance(wanted, Mapping):
-        for key in sorted(there.keys() | wanted.keys()):
-            yield from _differences(
-                f"{path}.{key}" if path else key, there.get(key), wanted.get(key)
-            )
-    elif isinstance(there, Sequence) and not isinstance(there, str) and len(there) == len(wanted):
-        for index, pair in enumerate(zip(there, wanted, strict=True)):
-            yield from _differences(f"{path}[{index}]", *pair)
-    elif there != wanted:
-        yield f"{path} is {there!r} there, {wanted!r} in the recipe"

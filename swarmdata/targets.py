@@ -94,7 +94,7 @@ def find_target(
         MissingExtraError: a run folder without torch.
     """
     models = Models(observation, communication)
-    if (Path(name) / RUN_FILE).exists():
+    if run_folders(Path(name)):
         return _run_target(Path(name), models)
     if name in POLICIES and name != "learned":
         spec = models.offered_to(name, find_spec(task), is_fixed=False)
@@ -119,9 +119,17 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
     return Target(name, spec, policies, {"recipe": recipe.hash()})
 
 
+def run_folders(folder: Path) -> tuple[Path, ...]:
+    """The run that a folder is, or those of several processes inside it; empty for another one."""
+    inside = sorted(folder.glob(f"seeds-*/{RUN_FILE}"))
+    files = [folder / RUN_FILE] if (folder / RUN_FILE).exists() else inside
+    return tuple(file.parent for file in files)
+
+
 def _run_target(folder: Path, models: Models) -> Target:
     require("torch", "torch", f"loading the run {folder}")
-    document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    first = run_folders(folder)[0] / RUN_FILE
+    document = json.loads(first.read_text(encoding="utf-8"))
     is_online = document.get("algorithm") in ONLINE_ALGORITHMS
     policies, document = _online_run(folder) if is_online else _offline_run(folder)
     content = document.pop("spec")
@@ -130,20 +138,22 @@ def _run_target(folder: Path, models: Models) -> Target:
             f"{folder} was trained on a recording of {content['task']}, which this library cannot "
             "run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
         )
-    spec = TaskSpec.parse(content, str(folder / RUN_FILE))
+    spec = TaskSpec.parse(content, str(first))
     spec = models.offered_to(str(folder), spec, is_fixed=True)
     return Target(folder.resolve().name, spec, tuple(policies), {"run": document})
 
 
 def _online_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
-    """The newest policies of an online run, and what it is."""
+    """The newest policies of an online run, of all its processes, and what it is."""
     from swarmdata.learn.policy_file import load_policy  # noqa: PLC0415  (torch is an extra)
     from swarmdata.online_algos.run_folder import last_policy_path  # noqa: PLC0415  (the same)
+    from swarmdata.online_algos.selection import seeds_of  # noqa: PLC0415  (the same)
     from swarmdata.online_algos.training import read_online_run  # noqa: PLC0415  (the same)
 
-    run = read_online_run(folder)
-    paths = [last_policy_path(folder, seed) for seed in run.seeds]
-    document = run.model_dump(mode="json") | {"frames": int(paths[0].stem)}
+    seeds = seeds_of([folder])
+    paths = [last_policy_path(*seed) for seed in seeds]
+    document = read_online_run(seeds[0].folder).model_dump(mode="json")
+    document |= {"seeds": [seed.seed for seed in seeds], "frames": int(paths[0].stem)}
     return [load_policy(path) for path in paths], document
 
 

@@ -4,12 +4,13 @@ Nothing here imports zarr to read; zarr-python writes the metadata, so that `zar
 same bits.
 """
 
-from swarmdata.store.assembly import assemble
+from swarmdata.store.assembly import assemble, write_dataset
 from swarmdata.store.atomic import remove_leftovers, write_file
 from swarmdata.store.manifest import Manifest, read_manifest
 from swarmdata.store.order import MergeOrder, merge_order, split_codes
 from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.store.reading import StoredDataset, open_store
+from swarmdata.store.selection import Piece, Selection
 from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
 
 __all__ = [
@@ -18,6 +19,8 @@ __all__ = [
     "Manifest",
     "MergeOrder",
     "PartTable",
+    "Piece",
+    "Selection",
     "StoredDataset",
     "assemble",
     "merge_order",
@@ -26,6 +29,7 @@ __all__ = [
     "read_part_table",
     "remove_leftovers",
     "split_codes",
+    "write_dataset",
     "write_file",
     "write_part",
 ]

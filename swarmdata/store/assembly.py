@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +76,46 @@ def assemble(
     if out.exists():
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
-    source = _Source(parts, order, table)
-    names = sorted([*FIELDS, *_optional(parts, optional)])
-    shards = {name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name)) for name in names}
+    names = (*FIELDS, *_optional(parts, optional))
+    return write_dataset(out, recipe, _Parts(parts, order, table, names))
+
+
+class Source(Protocol):
+    """Where the rows of a new dataset come from."""
+
+    @property
+    def table(self) -> EpisodeTable:
+        """The episodes, in the order of the new dataset."""
+        ...
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Arrays that it has."""
+        ...
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of the finished array."""
+        ...
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Consecutive rows of the array; one block per episode for arrays over time."""
+        ...
+
+
+def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
+    """Writes the finished dataset folder from any source of rows; otherwise as `assemble`.
+
+    Raises:
+        RecipeConflictError: `out` holds a dataset of another recipe.
+        BuildError: `out` holds something else, or no episode falls into the train split.
+        SchemaError: the rows do not fit together.
+    """
+    if out.exists():
+        return _existing(out, recipe)
+    shards = {
+        name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name))
+        for name in sorted(source.names)
+    }
     with new_folder(out) as temporary:
         create_metadata(temporary, shards, _attributes(recipe))
         manifest = _write(temporary, recipe, source, shards)
@@ -117,12 +154,13 @@ def _existing(out: Path, recipe: Origin) -> Manifest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Source:
-    """Streams the rows of every array, episode by episode."""
+class _Parts:
+    """Streams the rows of every array out of parts, episode by episode."""
 
     parts: Parts
     order: Order
     table: EpisodeTable
+    names: tuple[str, ...]
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of the finished array."""
@@ -199,7 +237,7 @@ def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray
     return rows, np.stack([layouts[p][e] for p, e in order])
 
 
-def _write(folder: Path, recipe: Origin, source: _Source, shards: dict[str, Shard]) -> Manifest:
+def _write(folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard]) -> Manifest:
     """Writes all arrays and the recipe, and returns the manifest that lists them."""
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")

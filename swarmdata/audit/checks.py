@@ -1,0 +1,94 @@
+"""The checks of a dataset in a literal table, and `audit`, which runs them."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from swarmdata.audit import claims, content, episodes, form
+from swarmdata.audit.findings import Audit, Finding, Remarks
+from swarmdata.audit.replay import replay
+from swarmdata.audit.subject import Subject
+from swarmdata.store import open_store
+
+
+class Check(NamedTuple):
+    """One check, and whether it can do nothing where arrays have wrong shapes or values."""
+
+    run: Callable[[Subject], Remarks]
+    needs: tuple[str, ...] = ()  # checks without problems
+
+
+_SHAPES, _VALUES = ("shapes",), ("shapes", "finite")
+
+CHECKS = {
+    "integrity": Check(form.integrity),
+    "identity": Check(claims.identity),
+    "shapes": Check(form.shapes),
+    "finite": Check(form.finite),
+    "padding": Check(form.padding, _SHAPES),
+    "bounds": Check(form.action_bounds, _SHAPES),
+    "masks": Check(form.action_masks, _SHAPES),
+    "ends": Check(episodes.ends),
+    "horizon": Check(episodes.horizon),
+    "table": Check(episodes.table, _VALUES),
+    "seeds": Check(episodes.seeds),
+    "order": Check(episodes.order),
+    "splits": Check(episodes.splits),
+    "statistics": Check(episodes.statistics, _VALUES),
+    "duplicates": Check(content.duplicates),
+    "rows": Check(content.rows),
+    "boundaries": Check(content.boundaries),
+    "teleports": Check(content.teleports, _VALUES),
+    "leaving": Check(content.leaving, _SHAPES),
+    "replay": Check(replay, _SHAPES),
+    "tiers": Check(claims.tiers, ("finite",)),
+    "card": Check(claims.card, _VALUES),
+}
+"""Every check by its name, in the order in which they run; each docstring says what it is for."""
+
+
+def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit:
+    """Checks whether a dataset is what it says, whoever made it.
+
+    Arrays are read in blocks, so that memory stays bounded. What does not apply to a dataset, such
+    as a replay of another library's environment, is a note.
+
+    Args:
+        path: folder of a finished dataset.
+        sample: episodes to replay, shared evenly by the policies; 0 for none, as many as there are
+            for all.
+        progress: whether to show bars on standard error, if that is a terminal.
+
+    Raises:
+        DatasetError: a subclass that names the file without which nothing can be read.
+    """
+    subject = Subject(open_store(Path(path), "none"), sample, progress)
+    findings = tuple(_findings(subject))
+    return Audit(subject.manifest.id, subject.manifest.digest, tuple(CHECKS), findings)
+
+
+def problems_of(path: Path | str) -> tuple[str, ...]:
+    """The problems that an audit finds, one line each; what a dataset must not have to be shared.
+
+    Raises:
+        DatasetError: it cannot be read at all.
+    """
+    return tuple(f"{each.check}: {each.message}" for each in audit(path).problems)
+
+
+def _findings(subject: Subject) -> Iterator[Finding]:
+    broken: set[str] = set()
+    hidden = None if subject.progress else True  # None: hidden where there is no terminal
+    with tqdm(CHECKS.items(), unit="check", leave=False, disable=hidden) as bar:
+        for name, check in bar:
+            bar.set_description(f"audit: {name}")
+            lacking = [each for each in check.needs if each in broken]
+            if lacking:
+                yield Finding(name, "note", f"not checked, because of {' and '.join(lacking)}")
+                continue
+            for level, message in check.run(subject):
+                if level == "problem":
+                    broken.add(name)
+                yield Finding(name, level, message)

@@ -1,0 +1,81 @@
+"""Finding and Audit, what the checks of a dataset say, as data and as text."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Literal, NamedTuple
+
+Level = Literal["problem", "note"]
+
+
+class Remark(NamedTuple):
+    """What a check has to say, before its name is put to it."""
+
+    level: Level
+    message: str
+
+
+def problem(message: str) -> Remark:
+    """Something is wrong with the dataset."""
+    return Remark("problem", message)
+
+
+def note(message: str) -> Remark:
+    """Something that is worth knowing, such as why a check does not apply."""
+    return Remark("note", message)
+
+
+Remarks = Iterator[Remark]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that an audit found.
+
+    Attributes:
+        check: name of the check in `audit.CHECKS`.
+        level: `problem` if the dataset should not be used or published as it is, else `note`.
+        message: what is wrong, where, and what was expected.
+    """
+
+    check: str
+    level: Level
+    message: str
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.level}: {self.check}: {self.message}"
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """Everything that the checks of one dataset found; nothing for a clean one.
+
+    Attributes:
+        dataset: id of the dataset.
+        digest: its logical digest, so that an audit names the content that it is of.
+        checks: names of the checks that ran.
+        findings: in the order of the checks.
+    """
+
+    dataset: str
+    digest: str
+    checks: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """The findings that are problems."""
+        return tuple(each for each in self.findings if each.level == "problem")
+
+    def to_text(self) -> str:
+        """One line for each finding, then a summary; for people."""
+        n = len(self.problems)
+        clean = "no problems" if not n else f"{n} problem{'s' if n > 1 else ''}"
+        summary = f"{self.dataset} (digest {self.digest[:12]}): {len(self.checks)} checks, {clean}"
+        return "".join(f"{line}\n" for line in (*self.findings, summary))
+
+    def to_json(self) -> str:
+        """The same as a JSON object; for programs."""
+        content = {**asdict(self), "n_problems": len(self.problems)}
+        return json.dumps(content, indent=1, allow_nan=False)

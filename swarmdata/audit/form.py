@@ -1,0 +1,187 @@
+"""Checks of bytes, shapes and values, for which nothing needs to be known of the world."""
+
+import numpy as np
+
+from swarmdata.audit.findings import Remarks, problem
+from swarmdata.audit.subject import Subject, blocks
+from swarmdata.errors import DatasetError
+from swarmdata.observing import Observer
+from swarmdata.origins import RecordedSpec
+from swarmdata.registry import make_env
+from swarmdata.spaces import DiscreteSpace, bounds, width
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.store import open_store
+from swarmdata.types import EVENTS, Bool, Float, Int
+
+Shape = tuple[int, ...]
+
+MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/layouts")
+"""Arrays without columns, or rows, where a recording does not have them."""
+
+
+def integrity(subject: Subject) -> Remarks:
+    """Every byte is as it was written: SHA-256 of every file, and the logical digest.
+
+    Minari 0.5.4 has no checksum: a flipped byte gives wrong rewards without a word
+    (notes on Minari, integrity). OG-MARL takes a half-unzipped vault for a whole one.
+    """
+    try:
+        open_store(subject.path, "full")
+    except DatasetError as error:
+        yield problem(str(error))
+
+
+def shapes(subject: Subject) -> Remarks:
+    """Every array has the sizes that the spec says; dtypes and rows are checked on opening.
+
+    Minari's and OG-MARL's readers take what is there: OG-MARL stores one halfcheetah's state as
+    (T, N, S), the others' as (T, S), and its cards say "discrete" of continuous actions.
+    """
+    spec = subject.origin.spec
+    expected = _recorded_sizes(spec) if isinstance(spec, RecordedSpec) else _task_sizes(spec)
+    is_recipe = isinstance(subject.origin, Recipe)
+    for name, shape in expected.items():
+        got = subject.arrays[name].shape[1:]
+        is_empty = not np.prod(got, dtype=np.int64) and name in MAY_BE_EMPTY
+        if got != shape and not (is_empty and not is_recipe):
+            yield problem(
+                f"{name} has rows of shape {list(got)}, expected {list(shape)} by the spec"
+            )
+
+
+def _task_sizes(spec: TaskSpec) -> dict[str, Shape]:
+    env = make_env(spec, 1)
+    n = spec.n_agents
+    seen = Observer(env.task, 1).allocate((), n)
+    heard = dict(zip(("observations", "sent", "delivered", "ages"), seen, strict=True))
+    return {
+        **{name: array.shape for name, array in heard.items()},
+        "states": (env.state_size,),
+        "actions": (n, env.action_size),
+        "log_probs": (n,),
+        "rewards": (n,),
+        "events": (n, len(EVENTS)),
+        "episodes/layouts": (len(env.task.kinds), 8),
+    }
+
+
+def _recorded_sizes(spec: RecordedSpec) -> dict[str, Shape]:
+    n = spec.n_agents
+    return {
+        "observations": (n, spec.observation_size),
+        "states": (spec.state_size,),
+        "actions": (n, spec.action_size),
+        "log_probs": (n,),
+        "rewards": (n,),
+        "events": (n, 0),
+        "episodes/layouts": (0, 8),
+    }
+
+
+def finite(subject: Subject) -> Remarks:
+    """No array holds a NaN or an infinity.
+
+    OG-MARL pads OMAR's observations with -inf (og-marl issue 27), which poisons every mean.
+    """
+    for name, array in subject.arrays.items():
+        if array.dtype.kind != "f" or not array.size:
+            continue
+        bad = [first + np.flatnonzero(~np.isfinite(block).reshape(len(block), -1).all(axis=1))
+               for first, block in blocks(array)]  # fmt: skip
+        rows = np.concatenate(bad)
+        if len(rows):
+            yield problem(
+                f"{len(rows):,} of {len(array):,} rows of {name} hold NaN or infinities, the first "
+                f"is row {rows[0]} ({subject.place(name, int(rows[0]))})"
+            )
+
+
+def padding(subject: Subject) -> Remarks:
+    """Columns beyond an agent's own are zero, in observations and actions of mixed teams.
+
+    OG-MARL pads with zeros in some datasets and with -inf in others, and says so in none.
+    """
+    if subject.recorded is None:
+        return  # robots of one task all have the same sizes
+    for name in ("observations", "actions"):
+        for index, agent in enumerate(subject.recorded.agents):
+            own = width(agent.observation if name == "observations" else agent.action)
+            for first, block in blocks(subject.arrays[name][:, index, own:]):
+                wrong = np.flatnonzero(block.any(axis=1))
+                if len(wrong):
+                    place = subject.place(name, first + int(wrong[0]))
+                    yield problem(
+                        f"{name} of {agent.name} have values in the padding, columns {own} and on, "
+                        f"first in {place}; expected zeros"
+                    )
+                    break
+
+
+def action_bounds(subject: Subject) -> Remarks:
+    """Actions lie in their space: in [-1, 1] for our tasks; whole numbers where they are choices.
+
+    Actions of OMIGA's datasets in OG-MARL exceed [-1, 1], so its code clips them when they are
+    read ("clip for omiga datasets"), and the data says otherwise than the environment.
+    """
+    lows, highs, whole = _limits(subject)
+    actions = subject.arrays["actions"]
+    for first, block in blocks(actions):
+        wrong = (block < lows) | (block > highs) | (whole & (block != np.round(block)))
+        if wrong.any():
+            row, agent, column = np.argwhere(wrong)[0].tolist()
+            yield problem(
+                f"action {block[row, agent, column]:g} of agent {agent}, component {column}, in "
+                f"{subject.place('actions', first + row)} is not in its space, expected "
+                f"{'a whole number from' if whole[agent, column] else 'a value from'} "
+                f"{lows[agent, column]:g} to {highs[agent, column]:g}"
+            )
+            return
+
+
+def _limits(subject: Subject) -> tuple[Float, Float, Bool]:
+    """Least and greatest value of each action component, and which are whole, [N, A] each."""
+    shape = subject.arrays["actions"].shape[1:]
+    lows, highs = np.full(shape, -1, np.float32), np.ones(shape, np.float32)
+    whole = np.zeros(shape, dtype=np.bool_)
+    if subject.recorded is None:
+        return lows, highs, whole
+    for index, agent in enumerate(subject.recorded.agents):
+        low, high = bounds(agent.action)
+        lows[index, : len(low)], highs[index, : len(high)] = low, high
+        lows[index, len(low) :] = highs[index, len(high) :] = 0.0
+        whole[index, : len(low)] = agent.action.kind in (
+            "discrete",
+            "multi_discrete",
+            "multi_binary",
+        )
+    return lows, highs, whole
+
+
+def action_masks(subject: Subject) -> Remarks:
+    """Choices are among those that were allowed, where that is recorded.
+
+    OG-MARL's recorder keeps the legal actions of the first step for the whole episode
+    (`ExperienceRecorder`, a misspelt attribute), so that later choices look illegal.
+    """
+    if "action_masks" not in subject.arrays or subject.recorded is None:
+        return
+    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), _final_rows(subject))
+    for index, agent in enumerate(subject.recorded.agents):
+        if not isinstance(agent.action, DiscreteSpace):
+            continue
+        masks = subject.arrays["action_masks"][rows, index]
+        choices = subject.arrays["actions"][:, index, 0].astype(np.int64) - agent.action.start
+        known = masks.any(axis=1) & (choices >= 0) & (choices < masks.shape[1])
+        steps = np.flatnonzero(known)
+        wrong = steps[~masks[steps, choices[steps]]]
+        if len(wrong):
+            yield problem(
+                f"{agent.name} chose what its mask forbids in {len(wrong):,} steps, first in "
+                f"{subject.place('actions', int(wrong[0]))}"
+            )
+
+
+def _final_rows(subject: Subject) -> Int:
+    """Rows of the last states, after which nothing is chosen."""
+    final: Int = subject.state_starts + subject.table.lengths
+    return final

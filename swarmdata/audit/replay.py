@@ -1,0 +1,237 @@
+"""Replays logged actions in the world, and compares everything stored with what comes out.
+
+An episode is a function of its seed and its actions, so a world of the same spec must give the same
+bits: states, observations, messages, rewards, events and flags; and where a policy of the recipe
+can be built, it must choose the same actions and give them the same log-probabilities.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from swarmdata.audit.findings import Remarks, note, problem
+from swarmdata.audit.subject import Subject
+from swarmdata.cards.references import made_with
+from swarmdata.cards.schema import changed_versions
+from swarmdata.coverage import spread
+from swarmdata.errors import SpawnError, SwarmdataError
+from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.origins import Recording
+from swarmdata.recipes import make_source_policy
+from swarmdata.registry import make_env
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.types import Bool, Float, Int, Step
+
+N_COPIES = 64
+"""Episodes replayed together."""
+
+RESULTS = ("rewards", "terminations", "truncations", "events")
+"""Arrays that a step gives, in the order in which they are compared."""
+
+REACHED = ("states", "observations", "sent", "delivered", "ages")
+"""Arrays that a state gives."""
+
+SHOWN = 3
+"""Differences that are named one by one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first place in an episode where a stored array is not what the world gives."""
+
+    episode: int  # stored number
+    step: int
+    array: str
+    agent: int | None  # None: of the team
+    stored: str
+    replayed: str
+
+    def __str__(self) -> str:
+        """One phrase."""
+        agent = "" if self.agent is None else f", agent {self.agent}"
+        return (
+            f"episode {self.episode}, step {self.step}{agent}: {self.array} is {self.stored}, "
+            f"replayed {self.replayed}"
+        )
+
+
+def replay(subject: Subject) -> Remarks:
+    """Stored arrays are those that the logged actions give in the world, bit for bit, on a sample.
+
+    It would have found maze2d's rewards, off by one (D4RL issues 158 and 194), antmaze's other
+    reward convention (199), rows without a copy (84, 100), commit 507fd61's shift by one step, and
+    swapped tiers (76): those actions are not what the named policies choose.
+    """
+    task = subject.task
+    if task is None:
+        yield note("actions of other environments cannot be replayed")
+        return
+    if subject.sample < 1:
+        yield note("no episodes were replayed, as asked for")
+        return
+    chosen = sample(subject)
+    absent = [name for name in ("log_probs", "events") if not subject.arrays[name].size]
+    if absent:
+        yield note(f"{' and '.join(absent)} were not recorded, and are not compared")
+    policies: dict[int, Policy | None] = {}
+    for index in np.unique(subject.table.policy[chosen]).tolist():
+        source = subject.origin.policies[index]
+        try:
+            policies[index] = make_source_policy(source, task)
+        except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
+            policies[index] = None
+            say = problem if isinstance(subject.origin, Recipe) else note  # others claim less
+            yield say(f"{source.label} cannot be built, so that its choices are unknown: {error}")
+    yield from _report(subject, list(_replay(subject, task, chosen, policies)), len(chosen))
+
+
+def sample(subject: Subject) -> Int:
+    """Stored numbers of the episodes to replay: of every policy the same number, or all it has."""
+    policies = np.unique(subject.table.policy)
+    each = -(-subject.sample // len(policies))
+    groups = [spread(np.flatnonzero(subject.table.policy == policy), each) for policy in policies]
+    return np.concatenate(groups)
+
+
+def _replay(
+    subject: Subject, task: TaskSpec, chosen: Int, policies: Mapping[int, Policy | None]
+) -> Iterator[Difference]:
+    """Yields the first difference of each chosen episode, policy after policy."""
+    groups = {index: chosen[subject.table.policy[chosen] == index] for index in policies}
+    env = make_env(task, min(N_COPIES, max(map(len, groups.values()))))
+    total = int(subject.table.lengths[chosen].sum())
+    hidden = None if subject.progress else True  # None: hidden where there is no terminal
+    with tqdm(total=total, desc="replay", unit="step", leave=False, disable=hidden) as bar:
+        for index, group in groups.items():
+            for first in range(0, len(group), env.n_copies):
+                wave = group[first : first + env.n_copies]
+                yield from _Wave(subject, env, wave, policies[index]).run(bar)
+
+
+class _Wave:
+    """Some episodes of one policy, replayed side by side; without one, choices are not compared."""
+
+    def __init__(self, subject: Subject, env: VecEnv, wave: Int, policy: Policy | None) -> None:
+        self.subject, self.env, self.wave, self.policy = subject, env, wave, policy
+        self.lengths = subject.table.lengths[wave]
+        self.known: dict[int, Difference] = {}  # by position in the wave: the first
+        self.same = np.ones(len(wave), dtype=np.bool_)  # which episodes have none so far
+
+    def run(self, bar: Any) -> Iterator[Difference]:
+        """Yields the first difference of each episode."""
+        seeds = np.resize(self.subject.table.seeds[self.wave], self.env.n_copies)
+        try:
+            step = self.env.reset(seeds)
+        except SpawnError as error:
+            yield Difference(int(self.wave[0]), 0, "seeds", None, "some", f"an error: {error}")
+            return
+        self._compare("episodes/layouts", self.wave, step.layouts, 0)
+        if self.policy is not None:
+            self.policy.reset(step, np.arange(self.env.n_copies))
+        self._compare_state(step, 0)
+        for t in range(int(self.lengths.max())):
+            actions = self._actions(t)
+            self._compare_policy(step, actions, t)
+            step = self.env.step(actions)
+            for name in RESULTS:
+                self._compare(name, self.subject.table.starts[self.wave] + t, step, t)
+            self._compare_state(step, t + 1)
+            bar.update(int((self.lengths > t).sum()))
+            if len(self.known) == len(self.wave):
+                break
+        yield from self.known.values()
+
+    def _actions(self, t: int) -> Float:
+        """The stored joint actions of step t, zeros in copies whose episode is over, [E, N, A]."""
+        stored = self.subject.arrays["actions"]
+        actions = np.zeros((self.env.n_copies, *stored.shape[1:]), dtype=np.float32)
+        running = np.flatnonzero(self.lengths > t)
+        rows = stored[self.subject.table.starts[self.wave[running]] + t]
+        actions[running] = np.where(np.isfinite(rows), rows, 0.0)  # `finite` names the others
+        return actions
+
+    def _compare_policy(self, step: Step, actions: Float, t: int) -> None:
+        if self.policy is None:
+            return
+        rows = self.subject.table.starts[self.wave] + t
+        self._compare("actions", rows, self.policy.act(step), t)
+        if self.subject.arrays["log_probs"].size:
+            self._compare("log_probs", rows, self.policy.log_probs(step, actions), t)
+
+    def _compare_state(self, step: Step, t: int) -> None:
+        for name in REACHED:
+            self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
+
+    def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
+        """Notes the first difference of each episode that is not over before row t.
+
+        Args:
+            name: of the array.
+            rows: its stored rows, one for each episode of the wave; beyond an episode's end unused.
+            values: what was replayed, [E, ...], or the step that has it under the same name.
+            t: time of the row in its episode.
+        """
+        array = self.subject.arrays[name]
+        if not array.size:
+            return
+        last = self.lengths + (name in REACHED)
+        live = np.flatnonzero((last > t) & self.same)
+        if not len(live):
+            return
+        replayed = getattr(values, name) if isinstance(values, tuple) else values
+        stored, got = array[rows[live]], replayed[live]
+        differs = _bits_differ(stored, got)
+        for k in np.flatnonzero(differs.reshape(len(live), -1).any(axis=1)).tolist():
+            place = tuple(np.argwhere(differs[k])[0].tolist())
+            self.same[live[k]] = False
+            self.known[int(live[k])] = Difference(
+                episode=int(self.wave[live[k]]),
+                step=t,
+                array=name,
+                agent=place[0] if place and name not in ("states", "episodes/layouts") else None,
+                stored=f"{stored[k][place]!s}{_column(name, place)}",
+                replayed=str(got[k][place]),
+            )
+
+
+def _bits_differ(one: NDArray[Any], other: NDArray[Any]) -> Bool:
+    """Elementwise; a NaN equals itself, and 0 does not equal -0."""
+    words = np.dtype(f"u{one.dtype.itemsize}")
+    pair = (np.ascontiguousarray(array).view(words) for array in (one, other))
+    differs: Bool = np.not_equal(*pair)
+    return differs
+
+
+def _column(name: str, place: tuple[int, ...]) -> str:
+    """Which number of a row it is, in words."""
+    column = place if name in ("states", "episodes/layouts") else place[1:]
+    return f" (column {', '.join(map(str, column))})" if column else ""
+
+
+def _report(subject: Subject, differences: list[Difference], n_replayed: int) -> Remarks:
+    if not differences:
+        return
+    foreign = {each.episode for each in differences if each.step == 0 and each.array in _BEGINNING}
+    if isinstance(subject.origin, Recording) and len(foreign) == n_replayed:
+        yield note(
+            "the seeds of this recording are not those of its worlds, so that its episodes cannot "
+            f"be replayed ({differences[0]})"
+        )
+        return
+    provenance = subject.manifest.provenance
+    packages = {name: provenance[name] for name in made_with() if name in provenance}
+    changed = changed_versions(packages, made_with())
+    versions = f" It was made with other versions: {', '.join(changed)}." if changed else ""
+    shown = "; ".join(map(str, differences[:SHOWN]))
+    more = f"; and {len(differences) - SHOWN} more" if len(differences) > SHOWN else ""
+    yield problem(
+        f"{len(differences)} of {n_replayed} replayed episodes differ from what their actions "
+        f"give: {shown}{more}.{versions}"
+    )
+
+
+_BEGINNING = ("episodes/layouts", "states")

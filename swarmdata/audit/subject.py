@@ -1,0 +1,110 @@
+"""Subject, the open dataset that is audited, and how its rows are read and named."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.origins import Origin, RecordedSpec
+from swarmdata.spec import TaskSpec
+from swarmdata.store import EpisodeTable, Manifest, StoredDataset
+from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.types import Int
+
+BLOCK_ROWS = 10_000
+"""Rows that are looked at together: memory stays bounded, and one call does much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A dataset under audit.
+
+    Attributes:
+        stored: the open files, unverified.
+        sample: episodes to replay.
+        progress: whether to show bars.
+    """
+
+    stored: StoredDataset
+    sample: int
+    progress: bool
+
+    @property
+    def path(self) -> Path:
+        """Its folder."""
+        return self.stored.path
+
+    @property
+    def manifest(self) -> Manifest:
+        """Its manifest."""
+        return self.stored.manifest
+
+    @property
+    def origin(self) -> Origin:
+        """Where it comes from."""
+        return self.stored.recipe
+
+    @property
+    def table(self) -> EpisodeTable:
+        """Its episodes."""
+        return self.stored.table
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its arrays by name."""
+        return self.stored.arrays
+
+    @property
+    def task(self) -> TaskSpec | None:
+        """The task of this library that was recorded, if it is one."""
+        spec = self.origin.spec
+        return None if isinstance(spec, RecordedSpec) else spec
+
+    @property
+    def recorded(self) -> RecordedSpec | None:
+        """The other environment that was recorded, if it is one."""
+        spec = self.origin.spec
+        return spec if isinstance(spec, RecordedSpec) else None
+
+    @cached_property
+    def state_starts(self) -> Int:
+        """First row of each episode in the arrays with T + 1 rows, [n]."""
+        starts: Int = self.table.starts + np.arange(len(self.table))
+        return starts
+
+    @property
+    def last_steps(self) -> Int:
+        """Last row of each episode in the arrays with T rows, [n]."""
+        last: Int = self.table.starts + self.table.lengths - 1
+        return last
+
+    def starts_of(self, name: str) -> Int:
+        """First row of each episode in the array `name`, [n]."""
+        if ALL_FIELDS[name].rows == "steps":
+            return self.table.starts
+        return (
+            self.state_starts if ALL_FIELDS[name].rows == "states" else np.arange(len(self.table))
+        )
+
+    def place(self, name: str, row: int) -> str:
+        """Words for a row of the array `name`, such as "episode 3, step 17"."""
+        episode = int(np.searchsorted(self.starts_of(name), row, side="right")) - 1
+        if ALL_FIELDS[name].rows == "episodes":
+            return f"episode {row}"
+        return f"episode {episode}, step {row - int(self.starts_of(name)[episode])}"
+
+
+def blocks(array: NDArray[Any], rows: int = BLOCK_ROWS) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yields consecutive blocks of rows, each with the index of its first row."""
+    for first in range(0, len(array), rows):
+        yield first, array[first : first + rows]
+
+
+def some(indices: Int, most: int = 3) -> str:
+    """The first few of many indices in words, such as "3, 5, 9 and 12 more"."""
+    shown = ", ".join(map(str, indices[:most].tolist()))
+    return shown if len(indices) <= most else f"{shown} and {len(indices) - most} more"

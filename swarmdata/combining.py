@@ -1,0 +1,140 @@
+"""What an edited dataset is made of: its parents, its policies, and the writing of its folder."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from filelock import FileLock
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import BuildError, SchemaError, SpecError
+from swarmdata.frozen import differences
+from swarmdata.origins import Edit, Parent
+from swarmdata.spec import PolicySource
+from swarmdata.store import SPLITS, Piece, Selection, write_dataset
+from swarmdata.store.atomic import remove_leftovers
+from swarmdata.types import Int
+
+MOST_POLICIES = 256
+"""Policies are stored in one byte."""
+
+
+def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> Edit:
+    """The origin of the dataset of all views' episodes.
+
+    Raises:
+        SpecError: the specs differ, a view is a re-observation, or the id is malformed.
+        SchemaError: two episodes have the same seed, or there are too many policies.
+        BuildError: a view is empty, or no episode is in the train split.
+    """
+    _check_specs(views)
+    _check_episodes(views)
+    policies, _ = merge_policies(views)
+    parents = tuple(
+        Parent(id=view.id, digest=view.digest, episodes=tuple(view.selection.tolist()))
+        for view in views
+    )
+    spec = views[0].recipe.spec.model_dump(mode="json")
+    content = {"id": name, "tier": tier, "spec": spec, "operation": operation}
+    lists = {
+        "policies": [p.model_dump() for p in policies],
+        "parents": [p.model_dump() for p in parents],
+    }
+    return Edit.parse({**content, **lists}, f"edit {name}")
+
+
+def _check_specs(views: Sequence[Dataset]) -> None:
+    first = views[0]
+    for view in views:
+        if view.seen is not None:
+            raise SpecError(
+                f"{view!r} is a re-observation, which is in no file. Edit the dataset as it was "
+                "recorded, then call `reobserve` on the result."
+            )
+        if view.recipe.spec != first.recipe.spec:
+            path, here, there = _difference(first, view)
+            raise SpecError(
+                f"{first.id} and {view.id} are of different specs: {path} is {here!r} and {there!r}"
+            )
+
+
+def _difference(one: Dataset, other: Dataset) -> tuple[str, Any, Any]:
+    """The first difference of two specs; other tasks differ in everything, and first in name."""
+    if one.spec.task != other.spec.task:
+        return "task", one.spec.task, other.spec.task
+    return next(differences(one.recipe.spec, other.recipe.spec))
+
+
+def _check_episodes(views: Sequence[Dataset]) -> None:
+    if not all(map(len, views)):
+        empty = [view.id for view in views if not len(view)]
+        raise BuildError(f"no episode of {', '.join(empty)} meets the conditions")
+    seeds = np.concatenate([view.episodes.seeds for view in views])
+    order = np.argsort(seeds, kind="stable")
+    same = np.flatnonzero(seeds[order][1:] == seeds[order][:-1])
+    if len(same):
+        owners = [(view.id, number) for view in views for number in view.selection.tolist()]
+        (one, k), (other, j) = owners[order[same[0]]], owners[order[same[0] + 1]]
+        raise SchemaError(
+            f"episode {k} of {one} and episode {j} of {other} have the same seed "
+            f"{seeds[order[same[0]]]}, {len(same)} pairs in all: an episode may be in a dataset "
+            "once, or it could be in train and test. Leave one of each out with `filter`."
+        )
+    if not any((view.episodes.split == SPLITS.index("train")).any() for view in views):
+        raise BuildError(
+            "none of the episodes is in the train split, which normalization statistics come from. "
+            "To look at held-out episodes, use a view: dataset.split('test')."
+        )
+
+
+def merge_policies(
+    views: Sequence[Dataset],
+) -> tuple[tuple[PolicySource, ...], list[dict[int, int]]]:
+    """The policies that made the views' episodes, and for each view the new index of each old one.
+
+    Raises:
+        SchemaError: more than 256 policies.
+    """
+    merged: dict[str, PolicySource] = {}
+    maps: list[dict[int, int]] = []
+    for view in views:
+        maps.append({})
+        for index in np.unique(view.episodes.policy).tolist():
+            source = view.recipe.policies[index]
+            label = _label(source, view.id, merged)
+            merged.setdefault(label, source.model_copy(update={"label": label}))
+            maps[-1][index] = list(merged).index(label)
+    if len(merged) > MOST_POLICIES:
+        raise SchemaError(f"there are {len(merged)} policies, expected at most {MOST_POLICIES}")
+    return tuple(merged.values()), maps
+
+
+def _label(source: PolicySource, dataset: str, taken: Mapping[str, PolicySource]) -> str:
+    """The source's own label, unless another policy has it."""
+    long = f"{dataset}/{source.label}"
+    for label in (source.label, long, *(f"{long}-{k}" for k in range(2, MOST_POLICIES + 2))):
+        there = taken.get(label)
+        changes = {"label": label, "share": 1.0}  # shares mean nothing here
+        if there is None or there.model_copy(update=changes) == source.model_copy(update=changes):
+            return label
+    raise SchemaError(f"there are too many policies with the label {source.label!r}")
+
+
+def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
+    """Writes what an edit describes; one process at a time, the others find it done."""
+    _, maps = merge_policies(views)
+    pieces = [
+        Piece(view.stored, _increasing(view), map_) for view, map_ in zip(views, maps, strict=True)
+    ]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(out.parent / f".{out.name}.lock"):
+        remove_leftovers(out.parent, out.name)
+        write_dataset(out, edit, Selection(pieces))
+    return Dataset.open(out, references=views[0].references)
+
+
+def _increasing(view: Dataset) -> Int:
+    if (np.diff(view.selection) <= 0).any():
+        raise SchemaError(f"episodes of {view.id} are not in increasing order")
+    return view.selection

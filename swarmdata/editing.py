@@ -1,0 +1,201 @@
+"""Makes datasets of episodes of others: filtered, combined, subsampled; and makes them again.
+
+An edited dataset names its parents by digest, and their episodes by stored number, so it can be
+made again from them, with the same digest. Nothing about the parents changes. Every episode keeps
+its split, its seed and its policy.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata.combining import describe, write_edit
+from swarmdata.dataset import Dataset
+from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.frozen import differences
+from swarmdata.origins import Edit
+from swarmdata.subsampling import BINS, matched, sized
+
+TIER = "edited"
+"""Tier of what was not given another: figures of an edit are in no tier's band."""
+
+
+def filter_dataset(
+    source: Dataset,
+    out: Path | str,
+    *,
+    id: str,
+    tier: str = TIER,
+    success: bool | None = None,
+    min_return: float | None = None,
+    max_return: float | None = None,
+    policy: str | None = None,
+    split: str | None = None,
+    seeds: Collection[int] | None = None,
+    episodes: Collection[int] | None = None,
+) -> Dataset:
+    """Makes a dataset of the episodes that meet every condition given.
+
+    Args:
+        source: a dataset or a view of it, such as `dataset.split("train")`.
+        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        id: of the new dataset, such as `coop_nav-solved-v0`.
+        tier: of the new dataset.
+        success: whether the task was solved.
+        min_return: least team return, included.
+        max_return: greatest team return, included.
+        policy: label of a policy of the source.
+        split: `train`, `validation` or `test`.
+        seeds: of the episodes; all of them must be there.
+        episodes: stored numbers in the source's dataset; the same.
+
+    Raises:
+        UnknownNameError: no such policy or split.
+        SchemaError: an episode that was asked for is not there.
+        BuildError: no episode is left, or none to train on; or `out` holds something else.
+    """
+    conditions = {"success": success, "min_return": min_return, "max_return": max_return,
+                  "policy": policy, "split": split}  # fmt: skip
+    asked = {name: value for name, value in conditions.items() if value is not None}
+    view = source.filter(**asked)  # type: ignore[arg-type]
+    for name, chosen in (("seeds", seeds), ("episodes", episodes)):
+        if chosen is not None:
+            there = source.episodes.seeds if name == "seeds" else source.selection
+            wanted = _all_there(there, chosen, f"{name} of {source.id}")
+            column = view.episodes.seeds if name == "seeds" else view.selection
+            view = replace(view, selection=view.selection[np.isin(column, wanted)])
+            asked[name] = f"{len(wanted)} listed"
+    return _edit([view], Path(out), id, tier, _words("filter", asked))
+
+
+def combine_datasets(
+    sources: Sequence[Dataset],
+    out: Path | str,
+    *,
+    id: str,
+    tier: str = TIER,
+) -> Dataset:
+    """Makes a dataset of the episodes of several, one after the other; of a view, just the view's.
+
+    Policies with the same label, checkpoint and noise become one; where only the label is the same,
+    the later one is called `<id of its dataset>/<label>`.
+
+    Args:
+        sources: datasets or views of the same spec, without a common episode.
+        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        id: of the new dataset.
+        tier: of the new dataset.
+
+    Raises:
+        SpecError: the specs differ; the first difference is named.
+        SchemaError: two episodes have the same seed, or arrays do not fit together.
+        BuildError: there is no episode to train on; or `out` holds something else.
+    """
+    if not sources:
+        raise SchemaError("combine got no datasets, expected at least 1")
+    return _edit(list(sources), Path(out), id, tier, "combine()")
+
+
+def subsample_dataset(
+    source: Dataset,
+    out: Path | str,
+    *,
+    id: str,
+    tier: str = TIER,
+    n_steps: int | None = None,
+    min_return: float | None = None,
+    max_return: float | None = None,
+    like: Dataset | None = None,
+    bins: int = BINS,
+    seed: int = 0,
+) -> Dataset:
+    """Makes a smaller dataset: of a size, of a range of returns, or with returns like another's.
+
+    Args:
+        source: a dataset or a view of it.
+        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        id: of the new dataset.
+        tier: of the new dataset.
+        n_steps: least joint steps; whole episodes are taken, at random. Splits and policies keep
+            their shares (`subsampling.sized`); with `like` the returns do.
+        min_return: least team return, included.
+        max_return: greatest team return, included.
+        like: a dataset or view whose distribution of returns is matched (`subsampling.matched`).
+        bins: of returns, for `like`.
+        seed: of the choice.
+
+    Raises:
+        SchemaError: nothing was asked for, or more steps than there are.
+        BuildError: no episode is left, or none to train on, or returns cannot be matched; or `out`
+            holds something else.
+    """
+    view = source.filter(min_return=min_return, max_return=max_return)
+    asked: dict[str, Any] = {"n_steps": n_steps, "min_return": min_return, "max_return": max_return}
+    if like is not None:
+        chosen = matched(view.episodes, like.episodes.team_return, n_steps, bins, seed)
+        which = f"{like.id} ({len(like)} episodes, digest {like.digest[:12]})"
+        asked |= {"like": which, "bins": bins, "seed": seed}
+    elif n_steps is not None:
+        chosen = sized(view.episodes, n_steps, seed)
+        asked["seed"] = seed
+    elif min_return is None and max_return is None:
+        raise SchemaError(
+            "subsample was asked for nothing: give n_steps, a range of returns, or like"
+        )
+    else:
+        chosen = np.arange(len(view))
+    view = replace(view, selection=view.selection[chosen])
+    return _edit([view], Path(out), id, tier, _words("subsample", asked))
+
+
+def rebuild_edit(edit: Edit, parents: Sequence[Dataset], out: Path | str) -> Dataset:
+    """Makes an edited dataset again from its parents; the digest is the same.
+
+    Args:
+        edit: of the dataset, its `recipe`.
+        parents: datasets with the digests that it names, in any order.
+        out: folder of the dataset. Where it is there already, it is kept.
+
+    Raises:
+        DatasetNotFoundError: a parent is missing.
+        SchemaError: a parent does not have an episode, or the edit does not fit its parents.
+        BuildError: `out` holds something else.
+    """
+    known = {parent.digest: parent for parent in parents}
+    views = []
+    for wanted in edit.parents:
+        parent = known.get(wanted.digest)
+        if parent is None:
+            raise DatasetNotFoundError(
+                f"{edit.id} is made from {wanted.id} with digest {wanted.digest[:12]}, got "
+                f"{[f'{each.id} ({each.digest[:12]})' for each in parents]}"
+            )
+        chosen = np.array(wanted.episodes, dtype=np.int64)
+        _all_there(np.arange(len(parent.stored.table)), wanted.episodes, f"episodes of {parent.id}")
+        views.append(replace(parent, selection=chosen))
+    again = describe(views, edit.id, edit.tier, edit.operation)
+    if again != edit:
+        path, here, there = next(differences(again, edit))
+        raise SchemaError(f"{edit.id} does not fit its parents: {path} is {there!r}, not {here!r}")
+    return write_edit(edit, views, Path(out))
+
+
+def _words(operation: str, asked: Mapping[str, Any]) -> str:
+    given = ", ".join(f"{name}={value}" for name, value in asked.items() if value is not None)
+    return f"{operation}({given})"
+
+
+def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
+    """The wanted values, in the dtype of those that are there."""
+    missing = sorted(set(wanted) - set(there.tolist()))
+    if missing:
+        raise SchemaError(f"{what} {missing[:3]} are not there ({len(missing)} of {len(wanted)})")
+    return np.array(list(wanted), dtype=there.dtype)
+
+
+def _edit(views: list[Dataset], out: Path, name: str, tier: str, operation: str) -> Dataset:
+    views = [replace(view, selection=np.unique(view.selection)) for view in views]
+    return write_edit(describe(views, name, tier, operation), views, out)

@@ -1,0 +1,111 @@
+"""Selection, episodes of open datasets as the source of a new one, copied from memory map to disk.
+
+Rows go straight from one file to the other; nothing is unpacked or held in memory.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import SchemaError
+from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.reading import StoredDataset
+from swarmdata.store.table import EpisodeTable, table_columns
+from swarmdata.types import Counts, Int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """Episodes of one open dataset.
+
+    Attributes:
+        stored: the open files.
+        episodes: their stored numbers, increasing, [n].
+        policies: new policy index of each old one.
+    """
+
+    stored: StoredDataset
+    episodes: Int
+    policies: Mapping[int, int]
+
+    @property
+    def table(self) -> EpisodeTable:
+        """Its episodes with their new policies; starts and stream numbers are those of the old."""
+        rows = self.stored.table.take(self.episodes)
+        policy: Counts = np.array([self.policies[p] for p in rows.policy.tolist()], dtype=np.uint8)
+        return replace(rows, policy=policy)
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Rows of an array over time, one block per episode."""
+        table, array = self.stored.table, self.stored.arrays[name]
+        has_last = ALL_FIELDS[name].rows == "states"
+        starts = table.starts[self.episodes] + (self.episodes if has_last else 0)
+        ends = starts + table.lengths[self.episodes] + has_last
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+            yield array[start:end]
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Implements `assembly.Source`: the episodes of all pieces, piece after piece.
+
+    Each policy's episodes are counted anew, from 0, in this order.
+
+    Raises:
+        SchemaError: the pieces have different arrays, or arrays of different rows.
+    """
+
+    pieces: Sequence[Piece]
+
+    def __post_init__(self) -> None:
+        """Checks that rows of all pieces fit into one array."""
+        first = self.pieces[0].stored
+        for piece in self.pieces[1:]:
+            other = piece.stored
+            differing = sorted(set(first.arrays) ^ set(other.arrays)) or [
+                name
+                for name in self.names
+                if first.arrays[name].shape[1:] != other.arrays[name].shape[1:]
+            ]
+            if differing:
+                raise SchemaError(
+                    f"{first.manifest.id} and {other.manifest.id} do not fit together: one has "
+                    f"other rows of {', '.join(differing)}"
+                )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Arrays that all pieces have."""
+        return tuple(name for name in self.pieces[0].stored.arrays if name in ALL_FIELDS)
+
+    @cached_property
+    def table(self) -> EpisodeTable:
+        """The episodes, in the order of the new dataset."""
+        tables = [piece.table.columns() for piece in self.pieces]
+        joined = {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
+        lengths, policy = joined["lengths"], joined["policy"]
+        stream = np.empty(len(policy), dtype=np.int64)
+        for index in np.unique(policy):
+            stream[policy == index] = np.arange(int((policy == index).sum()))
+        renewed = {"starts": np.cumsum(lengths) - lengths, "policy_episode": stream}
+        return EpisodeTable(**{**joined, **renewed})
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of the finished array."""
+        if ALL_FIELDS[name].rows == "episodes":
+            return table_columns(self.table)[name].shape
+        extra = len(self.table) if ALL_FIELDS[name].rows == "states" else 0
+        inner = self.pieces[0].stored.arrays[name].shape[1:]
+        return (int(self.table.lengths.sum()) + extra, *inner)
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Consecutive rows of the array; one block per episode for arrays over time."""
+        if ALL_FIELDS[name].rows == "episodes":
+            yield table_columns(self.table)[name]
+            return
+        for piece in self.pieces:
+            yield from piece.blocks(name)

@@ -1,0 +1,192 @@
+"""A clean dataset of our own, a clean recording, and copies of them with planted flaws."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmdata.cards.render import write_card
+from swarmdata.origins import Origin, RecordedAgent, RecordedSpec, Recording
+from swarmdata.presets import preset
+from swarmdata.recipes import make_part
+from swarmdata.registry import make_env
+from swarmdata.spaces import BoxSpace, DiscreteSpace
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store import (
+    EpisodeTable,
+    assemble,
+    merge_order,
+    open_store,
+    write_dataset,
+    write_part,
+)
+from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.table import table_columns
+from swarmdata.types import END_REASONS, Episode
+
+Arrays = dict[str, NDArray[Any]]
+Forge = Callable[..., Path]
+
+
+@dataclass(frozen=True)
+class InMemory:
+    """Any table and arrays as the source of a dataset, however wrong they are."""
+
+    table: EpisodeTable
+    arrays: Mapping[str, NDArray[Any]]
+
+    @property
+    def names(self) -> Sequence[str]:
+        return tuple(name for name in self.arrays if name in ALL_FIELDS)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        if ALL_FIELDS[name].rows == "episodes":
+            return table_columns(self.table)[name].shape
+        return self.arrays[name].shape
+
+    def blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        if ALL_FIELDS[name].rows == "episodes":
+            yield table_columns(self.table)[name]
+            return
+        extra = ALL_FIELDS[name].rows == "states"
+        yield from np.split(self.arrays[name], np.cumsum(self.table.lengths + extra)[:-1])
+
+
+@pytest.fixture
+def forge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Forge:
+    """Writes a copy of a dataset with other arrays, columns or origin, rightly signed.
+
+    Returns follow the rewards, as if somebody had converted wrong data with care.
+    """
+
+    monkeypatch.setattr("swarmdata.store.atomic.sync_tree", lambda _: None)  # many, and short-lived
+
+    def write(
+        source: Path, change: Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None],
+        recipe: Origin | None = None,
+    ) -> Path:  # fmt: skip
+        stored = open_store(source)
+        arrays = {name: array.copy() for name, array in stored.arrays.items()}
+        columns = change(arrays, stored.table) or {}
+        means = arrays["rewards"].mean(axis=1, dtype=np.float64)
+        returns = np.add.reduceat(means, stored.table.starts)
+        table = replace(stored.table, **{"team_return": returns, **columns})
+        origin = recipe or stored.recipe
+        folder = tmp_path / f"forged-{len(list(tmp_path.iterdir()))}"
+        write_dataset(folder, origin, InMemory(table, arrays))
+        return folder
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of two policies in a short task whose robots talk, with all splits and its card."""
+    folder = tmp_path_factory.mktemp("audit") / "clean"
+    channel = {"kind": "broadcast", "drop_probability": 0.3}
+    recipe = Recipe(
+        id="coop_nav-small-v0",
+        tier="small",
+        spec=preset("coop_nav").with_updates(horizon=20, communication=channel),
+        policies=tuple(PolicySource(label=name, name=name) for name in ("random", "straight")),
+        n_steps=40 * 20,
+        part_episodes=24,
+    )
+    env, parts, lengths = make_env(recipe.spec, 24), {}, []
+    for policy in range(2):
+        episodes = make_part(recipe, policy, 0, env)
+        parts[policy] = [folder.parent / f"part-{policy}"]
+        write_part(parts[policy][0], episodes)
+        lengths.append([len(episode) for episode in episodes])
+    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, lengths).order)
+    write_card(folder)
+    return folder
+
+
+AGENTS = (
+    RecordedAgent(
+        name="adversary_0", observation=BoxSpace(shape=(5,), dtype="float32"),
+        action=DiscreteSpace(n=5),
+    ),
+    RecordedAgent(
+        name="agent_0", observation=BoxSpace(shape=(3,), dtype="float32"),
+        action=BoxSpace(shape=(2,), dtype="float32", low=-2.0, high=0.5),
+    ),
+)  # fmt: skip
+RECORDING = Recording(
+    id="tag_v3-mine-v0",
+    spec=RecordedSpec(
+        task="tag_v3", agents=AGENTS, state_size=3, state_from="environment", horizon=12
+    ),
+    policies=(PolicySource(label="mine", name="external"),),
+    source="recorder",
+)
+
+
+def recorded_episode(seed: int) -> Episode:
+    """A walk at random; the first agent leaves half way in every third episode."""
+    rng = np.random.default_rng(seed)
+    length = 12 if seed % 2 else int(rng.integers(5, 12))
+    ends, cut = np.arange(length) == length - 1, length == 12
+    walk = rng.standard_normal((length + 1, 2, 5), dtype=np.float32).cumsum(axis=0)
+    actions = np.zeros((length, 2, 2), dtype=np.float32)
+    actions[:, 0, 0] = rng.integers(0, 5, length)
+    actions[:, 1] = rng.uniform(-2, 0.5, (length, 2))
+    rewards = rng.standard_normal((length, 2), dtype=np.float32)
+    leaves = (np.arange(length) == length // 2) & (seed % 3 == 0)
+    alive = np.ones((length + 1, 2), dtype=np.bool_)
+    alive[1:, 0] = ~np.logical_or.accumulate(leaves)
+    walk[1:][~alive[:-1, 0], 0] = 0.0  # the row after an end is what was seen last
+    actions[~alive[:-1, 0], 0], rewards[~alive[:-1, 0], 0] = 0.0, 0.0
+    walk[..., 1, 3:] = 0.0  # the second agent sees three numbers
+    masks = np.ones((length + 1, 2, 5), dtype=np.bool_)
+    still = alive[:-1] & ends[:, None]
+    nothing = np.zeros((length, 2, 0), dtype=np.uint8)
+    return Episode(
+        observations=walk, states=walk[:, 1, :3].copy(), actions=actions,
+        log_probs=np.zeros((length, 0), np.float32), rewards=rewards,
+        terminations=ends & (not cut), truncations=ends & cut, events=nothing,
+        sent=np.zeros((length + 1, 2, 0), np.float32),
+        delivered=np.zeros((length + 1, 2, 0), np.bool_),
+        ages=np.zeros((length + 1, 2, 0), np.uint8), layout=np.zeros((0, 8), np.float32),
+        seed=seed, policy=0, end_reason=END_REASONS.index("horizon" if cut else "ended"),
+        alive=alive, action_masks=masks,
+        agent_terminations=np.stack([leaves, leaves & False], 1) | (still & (not cut)),
+        agent_truncations=still & cut,
+    )  # fmt: skip
+
+
+def write_recording(folder: Path, seeds: Sequence[int]) -> Path:
+    """Stores the recorded episodes of these seeds."""
+    write_part(folder.parent / "part", [recorded_episode(seed) for seed in seeds])
+    order = [(0, k) for k in range(len(seeds))]
+    assemble(folder, recipe=RECORDING, parts={0: [folder.parent / "part"]}, order=order)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of another environment, in which agents leave and have masks."""
+    return write_recording(tmp_path_factory.mktemp("audit") / "recording", range(40))
+
+
+@pytest.fixture(scope="session")
+def long_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same, of episodes that are all cut by the horizon."""
+    return write_recording(tmp_path_factory.mktemp("audit") / "long", range(1, 81, 2))
+
+
+@pytest.fixture(scope="session")
+def own_recording(clean: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The clean dataset as if somebody had recorded it: the same spec, another origin."""
+    stored, folder = open_store(clean), tmp_path_factory.mktemp("audit") / "own"
+    spec = stored.recipe.spec
+    assert isinstance(spec, TaskSpec)
+    policies = tuple(p.model_copy(update={"name": "external"}) for p in stored.recipe.policies)
+    origin = Recording(id="coop_nav-mine-v0", spec=spec, policies=policies, source="recorder")
+    write_dataset(folder, origin, InMemory(stored.table, stored.arrays))
+    return folder

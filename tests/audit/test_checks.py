@@ -1,0 +1,425 @@
+"""Every check finds the flaw that it is for, in datasets that are otherwise in order."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swarmdata.audit import CHECKS, Audit, audit, problems_of
+from swarmdata.catalog import load
+from swarmdata.errors import MissingManifestError
+from swarmdata.presets import preset
+from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.spec import Recipe
+from swarmdata.store import EpisodeTable, open_store, read_manifest
+from swarmdata.store.layout import CARD, array_file
+from swarmdata.types import END_REASONS
+
+Arrays = dict[str, Any]
+Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
+Forge = Callable[..., Path]
+
+
+def look(path: Path, sample: int = 4) -> Audit:
+    return audit(path, sample=sample, progress=False)
+
+
+def messages(found: Audit, check: str) -> str:
+    return " | ".join(each.message for each in found.problems if each.check == check)
+
+
+def set_last(arrays: Arrays, table: EpisodeTable, episode: int, name: str, value: bool) -> None:
+    arrays[name][table.starts[episode] + table.lengths[episode] - 1] = value
+
+
+def final_rows(table: EpisodeTable) -> Any:
+    return table.starts + np.arange(len(table)) + table.lengths
+
+
+def nan(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["states"][table.starts[2] + 2 + 5, 1] = np.nan
+
+
+def loud_action(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["actions"][table.starts[1] + 3, 2, 1] = 1.5
+
+
+def flag_in_the_middle(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["truncations"][table.starts[3] + 2] = True
+
+
+def no_end(arrays: Arrays, table: EpisodeTable) -> None:
+    set_last(arrays, table, 0, "terminations", False)
+    set_last(arrays, table, 0, "truncations", False)
+
+
+def ended_twice(arrays: Arrays, table: EpisodeTable) -> None:
+    for name in ("terminations", "truncations"):
+        set_last(arrays, table, 0, name, True)
+
+
+def timeouts_as_terminals(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["terminations"] |= arrays["truncations"]
+    arrays["truncations"][:] = False
+
+
+def timeouts_as_failures(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    timeouts_as_terminals(arrays, table)
+    return {"end_reason": np.full(len(table), END_REASONS.index("failure"), np.uint8)}
+
+
+def wrong_return(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"team_return": table.team_return + 1e-4}
+
+
+def uncounted_collisions(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"obstacle_collisions": table.obstacle_collisions + 1}
+
+
+def same_seed_twice(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"seeds": np.where(np.arange(len(table)) == 1, table.seeds[0], table.seeds)}
+
+
+def evaluation_seed(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"seeds": table.seeds + np.uint64(EVALUATION_BASE)}
+
+
+def reversed_streams(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"policy_episode": table.policy_episode[::-1].copy()}
+
+
+def other_splits(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {"split": np.roll(table.split, 1)}
+
+
+def copied_episode(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    """The content of the first test episode is that of a train episode of the same length."""
+    test = int(np.flatnonzero(table.split == 2)[0])
+    train = int(np.flatnonzero((table.split == 0) & (table.lengths == table.lengths[test]))[0])
+    for name, array in arrays.items():
+        if not name.startswith("episodes/"):
+            extra = len(array) > len(arrays["actions"])
+            rows = [np.arange(table.lengths[k] + extra) + table.starts[k] + k * extra
+                    for k in (test, train)]  # fmt: skip
+            array[rows[0]] = array[rows[1]]
+    return {"split": table.split}
+
+
+def missing_copy(arrays: Arrays, table: EpisodeTable) -> None:
+    """Two distinct rows, as D4RL's positions: every row is that of a buffer at its end."""
+    first = table.starts + np.arange(len(table))
+    states = arrays["states"]
+    states[:] = states[-1]
+    states[first] = states[first[0]] + 0.001
+
+
+def frozen_observations(arrays: Arrays, table: EpisodeTable) -> None:
+    first = np.repeat(table.starts + np.arange(len(table)), table.lengths + 1)
+    arrays["observations"][:] = arrays["observations"][first]
+
+
+def crossing_windows(arrays: Arrays, table: EpisodeTable) -> None:
+    for name in ("observations", "states"):
+        arrays[name][final_rows(table)[:-1]] = arrays[name][final_rows(table)[:-1] + 1]
+
+
+def repeated_last_row(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["observations"][final_rows(table)] = arrays["observations"][final_rows(table) - 1]
+
+
+def teleport(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["states"][table.starts[2] + 2 + 7, 8] += 0.5
+
+
+def late_rewards(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["rewards"][:] = np.roll(arrays["rewards"], 1, axis=0)
+
+
+def one_bit_of(name: str) -> Flaw:
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        row = arrays[name][table.starts[0] + 3]
+        words = row.reshape(-1).view(f"u{row.dtype.itemsize}")
+        words[0] ^= 1
+
+    return flaw
+
+
+FLAWS: dict[str, tuple[Flaw, str, str]] = {
+    "nan": (nan, "finite", r"1 of .* rows of states .* \(episode 2, step 5\)"),
+    "loud action": (loud_action, "bounds", "1.5 of agent 2, component 1, in episode 1, step 3"),
+    "flag in the middle": (flag_in_the_middle, "ends", "inside episodes, first episode 3, step 2"),
+    "no end": (no_end, "ends", "1 episodes have no end, first episode 0"),
+    "ended twice": (ended_twice, "ends", "1 steps are terminated and truncated"),
+    "timeouts as terminals": (timeouts_as_terminals, "ends", "flags and end reasons disagree"),
+    "timeouts as failures": (timeouts_as_failures, "horizon", r"100% .* after exactly 20 steps"),
+    "wrong return": (wrong_return, "table", "team_return of episodes 0, 1, 2 and"),
+    "uncounted collisions": (uncounted_collisions, "table", "obstacle_collisions of episodes 0"),
+    "same seed twice": (same_seed_twice, "seeds", "repeat the seed of another.*episodes 0"),
+    "evaluation seed": (evaluation_seed, "seeds", "reserved for evaluation"),
+    "seeds of another recipe": (evaluation_seed, "seeds", "not of this recipe"),
+    "reversed streams": (reversed_streams, "order", "not in the order of their stream"),
+    "other splits": (other_splits, "splits", "in other splits than the rule says"),
+    "copied episode": (copied_episode, "duplicates", "1 of them across splits: first .*(test)"),
+    "missing copy": (missing_copy, "rows", "states do not change in episodes 0, 1, 2"),
+    "distinct rows": (missing_copy, "rows", "of the rows of states are distinct"),
+    "frozen observations": (frozen_observations, "rows", "observations do not change"),
+    "crossing windows": (crossing_windows, "boundaries", "transitions cross episodes"),
+    "repeated last row": (repeated_last_row, "boundaries", "last row .* copy of the one before"),
+    "teleport": (teleport, "teleports", r"robot 1 moves 0\.\d+ m in episode 2, step [67]"),
+    "late rewards": (late_rewards, "replay", r"4 of 4 .* episode 0, step 0, agent 0: rewards is"),
+    "a state's bit": (one_bit_of("states"), "replay", "episode 0, step 3: states is"),
+    "an observation's bit": (one_bit_of("observations"), "replay", "step 3, agent 0: observations"),
+    "an event's bit": (one_bit_of("events"), "replay", "step 3, agent 0: events is"),
+    "a message's bit": (one_bit_of("sent"), "replay", "step 3, agent 0: sent is"),
+    "an arrival's bit": (one_bit_of("delivered"), "replay", "step 3, agent 0: delivered is"),
+    "an age's bit": (one_bit_of("ages"), "replay", "step 3, agent 0: ages is"),
+    "an action's bit": (one_bit_of("actions"), "replay", "step 3, agent 0: actions is"),
+    "a log-probability's bit": (one_bit_of("log_probs"), "replay", "step 3, agent 0: log_probs is"),
+}  # fmt: skip
+
+
+def test_a_clean_dataset_has_no_findings(clean: Path) -> None:
+    found = look(clean, sample=100)
+    assert found.findings == ()
+    assert problems_of(clean) == ()
+    assert found.checks == tuple(CHECKS)
+    assert found.digest == open_store(clean).manifest.digest
+    assert found.to_text() == (
+        f"coop_nav-small-v0 (digest {found.digest[:12]}): {len(CHECKS)} checks, no problems\n"
+    )
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_planted_flaw_is_found(name: str, clean: Path, forge: Forge) -> None:
+    flaw, check, message = FLAWS[name]
+    found = look(forge(clean, flaw), sample=4 if check == "replay" else 0)
+    assert re.search(message, messages(found, check)), found.to_text()
+
+
+def test_every_check_has_a_planted_flaw_and_names_a_published_failure() -> None:
+    elsewhere = {
+        "integrity", "identity", "shapes", "padding", "masks", "statistics", "leaving", "tiers",
+        "card",
+    }  # fmt: skip
+    assert {check for _, check, _ in FLAWS.values()} | elsewhere == set(CHECKS)
+    for check in CHECKS.values():
+        assert len((check.run.__doc__ or "").splitlines()) > 2
+
+
+@settings(
+    max_examples=8,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_any_changed_bit_of_any_array_is_found(
+    data: st.DataObject, clean: Path, forge: Forge
+) -> None:
+    """The bytes are signed again, so that only their meaning can give the change away."""
+
+    def flip(arrays: Arrays, _: EpisodeTable) -> None:
+        names = sorted(n for n, a in arrays.items() if a.size and "/" not in n and a.dtype != bool)
+        array = arrays[data.draw(st.sampled_from(names))]
+        data_bytes = array.reshape(-1).view(np.uint8)
+        position = data.draw(st.integers(0, len(data_bytes) - 1))
+        data_bytes[position] ^= 1 << data.draw(st.integers(0, 7))
+
+    assert "replay" in {each.check for each in look(forge(clean, flip), sample=100).problems}
+
+
+EXTREMES = {"f": (np.nan, np.inf, -1e30, 3e38, -0.0), "i": (-1, 1 << 40), "u": (255,), "b": (True,)}
+
+
+@settings(
+    max_examples=12,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_whatever_can_be_opened_can_be_audited(
+    data: st.DataObject, clean: Path, forge: Forge
+) -> None:
+    """Extreme values anywhere, as a careless conversion leaves them: findings, and no crash."""
+
+    def spoil(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+        names = sorted(n for n, a in arrays.items() if a.size and "/" not in n)
+        for name in data.draw(st.lists(st.sampled_from(names), max_size=3)):
+            array = arrays[name].reshape(-1)
+            values = EXTREMES[array.dtype.kind]
+            if name in ("observations", "rewards"):  # statistics of them must be finite
+                values = (-1e30, -0.0)
+            place = data.draw(st.integers(0, len(array) - 1))
+            array[place : place + data.draw(st.sampled_from([1, len(array)]))] = data.draw(
+                st.sampled_from(values)
+            )
+        columns = ["seeds", "policy_episode", "team_return", "robot_collisions", "layouts"]
+        changed = {}
+        for name in data.draw(st.lists(st.sampled_from(columns), max_size=2)):
+            column = getattr(table, name).copy()
+            column[data.draw(st.integers(0, len(table) - 1))] = data.draw(
+                st.sampled_from(EXTREMES[column.dtype.kind])
+            )
+            changed[name] = column
+        return changed
+
+    assert look(forge(clean, spoil), sample=3).problems  # at least: it has no card
+
+
+def test_flipped_byte_of_a_file(clean: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(clean, tmp_path / "damaged"))
+    file = folder / array_file("rewards", 2)
+    content = bytearray(file.read_bytes())
+    content[10] ^= 1
+    file.write_bytes(content)
+    assert str(file) in messages(look(folder), "integrity")
+
+
+def test_no_manifest_cannot_be_audited(clean: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(clean, tmp_path / "unfinished"))
+    (folder / "manifest.json").unlink()
+    with pytest.raises(MissingManifestError):
+        look(folder)
+
+
+def change_manifest(folder: Path, **changes: Any) -> None:
+    manifest = read_manifest(folder).model_copy(update=changes)
+    (folder / "manifest.json").write_bytes(manifest.to_bytes())
+
+
+def test_statistics_of_the_whole_dataset(clean: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(clean, tmp_path / "leaky"))
+    stored = open_store(folder)
+    mean = float(stored.arrays["rewards"].mean(dtype=np.float64))
+    statistics = stored.manifest.statistics.model_copy(update={"reward_mean": mean})
+    change_manifest(folder, statistics=statistics)
+    assert "mean of rewards, column 0, is" in messages(look(folder), "statistics")
+
+
+def test_arrays_of_another_spec(clean: Path, forge: Forge) -> None:
+    origin = open_store(clean).recipe
+    assert isinstance(origin, Recipe)
+    lidar = origin.spec.with_updates(observation={"kind": "lidar"})
+    found = look(forge(clean, lambda *_: None, origin.model_copy(update={"spec": lidar})))
+    assert "observations has rows of shape" in messages(found, "shapes")
+    assert [f.message for f in found.findings if f.check == "replay"] == [
+        "not checked, because of shapes"
+    ]
+
+
+def test_missing_episodes(clean: Path, forge: Forge) -> None:
+    origin = open_store(clean).recipe
+    assert isinstance(origin, Recipe)
+    more = origin.model_copy(update={"n_steps": origin.n_steps + 10_000})
+    found = look(forge(clean, lambda *_: None, more))
+    assert "which has no more episodes here" in messages(found, "order")
+
+
+def test_id_that_is_published_of_something_else(clean: Path, forge: Forge) -> None:
+    origin = open_store(clean).recipe.model_copy(update={"id": "coop_nav-random-v0"})
+    found = look(forge(clean, lambda *_: None, origin))
+    assert "is published of another recipe" in messages(found, "identity")
+
+
+def test_card_that_says_something_else(clean: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(clean, tmp_path / "typed"))
+    text = (folder / CARD).read_text()
+    line = next(k for k, each in enumerate(text.splitlines()) if "joint steps" in each) + 1
+    (folder / CARD).write_text(text.replace("joint steps |", "joint steps | about", 1))
+    assert f"card.md, line {line}, says '| joint steps | about" in messages(look(folder), "card")
+    (folder / CARD).unlink()
+    assert "there is no card.md" in messages(look(folder), "card")
+
+
+@pytest.fixture(scope="module")
+def random_team(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path]) -> Path:
+    """Random robots in the task that references are measured for."""
+    folder = tmp_path_factory.mktemp("tiers") / "random"
+    record(folder, preset("coop_nav"), ("random",), tier="random")
+    return folder
+
+
+def test_swapped_tiers(random_team: Path, forge: Forge) -> None:
+    assert not messages(look(random_team), "tiers")
+    for tier in ("medium", "expert"):
+        origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
+        said = messages(look(forge(random_team, lambda *_: None, origin), sample=1), "tiers")
+        assert f"is that of random, not of {tier}" in said
+        assert f"success of this {tier} is 0.000, expected" in said
+
+
+@pytest.mark.parametrize(
+    ("tier", "ends", "inside", "outside"),
+    [
+        ("medium-replay", "random and medium", -6.0, (-30.0, 5.0)),
+        ("medium-expert", "medium and expert", 4.0, (0.0, 9.0)),
+    ],
+)
+def test_mixtures_lie_between_their_parts(
+    tier: str, ends: str, inside: float, outside: tuple[float, ...], random_team: Path, forge: Forge
+) -> None:
+    """D4RL's hopper-medium-replay-v1 was better than medium."""
+    origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
+
+    def said_of(mean: float) -> str:
+        def pay(arrays: Arrays, table: EpisodeTable) -> None:
+            arrays["rewards"][:] = np.float32(mean / table.lengths.mean())
+
+        return messages(look(forge(random_team, pay, origin), sample=0), "tiers")
+
+    assert not said_of(inside)
+    for mean in outside:
+        assert f"is not between {ends}" in said_of(mean)
+
+
+def test_other_versions_are_named(
+    clean: Path, forge: Forge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = forge(clean, late_rewards)
+    assert "other versions" not in messages(look(folder), "replay")
+    here = {"pymunk": "9.9", "numpy": read_manifest(folder).provenance["numpy"]}
+    monkeypatch.setattr("swarmdata.audit.replay.made_with", lambda: here)
+    assert "other versions: pymunk 9.9 instead of" in messages(look(folder), "replay")
+
+
+def test_actions_of_another_policy(random_team: Path, forge: Forge) -> None:
+    """The arrays of one dataset under the recipe of another: seeds and choices give it away."""
+    origin = open_store(random_team).recipe
+    assert isinstance(origin, Recipe)
+    policies = (origin.policies[0].model_copy(update={"name": "straight"}),)
+    other = origin.model_copy(update={"policies": policies, "seed": 9})
+    found = look(forge(random_team, lambda *_: None, other))
+    assert "not of this recipe" in messages(found, "seeds")
+    assert "actions is" in messages(found, "replay")
+
+
+def test_a_recipe_whose_policy_cannot_be_built(clean: Path, forge: Forge) -> None:
+    origin = open_store(clean).recipe
+    lost = {"name": "learned", "checkpoint": "lost.safetensors", "sha256": "0" * 64}
+    policies = (origin.policies[0], origin.policies[1].model_copy(update=lost))
+    mine = forge(clean, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    said = messages(look(mine), "replay")
+    assert "straight cannot be built, so that its choices are unknown: cannot read" in said
+
+
+def test_findings_as_text_and_json(clean: Path, forge: Forge) -> None:
+    found = look(forge(clean, wrong_return))
+    assert "problem: table: team_return of" in found.to_text()
+    assert f"{len(CHECKS)} checks, {len(found.problems)} problem" in found.to_text()
+    content = json.loads(found.to_json())
+    assert content["n_problems"] == len(found.problems)
+    assert content["findings"][0] == {
+        "check": found.findings[0].check,
+        "level": found.findings[0].level,
+        "message": found.findings[0].message,
+    }
+
+
+@pytest.mark.slow
+def test_a_published_mini_is_clean() -> None:
+    dataset = load("coop_nav-random-mini", progress=False)
+    assert audit(dataset.path, progress=False).findings == ()

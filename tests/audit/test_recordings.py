@@ -1,0 +1,184 @@
+"""Audits of recordings: what applies is checked, what does not is said."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.audit import Audit, audit
+from swarmdata.origins import RecordedSpec
+from swarmdata.store import EpisodeTable, open_store
+from swarmdata.types import END_REASONS
+
+Arrays = dict[str, Any]
+Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
+Forge = Callable[..., Path]
+
+
+def look(path: Path) -> Audit:
+    return audit(path, sample=4, progress=False)
+
+
+def messages(found: Audit, check: str, level: str = "problem") -> str:
+    return " | ".join(f.message for f in found.findings if (f.check, f.level) == (check, level))
+
+
+def gone_row(table: EpisodeTable, after: int) -> int:
+    """A row of steps of episode 0, so long after its first agent has left."""
+    return int(table.lengths[0]) // 2 + after
+
+
+def minus_infinity(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["states"][:, 1] = -np.inf
+
+
+def padded_with_ones(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["observations"][:, 1, 3:] = 1.0
+
+
+def half_a_choice(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["actions"][7, 0, 0] = 2.5
+
+
+def clipped_elsewhere(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["actions"][7, 1, 1] = 0.75
+
+
+def forbidden_choice(arrays: Arrays, table: EpisodeTable) -> None:
+    chosen = int(arrays["actions"][table.starts[1] + 2, 0, 0])
+    arrays["action_masks"][table.starts[1] + 1 + 2, 0, chosen] = False
+
+
+def acts_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["actions"][gone_row(table, 1), 0, 0] = 1.0
+
+
+def paid_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["rewards"][gone_row(table, 1), 0] = 1.0
+
+
+def seen_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["observations"][gone_row(table, 2), 0] = 1.0
+
+
+def ends_again(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["agent_terminations"][gone_row(table, 1), 0] = True
+
+
+def ends_in_two_ways(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["agent_truncations"][gone_row(table, 0), 0] = True
+
+
+def goes_on(arrays: Arrays, _: EpisodeTable) -> None:
+    arrays["agent_terminations"][1, 1] = True
+
+
+def timeouts_as_ends(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    arrays["terminations"] |= arrays["truncations"]
+    arrays["truncations"][:] = False
+    return {"end_reason": np.full(len(table), END_REASONS.index("ended"), np.uint8)}
+
+
+def frozen_state(arrays: Arrays, table: EpisodeTable) -> None:
+    first = np.repeat(table.starts + np.arange(len(table)), table.lengths + 1)
+    arrays["states"][:] = arrays["states"][first]
+
+
+def reset_by_itself(arrays: Arrays, table: EpisodeTable) -> None:
+    final = (table.starts + np.arange(len(table)) + table.lengths)[:-1]
+    for name in ("observations", "states"):
+        arrays[name][final] = arrays[name][final + 1]
+
+
+FLAWS: dict[str, tuple[Flaw, str, str]] = {
+    "minus infinity": (minus_infinity, "finite", "of states hold NaN or infinities"),
+    "padding": (padded_with_ones, "padding", "observations of agent_0 have values in the padding"),
+    "half a choice": (half_a_choice, "bounds", "action 2.5 of agent 0"),
+    "other bounds": (clipped_elsewhere, "bounds", "a value from -2 to 0.5"),
+    "forbidden": (forbidden_choice, "masks", "adversary_0 chose what its mask forbids in 1 steps"),
+    "acts": (acts_when_gone, "leaving", "actions of agents that are gone"),
+    "paid": (paid_when_gone, "leaving", "rewards of agents that are gone"),
+    "seen": (seen_when_gone, "leaving", "observations of agents that are gone"),
+    "ends again": (ends_again, "leaving", "ends of agents that are gone"),
+    "two ways": (ends_in_two_ways, "leaving", "terminated and truncated, first agent 0"),
+    "goes on": (goes_on, "leaving", "agents that go on after their end, first agent 1"),
+    "frozen state": (frozen_state, "rows", "states do not change"),
+    "reset by itself": (reset_by_itself, "boundaries", "transitions cross episodes"),
+}
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_planted_flaw_is_found(name: str, recording: Path, forge: Forge) -> None:
+    flaw, check, message = FLAWS[name]
+    found = look(forge(recording, flaw))
+    assert message in messages(found, check), found.to_text()
+
+
+def test_a_clean_recording_has_notes_only(recording: Path) -> None:
+    found = look(recording)
+    assert not found.problems, found.to_text()
+    assert {"replay", "teleports", "tiers"} <= {each.check for each in found.findings}
+
+
+def test_timeouts_as_terminals(recording: Path, long_recording: Path, forge: Forge) -> None:
+    """As in OMAR's data: every episode is as long as the horizon, and terminated there."""
+    said = messages(look(forge(long_recording, timeouts_as_ends)), "horizon")
+    assert "100% of the 40 terminations come after exactly 12 steps" in said
+    origin = open_store(recording).recipe
+    assert isinstance(origin.spec, RecordedSpec)
+    unknown = origin.model_copy(update={"spec": origin.spec.model_copy(update={"horizon": None})})
+    found = look(forge(long_recording, timeouts_as_ends, unknown))
+    assert not messages(found, "horizon")
+    assert "look like timeouts" in messages(found, "horizon", "note")
+    assert not messages(look(forge(recording, timeouts_as_ends)), "horizon")  # half end before
+
+
+def test_longer_than_the_horizon(recording: Path, forge: Forge) -> None:
+    origin = open_store(recording).recipe
+    short = origin.model_copy(update={"spec": origin.spec.model_copy(update={"horizon": 11})})
+    said = messages(look(forge(recording, lambda *_: None, short)), "horizon")
+    assert "are longer than the horizon of 11 steps" in said
+
+
+def test_own_recording_is_replayed(own_recording: Path, forge: Forge) -> None:
+    found = look(own_recording)
+    assert not found.problems, found.to_text()
+    assert "random cannot be built, so that its choices are unknown: unknown policy" in messages(
+        found, "replay", "note"
+    )
+
+    def shift(arrays: Arrays, _: EpisodeTable) -> None:
+        arrays["rewards"][:] = np.roll(arrays["rewards"], 1, axis=0)
+
+    assert "rewards is" in messages(look(forge(own_recording, shift)), "replay")
+
+
+def test_a_policy_with_options_that_it_does_not_have(own_recording: Path, forge: Forge) -> None:
+    origin = open_store(own_recording).recipe
+    policies = tuple(p.model_copy(update={"name": "learned"}) for p in origin.policies)
+    mine = forge(own_recording, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    assert "random cannot be built" in messages(look(mine), "replay", "note")
+
+
+def test_own_recording_with_other_seeds_is_not_replayed(own_recording: Path, forge: Forge) -> None:
+    found = look(
+        forge(own_recording, lambda _, table: {"seeds": np.arange(len(table), dtype=np.uint64)})
+    )
+    assert not messages(found, "replay")
+    assert "seeds of this recording are not those of its worlds" in messages(
+        found, "replay", "note"
+    )
+
+
+def test_own_recording_without_log_probs_and_events(own_recording: Path, forge: Forge) -> None:
+    def less(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+        arrays["log_probs"] = arrays["log_probs"][:, :0]
+        arrays["events"] = arrays["events"][..., :0]
+        none = np.zeros(len(table), dtype=np.int64)
+        return {"robot_collisions": none, "obstacle_collisions": none}
+
+    found = look(forge(own_recording, less))
+    assert not found.problems, found.to_text()
+    assert "log_probs and events were not recorded" in messages(found, "replay", "note")

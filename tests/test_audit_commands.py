@@ -1,0 +1,57 @@
+"""`swarmdata audit`: what it prints, and its exit codes."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata.cards.render import write_card
+from swarmdata.cli import app
+from swarmdata.presets import preset
+from swarmdata.store.layout import CARD
+
+RUNNER = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path]) -> Path:
+    folder = tmp_path_factory.mktemp("commands") / "coop_nav-small-v0"
+    record(folder, preset("coop_nav").with_updates(horizon=10), ("random",))
+    write_card(folder)
+    return folder
+
+
+def test_clean(dataset: Path) -> None:
+    result = RUNNER.invoke(app, ["audit", str(dataset)])
+    assert result.exit_code == 0
+    assert result.output.startswith("coop_nav-small-v0 (digest ")
+    assert result.output.endswith("checks, no problems\n")
+
+
+def test_an_id_in_the_cache_with_problems(dataset: Path, cache_folder: Path) -> None:
+    folder = cache_folder / "datasets" / dataset.name
+    shutil.copytree(dataset, folder)
+    (folder / CARD).write_text("typed by hand")
+    result = RUNNER.invoke(app, ["audit", dataset.name, "--sample", "0"])
+    assert result.exit_code == 1
+    assert "problem: card: card.md, line 1, says 'typed by hand'" in result.output
+    assert "note: replay: no episodes were replayed, as asked for" in result.output
+    content = json.loads(RUNNER.invoke(app, ["audit", dataset.name, "--json"]).output)
+    assert content["n_problems"] == 1
+    assert content["findings"][0]["check"] == "card"
+
+
+@pytest.mark.parametrize("name", ["coop_nav-random-mini", "coop_nav-nothing"])
+def test_what_cannot_be_read(name: str) -> None:
+    result = RUNNER.invoke(app, ["audit", name])
+    assert result.exit_code == 2
+    assert "Get it with: swarmdata generate" in result.stderr or "Did you mean" in result.stderr
+
+
+def test_a_folder_that_is_no_dataset(tmp_path: Path) -> None:
+    result = RUNNER.invoke(app, ["audit", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "MissingManifestError" in result.stderr

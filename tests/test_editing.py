@@ -1,0 +1,286 @@
+"""Edits hold exactly the chosen episodes, with splits, seeds and policies; made again, the same."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.combining import merge_policies
+from swarmdata.dataset import Dataset
+from swarmdata.editing import (
+    combine_datasets,
+    filter_dataset,
+    rebuild_edit,
+    subsample_dataset,
+)
+from swarmdata.errors import (
+    BuildError,
+    DatasetNotFoundError,
+    RecipeConflictError,
+    SchemaError,
+    SpecError,
+    UnknownNameError,
+)
+from swarmdata.origins import Edit
+from swarmdata.presets import preset
+from swarmdata.spec import PolicySource, TaskSpec
+from swarmdata.store import assemble, merge_order, write_part
+from swarmdata.testing.dataset import check_dataset
+from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
+from swarmdata.types import Episode
+
+LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 7, 2]]
+
+
+def make(folder: Path, first_seed: int = 0, **recipe: object) -> Dataset:
+    """Twelve episodes of each of two policies, with consecutive seeds."""
+    seeds = [range(first_seed + 12 * p, first_seed + 12 * p + 12) for p in range(2)]
+    parts = {}
+    for policy in range(2):
+        parts[policy] = [folder.parent / f"{folder.name}-part-{policy}"]
+        lengths = LENGTHS[policy]
+        write_part(
+            parts[policy][0],
+            [make_episode(n, s, policy) for n, s in zip(lengths, seeds[policy], strict=True)],
+        )
+    origin = make_recipe(40, n_policies=2).model_copy(update=recipe)
+    order = merge_order(origin, LENGTHS).order
+    assemble(folder, recipe=origin, parts=parts, order=order)
+    return Dataset.open(folder)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make(tmp_path_factory.mktemp("editing") / "source")
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    folder = tmp_path_factory.mktemp("editing") / "other"
+    policies = (
+        PolicySource(label="tag-0", name="random", share=5.0),  # the same but for its share
+        PolicySource(label="tag-1", name="straight"),  # another under the same label
+    )
+    return make(folder, 100, id="coop_nav-other-v0", policies=policies)
+
+
+def assert_same(got: Episode, expected: Episode) -> None:
+    for name in (*Episode.__dataclass_fields__,):
+        if name != "policy":
+            np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+
+
+def test_filter_holds_exactly_the_view(source: Dataset, tmp_path: Path) -> None:
+    before = {p: p.read_bytes() for p in source.path.rglob("*") if p.is_file()}
+    made = filter_dataset(source, tmp_path / "out", id="coop_nav-good-v0", min_return=-1.0)
+    view = source.filter(min_return=-1.0)
+    assert 0 < len(made) == len(view) < len(source)
+    for got, expected in zip(made, view, strict=True):
+        assert_same(got, expected)
+    for name in ("seeds", "split", "team_return", "robot_collisions", "end_reason"):
+        ours, theirs = getattr(made.episodes, name), getattr(view.episodes, name)
+        np.testing.assert_array_equal(ours, theirs)
+    assert isinstance(made.recipe, Edit)
+    (parent,) = made.recipe.parents
+    assert (parent.id, parent.digest) == (source.id, source.digest)
+    assert parent.episodes == tuple(view.selection.tolist())
+    assert made.recipe.operation == "filter(min_return=-1.0)"
+    assert made.recipe.spec == source.recipe.spec
+    check_dataset(tmp_path / "out")
+    assert before == {p: p.read_bytes() for p in source.path.rglob("*") if p.is_file()}
+
+
+def test_filter_by_every_condition(source: Dataset, tmp_path: Path) -> None:
+    table = source.episodes
+    seeds = [int(s) for s in table.seeds[:5]]
+    cases = {
+        "success": ({"success": False}, ~table.success),
+        "policy": ({"policy": "tag-1"}, table.policy == 1),
+        "split": ({"split": "train"}, table.split == 0),
+        "range": ({"max_return": 2.0, "min_return": -5.0}, np.abs(table.team_return + 1.5) <= 3.5),
+        "seeds": ({"seeds": seeds}, np.isin(table.seeds, seeds)),
+        "episodes": ({"episodes": [1, 3, 4]}, np.isin(np.arange(len(table)), [1, 3, 4])),
+    }  # fmt: skip
+    for name, (conditions, mask) in cases.items():
+        made = filter_dataset(source, tmp_path / name, id="coop_nav-some-v0", **conditions)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(made.episodes.seeds, table.seeds[mask], name)
+        labels = {p.label for p in made.recipe.policies}
+        assert labels == {f"tag-{k}" for k in np.unique(table.policy[mask])}  # those that acted
+
+
+def test_filter_refuses_what_is_not_there(source: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(
+        SchemaError, match=r"seeds of coop_nav-synthetic-v0 \[99999\] are not there"
+    ):
+        filter_dataset(source, out, id="coop_nav-some-v0", seeds=[0, 99999])
+    with pytest.raises(SchemaError, match=r"episodes of .* \[500\] are not there"):
+        filter_dataset(source, out, id="coop_nav-some-v0", episodes=[500])
+    with pytest.raises(UnknownNameError, match="tag-1"):
+        filter_dataset(source, out, id="coop_nav-some-v0", policy="tag-2")
+    with pytest.raises(BuildError, match="meets the conditions"):
+        filter_dataset(source, out, id="coop_nav-some-v0", min_return=1e9)
+    with pytest.raises(BuildError, match="none of the episodes is in the train split"):
+        filter_dataset(source, out, id="coop_nav-some-v0", split="test")
+    with pytest.raises(SpecError, match="invalid Edit"):
+        filter_dataset(source, out, id="../coop_nav", success=True)
+    assert not out.exists()
+
+
+def test_combine_of_views_holds_exactly_the_views(
+    source: Dataset, other: Dataset, tmp_path: Path
+) -> None:
+    """Minari's combination takes all episodes of a filtered dataset, and drops their seeds."""
+    views = [source.filter(policy="tag-1"), other.split("train")]
+    made = combine_datasets(views, tmp_path / "out", id="coop_nav-both-v0")
+    assert len(made) == len(views[0]) + len(views[1])
+    for got, expected in zip(made, [*views[0], *views[1]], strict=True):
+        assert_same(got, expected)
+    check_dataset(tmp_path / "out")
+
+
+def test_policies_are_merged_or_renamed(source: Dataset, other: Dataset, tmp_path: Path) -> None:
+    made = combine_datasets([source, other], tmp_path / "out", id="coop_nav-both-v0")
+    labels = [policy.label for policy in made.recipe.policies]
+    assert labels == ["tag-0", "tag-1", "coop_nav-other-v0/tag-1"]
+    assert [p.name for p in made.recipe.policies] == ["random", "random", "straight"]
+    first, second = made.episodes.policy[: len(source)], made.episodes.policy[len(source) :]
+    np.testing.assert_array_equal(first, source.episodes.policy)
+    np.testing.assert_array_equal(second, np.array([0, 2])[other.episodes.policy])
+    for policy in range(3):  # streams are counted anew
+        stream = made.episodes.policy_episode[made.episodes.policy == policy]
+        np.testing.assert_array_equal(stream, np.arange(len(stream)))
+    assert len(made.filter(policy="coop_nav-other-v0/tag-1")) == int((second == 2).sum())
+
+
+def test_three_policies_of_one_label(source: Dataset, other: Dataset) -> None:
+    noisy = tuple(p.model_copy(update={"noise": 0.5}) for p in other.recipe.policies)
+    recipe = other.recipe.model_copy(update={"policies": noisy})
+    again = replace(other, stored=replace(other.stored, recipe=recipe))
+    policies, maps = merge_policies([source, other, again])
+    assert [p.label for p in policies] == [
+        "tag-0", "tag-1", "coop_nav-other-v0/tag-1", "coop_nav-other-v0/tag-0",
+        "coop_nav-other-v0/tag-1-2",
+    ]  # fmt: skip
+    assert maps == [{0: 0, 1: 1}, {0: 0, 1: 2}, {0: 3, 1: 4}]
+
+
+def test_combine_refuses_other_specs(source: Dataset, tmp_path: Path) -> None:
+    spec = source.task.with_updates(horizon=77)
+    later = make(tmp_path / "later", 100, spec=spec)
+    with pytest.raises(SpecError, match="different specs: horizon is 160 and 77"):
+        combine_datasets([source, later], tmp_path / "out", id="coop_nav-both-v0")
+    formation = TaskSpec.parse({**spec.model_dump(), "rules": {"task": "formation"}})
+    task = make(tmp_path / "task", 100, spec=formation)
+    with pytest.raises(SpecError, match="task is 'coop_nav' and 'formation'"):
+        combine_datasets([source, task], tmp_path / "out", id="coop_nav-both-v0")
+    with pytest.raises(SchemaError, match="expected at least 1"):
+        combine_datasets([], tmp_path / "out", id="coop_nav-both-v0")
+
+
+def test_combine_refuses_an_episode_twice(source: Dataset, tmp_path: Path) -> None:
+    fourth = int(np.flatnonzero(source.episodes.split == 0)[4])
+    seed = int(source.episodes.seeds[fourth])
+    views = [source.filter(policy="tag-0"), source]
+    with pytest.raises(SchemaError, match=r"have the same seed \d+, \d+ pairs in all"):
+        combine_datasets(views, tmp_path / "out", id="coop_nav-both-v0")
+    apart = [
+        filter_dataset(source, tmp_path / "one", id="coop_nav-one-v0", seeds=[seed]),
+        filter_dataset(source, tmp_path / "all", id="coop_nav-all-v0"),
+    ]
+    message = f"episode 0 of coop_nav-one-v0 and episode {fourth} of coop_nav-all-v0"
+    with pytest.raises(SchemaError, match=message):
+        combine_datasets(apart, tmp_path / "out", id="coop_nav-both-v0")
+
+
+def test_same_request_is_kept_and_another_refused(source: Dataset, tmp_path: Path) -> None:
+    made = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
+    inode = (tmp_path / "out/manifest.json").stat().st_ino
+    again = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
+    assert again.digest == made.digest
+    assert (tmp_path / "out/manifest.json").stat().st_ino == inode
+    with pytest.raises(RecipeConflictError, match="coop_nav-some-v0"):
+        filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-1")
+
+
+def test_killed_in_the_middle_leaves_nothing(
+    source: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leftover = tmp_path / f".tmp-out-{'0' * 32}"
+    others = tmp_path / f".tmp-out-more-{'0' * 32}"
+    for folder in (leftover, others):
+        folder.mkdir()
+        (folder / "half").write_text("of a writer that was killed")
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmdata.store.assembly.create_metadata", _no_space)
+        with pytest.raises(OSError, match="no space"):
+            filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".out.lock", others.name]
+    made = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
+    assert made.digest == Dataset.open(tmp_path / "out", verify="full").digest
+
+
+def _no_space(*_: object) -> None:
+    raise OSError("no space left on device")
+
+
+def test_edits_of_edits_are_made_again(source: Dataset, other: Dataset, tmp_path: Path) -> None:
+    both = combine_datasets([source, other], tmp_path / "both", id="coop_nav-both-v0")
+    few = subsample_dataset(both, tmp_path / "few", id="coop_nav-few-v0", n_steps=40, seed=3)
+    for made, parents in ((both, [other, source]), (few, [source, both])):
+        assert isinstance(made.recipe, Edit)
+        again = rebuild_edit(made.recipe, parents, tmp_path / f"{made.path.name}-again")
+        assert again.digest == made.digest
+        assert again.recipe == made.recipe
+    assert isinstance(few.recipe, Edit)
+    with pytest.raises(DatasetNotFoundError, match="is made from coop_nav-both-v0 with digest"):
+        rebuild_edit(few.recipe, [source], tmp_path / "no")
+
+
+def test_an_edit_that_does_not_fit_its_parents_is_refused(source: Dataset, tmp_path: Path) -> None:
+    edit = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0").recipe
+    assert isinstance(edit, Edit)
+    renamed = (edit.policies[0].model_copy(update={"label": "best"}),)
+    with pytest.raises(SchemaError, match=r"policies\[0\].label is 'best', not 'tag-0'"):
+        rebuild_edit(edit.model_copy(update={"policies": renamed}), [source], tmp_path / "no")
+    parent = edit.parents[0].model_copy(update={"episodes": (0, 999)})
+    with pytest.raises(SchemaError, match=r"\[999\] are not there"):
+        rebuild_edit(edit.model_copy(update={"parents": (parent,)}), [source], tmp_path / "no")
+
+
+def test_subsample_to_a_size_a_range_and_a_distribution(source: Dataset, tmp_path: Path) -> None:
+    small = subsample_dataset(source, tmp_path / "small", id="coop_nav-small-v0", n_steps=20)
+    assert 20 <= small.n_steps < 20 + 9
+    assert small.recipe.operation == "subsample(n_steps=20, seed=0)"  # type: ignore[union-attr]
+    ranged = subsample_dataset(
+        source, tmp_path / "ranged", id="coop_nav-ranged-v0", min_return=-2.0, max_return=2.0
+    )
+    view = source.filter(min_return=-2.0, max_return=2.0)
+    np.testing.assert_array_equal(ranged.episodes.seeds, view.episodes.seeds)
+    target = source.filter(policy="tag-0")
+    like = subsample_dataset(source, tmp_path / "like", id="coop_nav-like-v0", like=target, bins=2)
+    assert f"like={source.id} ({len(target)} episodes, digest" in like.recipe.operation  # type: ignore[union-attr]
+    with pytest.raises(SchemaError, match="asked for nothing"):
+        subsample_dataset(source, tmp_path / "no", id="coop_nav-no-v0")
+
+
+def test_reobservations_are_refused(tmp_path: Path, record: Callable[..., Path]) -> None:
+    spec = preset("coop_nav").with_updates(horizon=5)
+    source = Dataset.open(record(tmp_path / "source", spec, ("random",)))
+    view = source.reobserve("lidar", progress=False)
+    with pytest.raises(SpecError, match="re-observation"):
+        combine_datasets([view], tmp_path / "out", id="coop_nav-seen-v0")
+
+
+def test_shapes_that_do_not_fit_are_named(source: Dataset, tmp_path: Path) -> None:
+    make_dataset(tmp_path / "same", [[4] * 12])
+    same = Dataset.open(tmp_path / "same")
+    stored = replace(
+        same.stored, arrays={**same.stored.arrays, "sent": np.zeros((60, 2, 1), np.float32)}
+    )
+    seeds = replace(stored.table, seeds=stored.table.seeds + np.uint64(500))
+    apart = replace(same, stored=replace(stored, table=seeds))
+    with pytest.raises(SchemaError, match="do not fit together: one has other rows of sent"):
+        combine_datasets([source, apart], tmp_path / "out", id="coop_nav-both-v0")
