@@ -131,11 +131,9 @@ def card(subject: Subject) -> Remarks:
     types; D4RL copied reference scores from v0 to v2 (issue 114).
     """
     path = subject.path / CARD
-    if not isinstance(subject.origin, Recipe):
-        yield note("cards of what was not made from a recipe are not compared")
-        return
     if not path.exists():
-        yield problem(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
+        remark = problem if isinstance(subject.origin, Recipe) else note  # edits may have none yet
+        yield remark(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
     text, wanted = path.read_bytes(), []
     for picture in (None, f"{subject.manifest.id}.png"):  # as generated, and as published

@@ -47,7 +47,9 @@ def ends(subject: Subject) -> Remarks:
         place = subject.place("terminations", int(missing[0]))
         yield problem(f"{len(missing):,} episodes have no end, first {place}")
     cut = subject.table.end_reason == HORIZON
-    wrong = np.flatnonzero(truncations[last] != cut)
+    # other environments may say of an episode that they cut that it was a success all the same
+    said = subject.table.success if subject.recorded is not None else np.zeros_like(cut)
+    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & said))
     if len(wrong):
         yield problem(
             f"flags and end reasons disagree in episodes {some(wrong)}: a truncation must have the "

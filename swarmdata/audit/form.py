@@ -117,6 +117,16 @@ def padding(subject: Subject) -> Remarks:
                     break
 
 
+def _acting(subject: Subject, first: int, n_steps: int) -> Bool:
+    """Who acts in consecutive steps, [n, N]; those who do not have zeros, whatever their space."""
+    if "alive" not in subject.arrays:
+        return np.ones((n_steps, 1), np.bool_)
+    steps = np.arange(first, first + n_steps)
+    episodes = np.searchsorted(subject.table.starts, steps, side="right") - 1
+    acting: Bool = subject.arrays["alive"][steps + episodes]
+    return acting
+
+
 def action_bounds(subject: Subject) -> Remarks:
     """Actions lie in their space: in [-1, 1] for our tasks; whole numbers where they are choices.
 
@@ -127,6 +137,7 @@ def action_bounds(subject: Subject) -> Remarks:
     actions = subject.arrays["actions"]
     for first, block in blocks(actions):
         wrong = (block < lows) | (block > highs) | (whole & (block != np.round(block)))
+        wrong &= _acting(subject, first, len(block))[..., None]
         if wrong.any():
             row, agent, column = np.argwhere(wrong)[0].tolist()
             yield problem(

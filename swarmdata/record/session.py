@@ -7,7 +7,6 @@ at any time, it is whole: what was not yet in a part is lost and nothing else.
 import re
 import shutil
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +17,7 @@ from filelock import FileLock, Timeout
 from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
-from swarmdata.frozen import Frozen
+from swarmdata.frozen import Frozen, differences
 from swarmdata.origins import Recording
 from swarmdata.record.tape import n_bytes
 from swarmdata.spec import Splits
@@ -106,12 +105,13 @@ class RecordingFolder:
             self.folder.mkdir(exist_ok=True)
             write_file(self.folder / SESSION, session.to_json().encode())
             return
-        ours, theirs = session.model_dump(mode="json"), there.model_dump(mode="json")
-        if different := list(_differences("", theirs, ours)):
+        if different := list(differences(there, session)):
+            words = "; ".join(
+                f"{path} is {old!r} there, {new!r} here" for path, old, new in different
+            )
             raise RecipeConflictError(
-                f"{self.folder} holds an unfinished recording of something else: "
-                f"{'; '.join(different)}. Finish it with `swarmdata record recover {self.path}`, "
-                "or choose another path."
+                f"{self.folder} holds an unfinished recording of something else: {words}. Finish "
+                f"it with `swarmdata record recover {self.path}`, or choose another path."
             )
 
     def add(self, episode: Episode) -> None:
@@ -292,13 +292,3 @@ def _agents_leave(part: Path) -> bool:
     alike = all((flag[ends].all(1) | ~flag[ends].any(1)).all() for flag in flags)
     early = (flags[0].any(1) | flags[1].any(1)).sum() > len(lengths)
     return not alike or bool(early) or not acted.all()
-
-
-def _differences(path: str, there: object, ours: object) -> Iterator[str]:
-    """Names what differs, with both values."""
-    if isinstance(there, dict) and isinstance(ours, dict):
-        for key in sorted(there.keys() | ours.keys()):
-            inner = f"{path}.{key}" if path else str(key)
-            yield from _differences(inner, there.get(key), ours.get(key))
-    elif there != ours:
-        yield f"{path} is {there!r} there, {ours!r} here"
