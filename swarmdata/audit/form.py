@@ -137,7 +137,7 @@ def action_bounds(subject: Subject) -> Remarks:
     actions = subject.arrays["actions"]
     for first, block in blocks(actions):
         wrong = (block < lows) | (block > highs) | (whole & (block != np.round(block)))
-        wrong &= _acting(subject, first, len(block))[..., None]
+        wrong &= _acting(subject, first, len(block))[..., None] | (block != 0)
         if wrong.any():
             row, agent, column = np.argwhere(wrong)[0].tolist()
             yield problem(
