@@ -4,7 +4,7 @@ import re
 import threading
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, Self
 
 
 @dataclass
@@ -64,7 +64,7 @@ class FaultyServer(ThreadingHTTPServer):
         """Where it listens."""
         return f"http://127.0.0.1:{self.server_port}"
 
-    def __enter__(self) -> "FaultyServer":
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
@@ -105,7 +105,7 @@ class FaultyHandler(BaseHTTPRequestHandler):
         else:
             self.answer()
 
-    do_GET = do_HEAD = do_POST = do_PUT = do_DELETE = handle_request
+    do_GET = do_HEAD = do_POST = do_PUT = do_DELETE = handle_request  # noqa: N815  # http.server's
 
     def read_body(self) -> bytes:
         """The request's body."""

@@ -1,7 +1,7 @@
-"""A Hugging Face Hub on 127.0.0.1, for the true client: repositories, commits, tags, both storages.
+"""A Hugging Face Hub on 127.0.0.1, for the true client: repositories, commits, tags, large files.
 
-It speaks what huggingface_hub 0.34 to 2.x asks for when datasets are pushed, listed and pulled. With
-a `cas` folder, large files go through the real xet client, whose protocol that folder then holds.
+It speaks what huggingface_hub 0.34 to 2.x asks for when datasets are pushed, listed and pulled.
+With a `cas` folder, large files go through the real xet client, which keeps them in that folder.
 """
 
 import base64

@@ -1,7 +1,7 @@
 """S3 on this machine: moto's server, and before it a server that injects faults."""
 
 import http.client
-from typing import Any
+from typing import Any, Self
 
 from moto.server import ThreadedMotoServer
 
@@ -42,12 +42,11 @@ class ObjectStore(FaultyServer):
         secrets = {"key": "testing", "secret": "testing"}
         return {**secrets, "endpoint_url": self.url, "config_kwargs": quick}
 
-    def __enter__(self) -> "ObjectStore":
+    def __enter__(self) -> Self:
         self._moto.start()
         host, port = self._moto.get_host_and_port()
         self.behind = (host, port)
-        super().__enter__()
-        return self
+        return super().__enter__()
 
     def __exit__(self, *error: object) -> None:
         super().__exit__(*error)

@@ -1,11 +1,11 @@
 """Folders on a disk: published in one rename, read with limits."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTakenError
-from swarmdata.remotes import folders
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import pull
@@ -41,7 +41,7 @@ def test_an_interrupted_push_is_invisible(
     remote: FolderRemote, root: Path, dataset: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     copied: list[str] = []
-    copy = folders.shutil.copyfile
+    copy = shutil.copyfile
 
     def copy_some(source: Path, target: Path) -> None:
         copied.append(str(source))
@@ -50,7 +50,7 @@ def test_an_interrupted_push_is_invisible(
         copy(source, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(folders.shutil, "copyfile", copy_some)
+        patch.setattr(shutil, "copyfile", copy_some)
         with pytest.raises(HubError, match="No space left"):
             remote.publish(dataset, ID)
     assert remote.ids() == ()

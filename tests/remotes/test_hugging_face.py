@@ -31,9 +31,7 @@ def test_round_trip(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path
     assert [path.name for path in pulled.parent.iterdir() if path.suffix != ".lock"] == [ID]
 
 
-def test_a_push_is_one_commit_and_a_tag(
-    remote: HubRemote, hub: LoopbackHub, dataset: Path
-) -> None:
+def test_a_push_is_one_commit_and_a_tag(remote: HubRemote, hub: LoopbackHub, dataset: Path) -> None:
     release = remote.publish(dataset, ID)
 
     repository = hub.repositories[NAME]

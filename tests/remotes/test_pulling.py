@@ -90,9 +90,7 @@ def test_the_bar_counts_bytes(
     assert "B/s" in shown
 
 
-def test_something_else_at_the_place_is_left_alone(
-    root: Path, other: Path, tmp_path: Path
-) -> None:
+def test_something_else_at_the_place_is_left_alone(root: Path, other: Path, tmp_path: Path) -> None:
     shutil.copytree(other, tmp_path / ID)
     with pytest.raises(DatasetError, match="is not this release"):
         pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
@@ -133,7 +131,7 @@ def test_a_pull_stopped_at_its_end_goes_on(
             raise KeyboardInterrupt
 
         if step == "copyfile":
-            patch.setattr(pulling.shutil, "copyfile", stop)
+            patch.setattr(shutil, "copyfile", stop)
             patch.setattr(Tampered, "read", _copy_by_hand)
         else:
             patch.setattr(pulling, "sync_tree", stop)
