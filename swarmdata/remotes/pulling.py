@@ -100,13 +100,20 @@ def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, 
         raise HubError(f"{release.id} has no file {file!r}: its manifest does not list it.")
     out.parent.mkdir(parents=True, exist_ok=True)
     arriving = out.with_name(f"{out.name}.arriving")
+    _read_checked(remote, release, file, entry, arriving)
+    sync(arriving)
+    arriving.replace(out)
+    sync(out.parent)
+
+
+def _read_checked(
+    remote: Remote, release: Release, file: str, entry: FileEntry, arriving: Path
+) -> None:
+    """Fetches a file as its entry says, once more if it was changed on the way."""
     for attempt in (1, 2):
         remote.read(release, file, arriving, entry.size)
         problem = _difference(arriving, entry)
         if problem is None:
-            sync(arriving)
-            arriving.replace(out)
-            sync(out.parent)
             return
         arriving.unlink()
         if attempt == 2:
@@ -208,9 +215,12 @@ def _fetch_all(
     """Fetches what is not there, a few files at a time; the first error stops the rest."""
 
     def fetch(name: str) -> int:
-        entry = manifest.files[name]
-        if not (scratch / name).is_file() or _difference(scratch / name, entry) is not None:
-            fetch_file(remote, release, manifest, name, scratch / name)
+        entry, out = manifest.files[name], scratch / name
+        if not out.is_file() or _difference(out, entry) is not None:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            arriving = out.with_name(f"{out.name}.arriving")
+            _read_checked(remote, release, name, entry, arriving)
+            arriving.replace(out)  # flushed to the disk with everything else, by `_publish`
         return entry.size
 
     with _pool() as pool:
