@@ -198,6 +198,16 @@ def test_a_stalled_hub_is_left(
     assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
+def test_a_silent_hub_is_left(
+    on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 22: so is one that takes a question and says nothing."""
+    monkeypatch.setattr("swarmdata.remotes.hub_calls.TIMEOUT", 0.3)
+    server, _, release = on_a_hub
+    server.faults = [Fault("GET .*/revision/", stall=2.0, times=1)]
+    assert HubRemote("hf://org", backoff=backoff).find(ID) == release
+
+
 def test_no_such_host(hub: LoopbackHub, backoff: Backoff, monkeypatch: pytest.MonkeyPatch) -> None:
     """Row 22: a name that no server has."""
 
