@@ -1,7 +1,6 @@
 """What remotes and the network do to a dataset on its way: nothing lost, nothing half visible."""
 # ruff: noqa: F811  # fixtures of tests/remotes are imported, and asked for by their names
 
-import json
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,9 +15,7 @@ from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
-from swarmdata.store import open_store
 from tests.remotes.conftest import (  # noqa: F401  # fixtures
-    CARD,
     ID,
     NEXT,
     backoff,
@@ -55,7 +52,7 @@ def on_a_host(dataset: Path, tmp_path: Path, backoff: Backoff, hub: None) -> Ite
     with StaticHost(root) as server:
         yield (
             server,
-            WebRemote(server.url, backoff=backoff, timeout=0.5),
+            WebRemote(server.url, backoff=backoff, timeout=10.0),
             Release(ID, f"{server.url}/{ID}"),
         )
 
@@ -74,20 +71,17 @@ def pattern(server: FaultyServer, file: str) -> str:
     return f"GET .*{file}"
 
 
-@pytest.mark.parametrize(
-    "name", ["../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "README.MD", "recipe.json"]
-)
-def test_listing_with_hostile_names(
-    on_a_hub: Served, hub: LoopbackHub, tmp_path: Path, name: str
-) -> None:
+def test_listing_with_hostile_names(on_a_hub: Served, hub: LoopbackHub, tmp_path: Path) -> None:
     """Row 17: a listing with a name that leads out, or that is there twice, is refused whole."""
-    hub.extra_names.append(name)
-    fresh = HubRemote("hf://org", backoff=Backoff(attempts=1))
-    with pytest.raises(HubError, match="Nothing of it is used"):
-        fresh.find(ID)
-    with pytest.raises(HubError, match="Nothing of it is used"):
-        pull(fresh, on_a_hub[2], tmp_path / ID, progress=False)
-    assert not (tmp_path / ID).exists()
+    hostile = ("../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "README.MD", "recipe.json")
+    for name in hostile:
+        hub.extra_names = [name]
+        fresh = HubRemote("hf://org", backoff=Backoff(attempts=1))
+        with pytest.raises(HubError, match="Nothing of it is used"):
+            fresh.find(ID)
+        with pytest.raises(HubError, match="Nothing of it is used"):
+            pull(fresh, on_a_hub[2], tmp_path / ID, progress=False)
+        assert not (tmp_path / ID).exists()
 
 
 @pytest.mark.parametrize(
@@ -192,9 +186,9 @@ def test_a_stalled_hub_is_left(
     on_a_hub: Served, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 22: a server that sends nothing more is left, and asked again."""
-    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DOWNLOAD_TIMEOUT", 0.5)
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DOWNLOAD_TIMEOUT", 2.0)
     server, remote, release = on_a_hub
-    server.faults = [Fault(pattern(server, ARRAY), stall=2.0, times=1)]
+    server.faults = [Fault(pattern(server, ARRAY), stall=9.0, times=1)]
     assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
@@ -202,9 +196,9 @@ def test_a_silent_hub_is_left(
     on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 22: so is one that takes a question and says nothing."""
-    monkeypatch.setattr("swarmdata.remotes.hub_calls.TIMEOUT", 0.3)
+    monkeypatch.setattr("swarmdata.remotes.hub_calls.TIMEOUT", 2.0)
     server, _, release = on_a_hub
-    server.faults = [Fault("GET .*/revision/", stall=2.0, times=1)]
+    server.faults = [Fault("GET .*/revision/", stall=9.0, times=1)]
     assert HubRemote("hf://org", backoff=backoff).find(ID) == release
 
 
@@ -340,9 +334,7 @@ def test_a_commit_whose_answer_is_lost_is_not_made_twice(
     assert remote.find(ID) == release
 
 
-def test_two_pushers(
-    hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, tmp_path: Path
-) -> None:
+def test_two_pushers(hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path) -> None:
     """Row 25: who comes second gets a conflict, is told to pull, and has changed nothing."""
     hub.faults = [Fault("POST .*/commit/", 412, times=1)]
     with pytest.raises(ConflictError, match="Pull what is there"):
@@ -364,10 +356,4 @@ def test_two_pushers(
     assert repository.titles == ["initial commit", ID]
     assert set(repository.tags) == {"v0"}
 
-    release = HubRemote("hf://org").at("coop_nav-synthetic")
-    assert release is not None
-    pulled = pull(remote, release, tmp_path / ID, progress=False)
-    open_store(pulled, "full")
-    assert json.loads((pulled / "manifest.json").read_bytes())["id"] == ID
-    assert (pulled / "card.md").read_text() == CARD
     assert HubRemote("hf://org").publish(successor, NEXT).id == NEXT

@@ -82,6 +82,7 @@ def test_s3_with_the_environment_of_its_tools(
     assert store.log
 
 
+@pytest.mark.slow
 def test_s3_survives_faults(
     store: ObjectStore, backoff: Backoff, dataset: Path, tmp_path: Path, impatient: None
 ) -> None:
