@@ -122,10 +122,10 @@ def test_the_nearest_dataset_is_suggested(on_a_hub: Served) -> None:
     "make",
     [
         lambda at: Fault(at, 503, times=1),
-        lambda at: Fault(at, 500, times=1),
+        pytest.param(lambda at: Fault(at, 500, times=1), marks=pytest.mark.slow),
         lambda at: Fault(at, 429, {"Retry-After": "0"}, times=1),
         lambda at: Fault(at, cut=700, times=1),
-        lambda at: Fault(at, cut=0, times=1),
+        pytest.param(lambda at: Fault(at, cut=0, times=1), marks=pytest.mark.slow),
         lambda at: Fault(at, lose=True, times=1),
         lambda at: Fault(at, drip=500, pause=0.02, times=1),
     ],
@@ -182,6 +182,7 @@ def test_faults_of_asking(served: Served) -> None:
     assert remote.find(ID) == release
 
 
+@pytest.mark.slow
 def test_a_stalled_hub_is_left(
     on_a_hub: Served, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,6 +193,7 @@ def test_a_stalled_hub_is_left(
     assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
+@pytest.mark.slow
 def test_a_silent_hub_is_left(
     on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -149,6 +149,7 @@ class _Handler(FaultyHandler):
         siblings = [_sibling(path, blob) for path, blob in repository.commits[commit].items()]
         siblings += [_sibling(path, Blob(1, "0" * 40, b"x")) for path in self.server.extra_names]
         content = {"_id": name, "id": name, "sha": commit, "siblings": siblings, "tags": []}
+        content["xetEnabled"] = self.server.cas is not None  # which versions below 1 ask for
         self.send_json(200, content)
 
     def refs(self, body: bytes, name: str) -> None:
@@ -182,15 +183,17 @@ class _Handler(FaultyHandler):
         self.send_json(200, {"files": answers})
 
     def batch(self, body: bytes, name: str) -> None:
-        answers = []
-        for asked in json.loads(body)["objects"]:
+        question, answers = json.loads(body), []
+        offered = self.server.cas is not None and "xet" in question.get("transfers", [])
+        for asked in question["objects"]:
             answer: dict[str, Any] = {"oid": asked["oid"], "size": asked["size"]}
             if asked["oid"] not in self.server.lfs:
                 upload = {"href": f"{self.server.url}/_lfs/{asked['oid']}", "header": {}}
                 answer["actions"] = {"upload": upload}
             answers.append(answer)
         kind = {"Content-Type": "application/vnd.git-lfs+json"}
-        self.send_json(200, {"transfer": "basic", "objects": answers}, kind)
+        transfer = "xet" if offered else "basic"
+        self.send_json(200, {"transfer": transfer, "objects": answers}, kind)
 
     def store(self, body: bytes, oid: str) -> None:
         if hashlib.sha256(body).hexdigest() != oid:
