@@ -7,7 +7,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import __version__, audit_commands, editing_commands, training_commands
+from swarmdata import (
+    __version__,
+    audit_commands,
+    editing_commands,
+    remote_commands,
+    training_commands,
+)
 from swarmdata.errors import SwarmdataError
 from swarmdata.registry_commands import registry_app
 from swarmdata.task_commands import Communication, Observation, task_app
@@ -37,6 +43,7 @@ app = typer.Typer(
 )
 app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
+app.add_typer(remote_commands.remote_app, name="remote")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
 IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
@@ -174,6 +181,8 @@ app.command()(audit_commands.audit)
 app.command("filter")(editing_commands.filter_command)
 app.command("combine")(editing_commands.combine_command)
 app.command("subsample")(editing_commands.subsample_command)
+app.command()(remote_commands.push)
+app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
