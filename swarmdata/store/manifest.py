@@ -111,7 +111,19 @@ def _digest(blank: bytes) -> bytes:
 
 def rebuild_hint(folder: Path, identity: str = "ID") -> str:
     """What to do about a dataset that cannot be used."""
-    return f"Delete {folder} and run `swarmdata generate {identity}` to rebuild it."
+    return (
+        f"{_repair(folder)} --repair`, which replaces what is broken, or delete {folder} and run "
+        f"`swarmdata generate {identity}` to rebuild it."
+    )
+
+
+def without_hint(message: str, folder: Path) -> str:
+    """The message of an error without its `rebuild_hint`."""
+    return message.partition(_repair(folder))[0].rstrip(" .")
+
+
+def _repair(folder: Path) -> str:
+    return f"Run `swarmdata verify {folder}"
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -27,7 +27,12 @@ from swarmdata.store.layout import (
 )
 from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
 from swarmdata.store.table import SPLITS, EpisodeTable
-from swarmdata.store.verification import check_chunks, check_everything, check_small_files
+from swarmdata.store.verification import (
+    check_chunks,
+    check_everything,
+    check_small_files,
+    map_shard,
+)
 from swarmdata.types import END_REASONS
 
 Verify = Literal["none", "fast", "full"]
@@ -62,12 +67,13 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
     _refuse_links(path)
     manifest = read_manifest(path)
-    _check_arrays(path, manifest)
-    _check_files(path, manifest)
+    check_listing(path, manifest)
+    for file in sorted(manifest.files):
+        _check_size(path, manifest, file)
     if verify != "none":
         check_small_files(path, manifest)
     _check_metadata(path, manifest)
-    raw = {name: _map(path, manifest, name) for name in manifest.arrays}
+    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
     _check_indices(path, manifest, raw)
     if verify != "none":
         check_chunks(path, manifest, raw)
@@ -86,6 +92,16 @@ def _refuse_links(path: Path) -> None:
             raise ManifestError(
                 f"{entry} is a symbolic link, expected a plain file or folder. {rebuild_hint(path)}"
             )
+
+
+def check_listing(path: Path, manifest: Manifest) -> None:
+    """Checks that what the manifest lists can be a dataset; no other file is looked at.
+
+    Raises:
+        ManifestError: naming what contradicts what.
+    """
+    _check_arrays(path, manifest)
+    _check_files(path, manifest)
 
 
 def _check_arrays(path: Path, manifest: Manifest) -> None:
@@ -112,7 +128,7 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
 
 
 def _check_files(path: Path, manifest: Manifest) -> None:
-    """Checks that exactly the files of the arrays are listed and that they have their sizes."""
+    """Checks that exactly the files of the arrays are listed, with the sizes of the arrays."""
     shards = {name: entry.shard for name, entry in manifest.arrays.items()}
     differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
     if differing:
@@ -128,8 +144,6 @@ def _check_files(path: Path, manifest: Manifest) -> None:
                 f"{file} is listed with {manifest.files[file].size} bytes, but an array of shape "
                 f"{shard.shape} and dtype {shard.dtype} has {shard.file_bytes}",
             )
-    for file in expected_files(shards):
-        _check_size(path, manifest, file)
 
 
 def _check_size(path: Path, manifest: Manifest, file: str) -> None:
@@ -155,15 +169,6 @@ def _check_metadata(path: Path, manifest: Manifest) -> None:
             got = found.get(key) if isinstance(found, dict) else None
             if got != expected:
                 raise _disagrees(path, manifest, f"{file} has {key} {got}, expected {expected}")
-
-
-def _map(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
-    """Maps the array's whole file, index included; empty for an array without elements."""
-    shard = manifest.arrays[name].shard
-    if not shard.n_chunks:
-        return np.zeros(0, dtype=np.uint8)
-    file = path / array_file(name, len(shard.shape))
-    return np.asarray(np.memmap(file, dtype=np.uint8, mode="r"))
 
 
 def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:

@@ -20,6 +20,15 @@ Raw = Mapping[str, NDArray[np.uint8]]
 """The bytes of each array's file, by array name."""
 
 
+def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the array's whole file, index included; empty for an array without elements."""
+    shard = manifest.arrays[name].shard
+    if not shard.n_chunks:
+        return np.zeros(0, dtype=np.uint8)
+    file = path / array_file(name, len(shard.shape))
+    return np.asarray(np.memmap(file, dtype=np.uint8, mode="r"))
+
+
 def check_small_files(path: Path, manifest: Manifest) -> None:
     """Checks the SHA-256 of every file that is not an array's data."""
     large = {array_file(name, len(entry.shape)) for name, entry in manifest.arrays.items()}
