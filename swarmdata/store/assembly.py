@@ -189,7 +189,7 @@ def _write(folder: Path, recipe: Recipe, source: _Source, shards: dict[str, Shar
             reward_mean=reward_mean,
             reward_std=reward_std,
         ),
-        provenance=_provenance(),
+        provenance=provenance(),
     )
 
 
@@ -224,7 +224,8 @@ def _attributes(recipe: Recipe) -> dict[str, Any]:
     }
 
 
-def _provenance() -> dict[str, str]:
+def provenance() -> dict[str, str]:
+    """Versions and platform that something is made with here; in no digest."""
     packages = ("swarmdata", "numpy", "numba", "pymunk", "zarr")
     return {
         **{name: version(name) for name in packages},

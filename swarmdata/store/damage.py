@@ -1,4 +1,4 @@
-"""Everything that is wrong with a stored dataset: each broken file, its first bad chunk and rows."""
+"""All that is wrong with a stored dataset: each broken file, its first bad chunk with its rows."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
