@@ -10,6 +10,12 @@ SwarmdataError
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
+├── AddressError (ValueError)           an address or a dataset's id is malformed
+├── GateError (ValueError)              a dataset may not be published
+├── HubError (OSError)                  a remote could not be asked, or refused
+│   ├── AbsentFileError                 the remote has no such file
+│   ├── ConflictError                   someone else published there meanwhile
+│   └── VersionTakenError               this version is published already, and never changes
 └── DatasetError (OSError)              a stored dataset cannot be used
     ├── DatasetNotFoundError            there is nothing at that path
     ├── MissingManifestError            the folder has no manifest, so it was never finished
@@ -84,6 +90,30 @@ class BuildError(SwarmdataError, RuntimeError):
 
 class RecipeConflictError(BuildError):
     """The build folder holds parts of another recipe."""
+
+
+class AddressError(SwarmdataError, ValueError):
+    """An address of a remote, or the id of a dataset, is malformed."""
+
+
+class GateError(SwarmdataError, ValueError):
+    """A dataset may not be published; the message lists every reason."""
+
+
+class HubError(SwarmdataError, OSError):
+    """A remote could not be asked, refused, or gave what it must not give."""
+
+
+class AbsentFileError(HubError):
+    """The remote has no such file."""
+
+
+class ConflictError(HubError):
+    """Someone else published to the same place meanwhile; nothing of this push is visible."""
+
+
+class VersionTakenError(HubError):
+    """Another dataset is published under this id and version, which never changes."""
 
 
 class DatasetError(SwarmdataError, OSError):
