@@ -11,7 +11,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
+from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import (
     Published,
     TaskReferences,
@@ -154,7 +154,10 @@ def load(
 
 def _recipe(name: str | Path) -> Recipe | None:
     """The shipped recipe of an id; None: it is none. No folder of the same name comes before."""
-    return find_recipe(name) if isinstance(name, str) and is_dataset(name) else None
+    try:
+        return find_recipe(name) if isinstance(name, str) else None
+    except UnknownNameError:
+        return None
 
 
 def _obtain(

@@ -25,7 +25,6 @@ TINY = Recipe(
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes every id mean a recipe that is built in a second."""
-    monkeypatch.setattr(catalog, "is_dataset", lambda dataset_id: True)
     monkeypatch.setattr(catalog, "find_recipe", lambda dataset_id: TINY)
 
 
