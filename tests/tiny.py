@@ -21,7 +21,7 @@ TINY = Recipe(
         PolicySource(label="b", name="straight", share=2.0),
     ),
     seed=5,
-    n_steps=800,
+    n_steps=400,
     part_episodes=4,
 )
 
