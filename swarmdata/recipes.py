@@ -71,6 +71,8 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     """Does what `build` does, for a caller that holds the lock of `out`."""
     if is_finished(out, recipe):
         return  # somebody else's, while we waited for the lock
+    remove_leftovers(out.parent, out.name)
+    remove_leftovers(out)
     if not out.exists():
         _make(recipe, out, workers or os.cpu_count() or 1, progress)
     if build_folder(out).exists():

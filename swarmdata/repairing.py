@@ -17,7 +17,14 @@ from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
 from swarmdata.restoring import Sources, recipe_of, restore_manifest
-from swarmdata.store import Damage, Manifest, find_damage, read_manifest, write_file
+from swarmdata.store import (
+    Damage,
+    Manifest,
+    find_damage,
+    read_manifest,
+    remove_leftovers,
+    write_file,
+)
 from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST
 from swarmdata.store.shards import file_digest
@@ -114,6 +121,7 @@ class _Job:
     sources: Sources
 
     def run(self) -> Iterator[Repair]:
+        remove_leftovers(self.path)
         for link in [each for each in self.path.rglob("*") if each.is_symlink()]:
             link.unlink()  # what it points to is not ours; the file is now absent
         damage = {each.file for each in examine(self.path)}

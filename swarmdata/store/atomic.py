@@ -5,6 +5,7 @@ Readers see the old state or the new one, whatever is killed and whenever.
 
 import contextlib
 import errno
+import glob
 import os
 import shutil
 import uuid
@@ -104,9 +105,15 @@ def _publish(temporary: Path, path: Path) -> None:
             raise
 
 
-def remove_leftovers(folder: Path) -> None:
-    """Deletes what killed writers left in `folder`; only whoever holds its lock may call this."""
-    for leftover in folder.glob(f"{TEMPORARY}*"):
+def remove_leftovers(folder: Path, name: str | None = None) -> None:
+    """Deletes what killed writers left in `folder`; only whoever holds its lock may call this.
+
+    Args:
+        folder: where to look; it need not exist.
+        name: of the file or folder that they were writing; None: any.
+    """
+    written = "*" if name is None else f"{glob.escape(name)}-{'[0-9a-f]' * 32}"
+    for leftover in folder.glob(f"{TEMPORARY}{written}"):
         if leftover.is_dir() and not leftover.is_symlink():
             shutil.rmtree(leftover)
         else:

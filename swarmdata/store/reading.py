@@ -1,7 +1,10 @@
 """Opens a dataset as memory maps, after checking that the bytes are those that were written."""
 
+import hashlib
 import json
-from dataclasses import dataclass
+import mmap
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,6 +51,11 @@ class StoredDataset:
     arrays: dict[str, NDArray[Any]]
     table: EpisodeTable
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the path and what is in memory only: a worker process maps the files itself."""
+        held = {name: array for name, array in self.arrays.items() if not _is_mapped(array)}
+        return _reopen, (self.path, self.manifest.digest, held)
+
 
 def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
     """Opens a dataset's folder.
@@ -83,6 +91,25 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
     recipe = _read_recipe(path, manifest)
     table = _read_table(path, manifest, recipe, arrays)
     return StoredDataset(path, manifest, recipe, arrays, table)
+
+
+def _is_mapped(array: NDArray[Any]) -> bool:
+    """Whether an array is a view of a file; an empty one has none and costs nothing to copy."""
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        base = base.base
+    return isinstance(base, mmap.mmap)
+
+
+def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
+    """Opens a dataset that another process has verified."""
+    stored = open_store(path, "none")
+    if stored.manifest.digest != digest:
+        raise ChecksumError(
+            f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
+            "was replaced meanwhile. Load it again."
+        )
+    return replace(stored, arrays={**stored.arrays, **held})
 
 
 def _refuse_links(path: Path) -> None:
@@ -189,13 +216,16 @@ def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uin
 def _read_recipe(path: Path, manifest: Manifest) -> Recipe:
     file = path / RECIPE
     try:
+        content = file.read_bytes()
         # not Recipe.from_file: its YAML parser takes most of the time of opening
-        recipe = Recipe.parse(json.loads(file.read_bytes()), str(file))
+        recipe = Recipe.parse(json.loads(content), str(file))
     except (SpecError, ValueError, RecursionError) as error:
         raise ManifestError(
             f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
         ) from error
-    if (recipe.id, recipe.hash()) != (manifest.id, manifest.recipe_hash):
+    # of the file, as written: what later versions add to a recipe does not change it
+    written = hashlib.sha256(content).hexdigest()
+    if (recipe.id, written) != (manifest.id, manifest.recipe_hash):
         raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {recipe.id}")
     return recipe
 
