@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import __version__, integrity_commands, training_commands
+from swarmdata import __version__, integrity_commands, remote_commands, training_commands
 from swarmdata.errors import SwarmdataError
 from swarmdata.registry_commands import registry_app
 from swarmdata.task_commands import Communication, Observation, task_app
@@ -37,6 +37,7 @@ app = typer.Typer(
 )
 app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
+app.add_typer(remote_commands.remote_app, name="remote")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
 IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
@@ -154,6 +155,8 @@ def card(
         write_card(folder)
 
 
+app.command()(remote_commands.push)
+app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)

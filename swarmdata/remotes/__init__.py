@@ -6,7 +6,7 @@ checked, resumed and renamed on this side is the same for all of them: `pulling`
 
 from swarmdata.remotes.addresses import Address, configured_remotes, open_remote, parse_address
 from swarmdata.remotes.interface import Release, Remote
-from swarmdata.remotes.locating import locate
+from swarmdata.remotes.locating import find_release, locate
 from swarmdata.remotes.pulling import fetch_file, pull
 from swarmdata.remotes.pushing import push
 
@@ -16,6 +16,7 @@ __all__ = [
     "Remote",
     "configured_remotes",
     "fetch_file",
+    "find_release",
     "locate",
     "open_remote",
     "parse_address",

@@ -92,7 +92,7 @@ class BucketRemote:
     def publish(self, folder: Path, dataset_id: str) -> Release:
         split_id(dataset_id)
         files, release = (
-            published_files(folder),
+            published_files(folder, dataset_id),
             Release(dataset_id, f"{self.address}/{dataset_id}"),
         )
         manifest = (folder / MANIFEST).read_bytes()

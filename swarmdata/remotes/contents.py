@@ -14,14 +14,16 @@ MAX_SMALL = MAX_BYTES
 """Most bytes of a file that is not an array's data."""
 
 
-def published_files(folder: Path) -> tuple[str, ...]:
+def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
     """Every file of a finished dataset, those of the arrays first and the manifest last.
 
     Raises:
-        DatasetError: the manifest cannot be read or names what it must not.
+        DatasetError: the manifest cannot be read, is of another id, or names what it must not.
     """
     manifest = read_manifest(folder)
     problems = contradictions(manifest)
+    if manifest.id != dataset_id:
+        problems = (f"it is of {manifest.id}, not of {dataset_id}", *problems)
     if problems:
         raise ManifestError(f"{folder / MANIFEST} cannot be published: {'; '.join(problems)}.")
     side = [name for name in SIDE_FILES if (folder / name).is_file()]

@@ -62,7 +62,7 @@ class FolderRemote:
     def publish(self, folder: Path, dataset_id: str) -> Release:
         split_id(dataset_id)
         self._check_reachable()
-        files = published_files(folder)
+        files = published_files(folder, dataset_id)
         target = self._root / dataset_id
         try:
             with FileLock(self._root / ".publish.lock"):

@@ -150,7 +150,7 @@ class HubCalls:
         """
         from huggingface_hub import CommitOperationAdd, CommitOperationDelete  # noqa: PLC0415
 
-        def send() -> str:
+        def attempt() -> str:
             adds = [CommitOperationAdd(name, str(path)) for name, path in files.items()]
             deletes = [CommitOperationDelete(name) for name in stale]
             try:
@@ -161,20 +161,12 @@ class HubCalls:
                     repo_type=KIND,
                     parent_commit=parent,
                 )
-            except Exception as error:
-                raise _Unsettled from error
-            return str(made.oid)
-
-        def attempt() -> str:
-            try:
-                return send()
-            except _Unsettled as unsettled:
+            except Exception:  # whatever it was, the commit may have been made
                 commit = settled()
-                if commit is not None:
-                    return commit
-                cause = unsettled.__cause__
-                assert isinstance(cause, Exception)
-                raise cause from None
+                if commit is None:
+                    raise
+                return commit
+            return str(made.oid)
 
         return self._call(f"committing to {repository}", attempt)
 
@@ -211,10 +203,6 @@ class HubCalls:
                 raise ours from error
 
         return self._backoff.run(what, attempt)
-
-
-class _Unsettled(Exception):  # noqa: N818
-    """A commit that may or may not have been made."""
 
 
 def _listed(file: Any, address: str) -> Listed:

@@ -31,7 +31,7 @@ def explained(error: Exception, what: str) -> Exception | None:
         return _of_status(error, status, what)
     if isinstance(error, OSError) and (error.filename is not None or error.errno in LOCAL):
         return None
-    problem = scrub(f"{type(error).__name__}: {error}")
+    problem = _words(error)
     network = OSError | RuntimeError | json.JSONDecodeError  # hf_xet raises RuntimeError
     if isinstance(error, network) or type(error).__module__.partition(".")[0] in LIBRARIES:
         return TransientError(problem)
@@ -47,7 +47,7 @@ def _of_status(error: Exception, status: int, what: str) -> Exception:
         return TransientError(f"HTTP {status}", seconds(_header(error, "Retry-After")))
     if isinstance(error, EntryNotFoundError):
         return AbsentFileError(f"{what} failed: the repository has no such file.")
-    problem = scrub(f"{type(error).__name__}: {error}")
+    problem = _words(error)
     if status in (401, 403):
         return HubError(
             f"{what} failed, HTTP {status}: this token may not do that, or there is none. Log in "
@@ -59,11 +59,13 @@ def _of_status(error: Exception, status: int, what: str) -> Exception:
 def _response(error: BaseException) -> Any:
     """The HTTP answer behind an error, or behind what it was raised from."""
     at: BaseException | None = error
-    while at is not None:
+    for _ in range(10):  # causes of causes, which are not many
+        if at is None:
+            break
         response = getattr(at, "response", None)
         if response is not None:
             return response
-        at = at.__cause__ or at.__context__
+        at = at.__cause__
     return None
 
 
@@ -75,6 +77,15 @@ def status_of(error: BaseException) -> int | None:
 def _header(error: BaseException, name: str) -> str | None:
     value = getattr(_response(error), "headers", {}).get(name)
     return None if value is None else str(value)
+
+
+def _words(error: BaseException) -> str:
+    """An error and its cause in one line, without tokens."""
+    text = f"{type(error).__name__}: {error}".rstrip(". \n")
+    cause = error.__cause__
+    if cause is not None and str(cause) not in text:
+        text += f" ({type(cause).__name__}: {cause})"
+    return scrub(" ".join(text.split()))
 
 
 def scrub(text: str) -> str:

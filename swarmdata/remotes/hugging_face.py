@@ -103,7 +103,9 @@ class HubRemote:
 
     def publish(self, folder: Path, dataset_id: str) -> Release:
         name, version = split_id(dataset_id)
-        files = {_in_repository(file): folder / file for file in published_files(folder)}
+        files = {
+            _in_repository(file): folder / file for file in published_files(folder, dataset_id)
+        }
         tagged = self._look(name, version)
         if tagged is not None:
             return self._published(dataset_id, name, tagged, files)

@@ -1,5 +1,7 @@
 """From the address of a dataset to the release there."""
 
+from collections.abc import Callable, Sequence
+
 from swarmdata.errors import AddressError, HubError, did_you_mean
 from swarmdata.remotes.addresses import open_remote, parse_address
 from swarmdata.remotes.hugging_face import HubRemote
@@ -41,3 +43,33 @@ def locate(address: str) -> tuple[Remote, Release]:
 
 def _unversioned(dataset_id: str) -> str:
     return dataset_id.rpartition("-v")[0]
+
+
+def find_release(
+    dataset_id: str,
+    addresses: Sequence[str],
+    report: Callable[[str], None] = lambda problem: None,
+) -> tuple[Remote, Release]:
+    """Asks remotes for an exact id, one after the other, and returns the first that has it.
+
+    Args:
+        dataset_id: with its version.
+        addresses: of the remotes, in order.
+        report: called with what went wrong at a remote that is then passed over.
+
+    Raises:
+        HubError: none has it; the message says which could not be asked.
+    """
+    failures = []
+    for address in addresses:
+        remote = open_remote(address)
+        try:
+            release = remote.find(dataset_id)
+        except HubError as error:
+            failures.append(str(error))
+            report(failures[-1])
+            continue
+        if release is not None:
+            return remote, release
+    asked = ", ".join(addresses) or "none is configured; `swarmdata remote add ADDRESS` adds one"
+    raise HubError(f"no remote has {dataset_id} (asked: {asked}). " + " ".join(failures))
