@@ -45,19 +45,16 @@ def pull(
 ) -> None:
     """Fetch a dataset, checked on the way in; run again after any interruption to go on."""
     from swarmdata.cards.schema import published
-    from swarmdata.catalog import cache_folder
     from swarmdata.locking import locked
     from swarmdata.remotes import configured_remotes, find_release, locate
     from swarmdata.remotes import pull as pull_from
     from swarmdata.remotes.addresses import is_address
-    from swarmdata.resolving import obtain_address
     from swarmdata.store import read_manifest
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address says where from itself", param_hint="--from")
     if is_address(dataset) and out is None:
-        found = obtain_address(dataset, cache_folder() / "remotes")  # where `load` looks for it
-        typer.echo(f"{found.folder}\nfrom {found.source}")
+        _pull_address(dataset)
         return
     if is_address(dataset):
         remote, release = locate(dataset)
@@ -74,6 +71,15 @@ def pull(
     manifest = read_manifest(folder)
     known = "the published one" if entry else "none is published to compare with"
     typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest} ({known})")
+
+
+def _pull_address(address: str) -> None:
+    """Fetches to where `load` of the same address looks for it."""
+    from swarmdata.catalog import cache_folder
+    from swarmdata.resolving import obtain_address
+
+    found = obtain_address(address, cache_folder() / "remotes")
+    typer.echo(f"{found.folder}\nfrom {found.source}")
 
 
 @remote_app.command("list")

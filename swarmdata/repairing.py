@@ -27,6 +27,7 @@ from swarmdata.store import (
 )
 from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST
+from swarmdata.store.reading import links_in
 from swarmdata.store.shards import file_digest
 
 
@@ -122,8 +123,8 @@ class _Job:
 
     def run(self) -> Iterator[Repair]:
         remove_leftovers(self.path)
-        for link in [each for each in self.path.rglob("*") if each.is_symlink()]:
-            link.unlink()  # what it points to is not ours; the file is now absent
+        for link in links_in(self.path):
+            (self.path / link).unlink()  # what it points to is not ours; the file is now absent
         damage = {each.file for each in examine(self.path)}
         if MANIFEST in damage:
             restored, how = restore_manifest(self.path, self.sources)

@@ -4,6 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
+import pytest
+
+from swarmdata import recipes
 from swarmdata.recipes import make_part
 from swarmdata.registry import make_env
 from swarmdata.spec import Recipe
@@ -33,3 +36,9 @@ class OneProcessCrew:
             episodes = make_part(recipe, policy, part, env, progress)
             write_part(Path(job.payload["folder"]), episodes)
             self.made.append(job.name)
+
+
+def use_one_process(patch: pytest.MonkeyPatch) -> None:
+    """Lets `build` make its parts in this process until the patch is undone."""
+    patch.setattr(OneProcessCrew, "made", [], raising=False)
+    patch.setattr(recipes, "Crew", OneProcessCrew)

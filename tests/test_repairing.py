@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmdata import recipes, restoring
+from swarmdata import restoring
 from swarmdata.cards.schema import Published, publication
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
 from swarmdata.remotes.interface import Remote
@@ -19,7 +19,7 @@ from swarmdata.repairing import Repair, examine, repair
 from swarmdata.resolving import RemoteSkippedWarning
 from swarmdata.store import Manifest, find_damage, open_store, read_manifest
 from swarmdata.store.remaking import remake_manifest
-from tests.one_process import OneProcessCrew
+from tests.one_process import OneProcessCrew, use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 
 STATES, ACTIONS = "data.zarr/states/c.0.0", "data.zarr/actions/c.0.0.0"
@@ -31,8 +31,7 @@ FILES = [STATES, ACTIONS, META, "data.zarr/zarr.json", "recipe.json", "card.md"]
 def crew() -> Iterator[type[OneProcessCrew]]:
     """Everything is built in this process, and counted."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(recipes, "Crew", OneProcessCrew)
+        use_one_process(patch)
         yield OneProcessCrew
 
 

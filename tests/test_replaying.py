@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,9 +55,10 @@ def test_a_world_that_has_changed_is_named(
         first, *rest = simulate(*arguments)  # type: ignore[arg-type]
         value = getattr(first, field)
         if isinstance(value, int):
-            return [dataclasses.replace(first, **{field: value ^ 1}), *rest]
-        changed = value.copy()
-        changed[3:] = np.nextafter(changed[3:], np.float32(9))
+            changed: Any = value ^ 1
+        else:
+            changed = value.copy()
+            changed[3:] = np.nextafter(changed[3:], np.float32(9))
         return [dataclasses.replace(first, **{field: changed}), *rest]
 
     monkeypatch.setattr(replaying, "_simulate", drifted)

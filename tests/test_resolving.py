@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata import catalog, recipes, resolving
+from swarmdata import catalog, resolving
+from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.cards.schema import publication
 from swarmdata.catalog import find_folder, load
 from swarmdata.dataset import Dataset
@@ -32,7 +33,7 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
-from tests.one_process import OneProcessCrew
+from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 
 FOREIGN = "lab-warehouse_run-v3"
@@ -42,8 +43,7 @@ FOREIGN = "lab-warehouse_run-v3"
 def one_process() -> Iterator[None]:
     """Everything is built in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(recipes, "Crew", OneProcessCrew)
+        use_one_process(patch)
         yield
 
 
@@ -84,9 +84,8 @@ def shipped(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> None:
     """The tiny recipe is one that the package ships and has published."""
     entry = publication(Dataset.open(tiny).stored)
     monkeypatch.setattr(catalog, "published", lambda: MappingProxyType({TINY.id: entry}))
-    find = catalog.find_recipe
     monkeypatch.setattr(
-        catalog, "find_recipe", lambda name: TINY if name in TINY.id else find(name)
+        catalog, "find_recipe", lambda name: TINY if name in TINY.id else find_recipe(name)
     )
 
 

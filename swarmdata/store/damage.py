@@ -10,7 +10,7 @@ import xxhash
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
 from swarmdata.store.layout import MANIFEST, Shard, array_file
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
-from swarmdata.store.reading import check_listing, open_store
+from swarmdata.store.reading import check_listing, links_in, open_store
 from swarmdata.store.shards import file_digest
 from swarmdata.store.verification import logical_digest, map_shard
 
@@ -52,7 +52,7 @@ def find_damage(path: Path) -> tuple[Damage, ...]:
     """
     if not path.is_dir():
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
-    links = {str(entry.relative_to(path)) for entry in path.rglob("*") if entry.is_symlink()}
+    links = set(links_in(path))
     damage = [Damage(link, "is a symbolic link, expected a plain file or folder") for link in links]
     if MANIFEST not in links:
         damage += _contents(path, links)

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import mmap
+import os
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -76,8 +78,7 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
     _refuse_links(path)
     manifest = read_manifest(path)
     check_listing(path, manifest)
-    for file in sorted(manifest.files):
-        _check_size(path, manifest, file)
+    _check_sizes(path, manifest)
     if verify != "none":
         check_small_files(path, manifest)
     _check_metadata(path, manifest)
@@ -112,13 +113,31 @@ def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> Stored
     return replace(stored, arrays={**stored.arrays, **held})
 
 
+def links_in(path: Path) -> tuple[str, ...]:
+    """Every symbolic link below a folder, relative to it and sorted; links are not followed.
+
+    With `os.scandir`, whose entries know what they are: this is part of every `load`.
+    """
+    found, waiting = [], [""]
+    while waiting:
+        inside = waiting.pop()
+        with os.scandir(os.path.join(path, inside)) as entries:  # noqa: PTH118
+            for entry in entries:
+                name = f"{inside}/{entry.name}" if inside else entry.name
+                if entry.is_symlink():
+                    found.append(name)
+                elif entry.is_dir(follow_symlinks=False):
+                    waiting.append(name)
+    return tuple(sorted(found))
+
+
 def _refuse_links(path: Path) -> None:
     """A link could show any file of this machine as data."""
-    for entry in path.rglob("*"):
-        if entry.is_symlink():
-            raise ManifestError(
-                f"{entry} is a symbolic link, expected a plain file or folder. {rebuild_hint(path)}"
-            )
+    for link in links_in(path):
+        raise ManifestError(
+            f"{path / link} is a symbolic link, expected a plain file or folder. "
+            f"{rebuild_hint(path)}"
+        )
 
 
 def check_listing(path: Path, manifest: Manifest) -> None:
@@ -173,13 +192,21 @@ def _check_files(path: Path, manifest: Manifest) -> None:
             )
 
 
-def _check_size(path: Path, manifest: Manifest, file: str) -> None:
-    hint = rebuild_hint(path, manifest.id)
-    if not (path / file).is_file():
-        raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
-    size, expected = (path / file).stat().st_size, manifest.files[file].size
-    if size != expected:
-        raise TruncatedFileError(f"{path / file} has {size} bytes, expected {expected}. {hint}")
+def _check_sizes(path: Path, manifest: Manifest) -> None:
+    """Checks that every listed file is there and has its size."""
+    for file, entry in sorted(manifest.files.items()):
+        try:
+            found = os.stat(os.path.join(path, file))  # noqa: PTH116, PTH118 (a part of every load)
+        except (FileNotFoundError, NotADirectoryError):
+            found = None
+        if found is None or not stat.S_ISREG(found.st_mode):
+            hint = rebuild_hint(path, manifest.id)
+            raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
+        if found.st_size != entry.size:
+            raise TruncatedFileError(
+                f"{path / file} has {found.st_size} bytes, expected {entry.size}. "
+                f"{rebuild_hint(path, manifest.id)}"
+            )
 
 
 def _check_metadata(path: Path, manifest: Manifest) -> None:

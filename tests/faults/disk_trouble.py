@@ -14,13 +14,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from swarmdata import catalog, recipes
+from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.catalog import load
 from swarmdata.errors import SwarmdataError
 from swarmdata.recipes import build_folder
 from swarmdata.repairing import examine
-from swarmdata.store import read_manifest
-from tests.one_process import OneProcessCrew
+from swarmdata.store import assemble, read_manifest
+from tests.one_process import OneProcessCrew, use_one_process
 from tests.tiny import TINY, make_tiny
 
 ROOT = Path(__file__).parents[2]
@@ -50,17 +53,16 @@ def full(folder: Path) -> dict[str, Any]:
     result["part"] = error_of(lambda: make_tiny(out))
     result["left"] = seen(folder), seen(build_folder(out))
     mount(folder, "remount,size=20m")
-    assemble = recipes.assemble
 
     def fill_then_assemble(*arguments: Any, **options: Any) -> Any:
         (folder / "someone elses").write_bytes(b"x" * (20 << 20 >> 1))
         mount(folder, f"remount,size={_used(folder) + (64 << 10)}")
         return assemble(*arguments, **options)
 
-    recipes.assemble = fill_then_assemble
-    result["assembly"] = error_of(lambda: make_tiny(out))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recipes, "assemble", fill_then_assemble)
+        result["assembly"] = error_of(lambda: make_tiny(out))
     result["left after assembly"] = seen(folder)
-    recipes.assemble = assemble
     (folder / "someone elses").unlink()
     mount(folder, "remount,size=20m")
     OneProcessCrew.made.clear()
@@ -82,8 +84,9 @@ def read_only(folder: Path) -> dict[str, Any]:
     os.environ["SWARMDATA_CACHE"] = str(folder / "cache")
     digest = read_manifest(make_tiny(folder / "cache" / "datasets" / TINY.id)).digest
     mount(folder, "remount,ro,size=20m")
-    find = catalog.find_recipe
-    catalog.find_recipe = lambda name: TINY if "tiny" in name else find(name)
+    pytest.MonkeyPatch().setattr(
+        catalog, "find_recipe", lambda name: TINY if "tiny" in name else find_recipe(name)
+    )
     dataset = load("coop_nav-tiny", verify="full")
     return {
         "digests": [digest, dataset.digest],
@@ -109,8 +112,7 @@ def _without_kernels(folder: Path) -> str:
 
 
 def main() -> None:
-    recipes.Crew = OneProcessCrew  # type: ignore[misc, assignment]
-    OneProcessCrew.made = []
+    use_one_process(pytest.MonkeyPatch())
     work = {"full": full, "read_only": read_only}[sys.argv[1]]
     print(json.dumps(work(Path(sys.argv[2]))))
 

@@ -14,18 +14,19 @@ import shutil
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from swarmdata import recipes
 from swarmdata.recipes import build_folder, finish
 from swarmdata.repairing import repair
 from swarmdata.resolving import obtain
 from swarmdata.store import open_store
-from tests.one_process import OneProcessCrew
+from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny
 
 CHANGES = frozenset({"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate"})
@@ -115,11 +116,9 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
     raise AssertionError("the operation never ends")
 
 
-@contextmanager
-def operations(root: Path) -> Iterator[dict[str, Operation]]:
+def operations(root: Path) -> dict[str, Operation]:
     """Publishing a built dataset, repairing one, and fetching one."""
-    recipes.Crew = OneProcessCrew  # type: ignore[misc, assignment]
-    OneProcessCrew.made = []
+    use_one_process(pytest.MonkeyPatch())
     parts = make_parts(root / "parts")
     dataset = make_tiny(root / "source" / TINY.id)
     shelf = Shelf(root / "shelf", dataset)
@@ -141,7 +140,7 @@ def operations(root: Path) -> Iterator[dict[str, Operation]]:
             if ".tmp-" not in name:
                 assert found == (dataset / name).read_bytes(), name
 
-    yield {
+    return {
         "publish": Operation(
             with_parts, lambda place: finish(TINY, place / TINY.id, progress=False), whole_or_absent
         ),
@@ -163,14 +162,11 @@ def operations(root: Path) -> Iterator[dict[str, Operation]]:
 def make_parts(folder: Path) -> Path:
     """The finished parts of the tiny dataset."""
     folder.mkdir()
-    assemble, recipes.assemble = recipes.assemble, _stop
-    try:
-        make_tiny(folder / TINY.id)
-    except InterruptedError:
-        return build_folder(folder / TINY.id)
-    finally:
-        recipes.assemble = assemble
-    raise AssertionError("assembling was not stopped")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recipes, "assemble", _stop)
+        with pytest.raises(InterruptedError):
+            make_tiny(folder / TINY.id)
+    return build_folder(folder / TINY.id)
 
 
 def _stop(*arguments: object, **options: object) -> Any:
@@ -184,8 +180,7 @@ def _ignore(result: object) -> None:
 def main() -> None:
     name, folder, stride = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
     warnings.simplefilter("error")
-    with operations(folder) as known:
-        n_changes, n_kills = survived(known[name], folder, stride)
+    n_changes, n_kills = survived(operations(folder)[name], folder, stride)
     print(json.dumps({"operation": name, "changes": n_changes, "kills": n_kills}))
 
 

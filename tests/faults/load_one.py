@@ -11,10 +11,12 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 import swarmdata
 from swarmdata import catalog, recipes
 from swarmdata.spec import Recipe
-from tests.one_process import OneProcessCrew
+from tests.one_process import use_one_process
 from tests.tiny import TINY
 
 
@@ -29,10 +31,10 @@ def main() -> None:
             time.sleep(0.05)
         make(recipe, *arguments)  # type: ignore[arg-type]
 
-    OneProcessCrew.made = []
-    recipes.Crew = OneProcessCrew  # type: ignore[misc, assignment]
-    recipes._make = noted
-    catalog.find_recipe = lambda name: TINY
+    patch = pytest.MonkeyPatch()
+    use_one_process(patch)
+    patch.setattr(recipes, "_make", noted)
+    patch.setattr(catalog, "find_recipe", lambda name: TINY)
     dataset = swarmdata.load("coop_nav-tiny")
     print(dataset.digest, dataset.source)
 

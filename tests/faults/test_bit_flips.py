@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata import recipes
 from swarmdata.dataset import Dataset
 from swarmdata.errors import DatasetError
 from swarmdata.repairing import examine
 from swarmdata.store import read_manifest
 from swarmdata.store.layout import array_file
-from tests.one_process import OneProcessCrew
+from tests.one_process import use_one_process
 from tests.tiny import TINY, flip, make_tiny
 
 N_FLIPS = 100
@@ -23,8 +22,7 @@ N_FLIPS = 100
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(recipes, "Crew", OneProcessCrew)
+        use_one_process(patch)
         return make_tiny(tmp_path_factory.mktemp("flips") / TINY.id, n_steps=160)
 
 

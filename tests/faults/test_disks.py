@@ -11,14 +11,13 @@ from typing import Any
 
 import pytest
 
-from swarmdata import recipes
 from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError
 from swarmdata.recipes import build
 from swarmdata.repairing import examine, repair
 from swarmdata.store import read_manifest
-from tests.one_process import OneProcessCrew
+from tests.one_process import use_one_process
 from tests.tiny import TINY, flip, make_tiny
 
 ROOT = Path(__file__).parents[2]
@@ -42,8 +41,7 @@ own_mounts = pytest.mark.skipif(
 def one_process() -> Iterator[None]:
     """Everything is built in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(recipes, "Crew", OneProcessCrew)
+        use_one_process(patch)
         yield
 
 

@@ -14,6 +14,7 @@ import pytest
 from swarmdata.cards.schema import changed_versions
 from swarmdata.dataset import Dataset
 from swarmdata.errors import FormatVersionError
+from swarmdata.registry import make_env
 from swarmdata.repairing import examine
 from swarmdata.replaying import replay
 from swarmdata.spec import TaskSpec
@@ -124,8 +125,7 @@ def test_a_world_that_has_drifted_shows_in_a_replay(
     dataset = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("straight",)))
     assert replay(dataset, 3) == ()
     changed = dataset.spec.with_updates(physics_dt=0.025)
-    make = replaying.make_env
-    monkeypatch.setattr(replaying, "make_env", lambda spec, n: make(changed, n))
+    monkeypatch.setattr(replaying, "make_env", lambda spec, n: make_env(changed, n))
     drifts = replay(dataset, 3)
     assert len(drifts) == 3
     assert all("simulated here with the same versions" in str(each) for each in drifts)
