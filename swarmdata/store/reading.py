@@ -97,8 +97,8 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
 def _is_mapped(array: NDArray[Any]) -> bool:
     """Whether an array is a view of a file; an empty one has none and costs nothing to copy."""
     base: Any = array
-    while isinstance(base, np.ndarray):
-        base = base.base
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.obj if isinstance(base, memoryview) else base.base
     return isinstance(base, mmap.mmap)
 
 
