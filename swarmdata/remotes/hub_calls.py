@@ -20,6 +20,9 @@ T = TypeVar("T")
 KIND = "dataset"
 """Of repository."""
 
+TIMEOUT = 30.0
+"""Seconds without an answer before asking counts as failed; the client would wait for ever."""
+
 TAG = "swarmdata"
 """In the front matter of every card, so that a Hub can list our datasets."""
 
@@ -72,7 +75,9 @@ class HubCalls:
             )
 
             try:
-                return self._api().dataset_info(repository, revision=revision, files_metadata=True)
+                return self._api().dataset_info(
+                    repository, revision=revision, files_metadata=True, timeout=TIMEOUT
+                )
             except GatedRepoError:
                 raise
             except (RepositoryNotFoundError, RevisionNotFoundError):

@@ -9,7 +9,7 @@ import json
 import re
 from typing import Any
 
-from swarmdata.errors import AbsentFileError, HubError
+from swarmdata.errors import AbsentFileError, ConflictError, HubError
 from swarmdata.remotes.backoff import TransientError, seconds
 
 LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
@@ -48,6 +48,11 @@ def _of_status(error: Exception, status: int, what: str) -> Exception:
     if isinstance(error, EntryNotFoundError):
         return AbsentFileError(f"{what} failed: the repository has no such file.")
     problem = _words(error)
+    if status == 412:
+        return ConflictError(
+            f"{what} failed: someone else has pushed there since. Nothing of this push is visible. "
+            "Pull what is there, compare, and push again."
+        )
     if status in (401, 403):
         return HubError(
             f"{what} failed, HTTP {status}: this token may not do that, or there is none. Log in "

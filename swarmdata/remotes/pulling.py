@@ -1,9 +1,10 @@
 """Pulling a dataset: manifest first, every file checked on the way in, visible at once or never."""
 
 import contextlib
+import os
 import shutil
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,9 @@ from swarmdata.store.shards import file_digest
 
 N_WORKERS = 4
 """Files fetched at a time."""
+
+BAR_SECONDS = 0.5
+"""Seconds between two looks at how much has arrived."""
 
 _INCOMING = "incoming"
 """Folder in `<folder>.pull` where the manifest waits until everything that it lists is there."""
@@ -100,13 +104,20 @@ def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, 
         raise HubError(f"{release.id} has no file {file!r}: its manifest does not list it.")
     out.parent.mkdir(parents=True, exist_ok=True)
     arriving = out.with_name(f"{out.name}.arriving")
+    _read_checked(remote, release, file, entry, arriving)
+    sync(arriving)
+    arriving.replace(out)
+    sync(out.parent)
+
+
+def _read_checked(
+    remote: Remote, release: Release, file: str, entry: FileEntry, arriving: Path
+) -> None:
+    """Fetches a file as its entry says, once more if it was changed on the way."""
     for attempt in (1, 2):
         remote.read(release, file, arriving, entry.size)
         problem = _difference(arriving, entry)
         if problem is None:
-            sync(arriving)
-            arriving.replace(out)
-            sync(out.parent)
             return
         arriving.unlink()
         if attempt == 2:
@@ -207,18 +218,33 @@ def _fetch_all(
 ) -> None:
     """Fetches what is not there, a few files at a time; the first error stops the rest."""
 
-    def fetch(name: str) -> int:
-        entry = manifest.files[name]
-        if not (scratch / name).is_file() or _difference(scratch / name, entry) is not None:
-            fetch_file(remote, release, manifest, name, scratch / name)
-        return entry.size
+    def fetch(name: str) -> None:
+        entry, out = manifest.files[name], scratch / name
+        if not out.is_file() or _difference(out, entry) is not None:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            arriving = out.with_name(f"{out.name}.arriving")
+            _read_checked(remote, release, name, entry, arriving)
+            arriving.replace(out)  # flushed to the disk with everything else, by `_publish`
 
     with _pool() as pool:
         # large files first, so that no thread begins one when the others have ended
         order = sorted(manifest.files, key=lambda name: -manifest.files[name].size)
-        jobs: list[Future[int]] = [pool.submit(fetch, name) for name in order]
-        for job in as_completed(jobs):
-            bar.update(job.result())
+        pending: set[Future[None]] = {pool.submit(fetch, name) for name in order}
+        while pending:
+            done, pending = wait(pending, BAR_SECONDS, FIRST_EXCEPTION)
+            for job in done:
+                job.result()
+            bar.n = min(bar.total or 0, _bytes_in(scratch))  # also of files that are still arriving
+            bar.refresh()
+
+
+def _bytes_in(folder: Path) -> int:
+    total = 0
+    for root, _, names in os.walk(folder):  # which passes over folders that vanish
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):  # renamed meanwhile
+                total += Path(root, name).stat().st_size
+    return total
 
 
 @contextlib.contextmanager

@@ -43,8 +43,10 @@ class Fault:
         if self.skip:
             self.skip -= 1
             return False
+        if self.times <= 0:
+            return False
         self.times -= 1
-        return self.times >= 0
+        return True
 
 
 class FaultyServer(ThreadingHTTPServer):

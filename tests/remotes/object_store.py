@@ -38,7 +38,7 @@ class ObjectStore(FaultyServer):
     @property
     def options(self) -> dict[str, Any]:
         """What `BucketRemote` needs to reach it."""
-        quick = {"connect_timeout": 5, "read_timeout": 5, "retries": {"max_attempts": 0}}
+        quick = {"connect_timeout": 5, "read_timeout": 20, "retries": {"max_attempts": 0}}
         secrets = {"key": "testing", "secret": "testing"}
         return {**secrets, "endpoint_url": self.url, "config_kwargs": quick}
 

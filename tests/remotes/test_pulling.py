@@ -97,7 +97,7 @@ def test_something_else_at_the_place_is_left_alone(root: Path, other: Path, tmp_
     assert same_files(tmp_path / ID, other)
 
 
-@pytest.mark.parametrize("n_reads", [1, 5, 40, 10_000])
+@pytest.mark.parametrize("n_reads", [5, 10_000])
 def test_a_stopped_pull_goes_on(root: Path, dataset: Path, tmp_path: Path, n_reads: int) -> None:
     def stop(file: str, content: bytes) -> bytes:
         if len(first.reads) > n_reads or file == "card.md":
@@ -182,8 +182,15 @@ def test_half_written_leftovers_are_fetched_again(
     assert same_files(tmp_path / ID, dataset)
 
 
-@pytest.mark.parametrize("change", [flip, lambda content: content[:-1], lambda content: b""])
-@pytest.mark.parametrize("victim", ["manifest.json", "recipe.json", "data.zarr/actions/c.0.0.0"])
+@pytest.mark.parametrize(
+    ("victim", "change"),
+    [
+        ("manifest.json", flip),
+        ("recipe.json", flip),
+        ("data.zarr/actions/c.0.0.0", flip),
+        ("data.zarr/actions/c.0.0.0", lambda content: content[:-1]),
+    ],
+)
 def test_wrong_bytes_once_and_always(
     root: Path, dataset: Path, tmp_path: Path, victim: str, change: Callable[[bytes], bytes]
 ) -> None:
