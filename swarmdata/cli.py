@@ -11,6 +11,7 @@ from swarmdata import (
     __version__,
     audit_commands,
     editing_commands,
+    integrity_commands,
     remote_commands,
     training_commands,
 )
@@ -130,28 +131,12 @@ def generate(
 
 def _folder(dataset: str) -> Path:
     """The folder of an id in the cache, or the path itself."""
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.catalog import dataset_folder
+    from swarmdata.catalog import find_folder
 
-    return Path(dataset) if Path(dataset).is_dir() else dataset_folder(find_recipe(dataset))
+    return find_folder(dataset)
 
 
-@app.command()
-def verify(dataset: IdOrPath) -> None:
-    """Read every byte again and compare it with the manifest and the published digest."""
-    from swarmdata.cards.schema import published
-    from swarmdata.dataset import Dataset
-
-    opened = Dataset.open(_folder(dataset), verify="full")
-    entry = published().get(opened.id)
-    typer.echo(f"{opened.path}: every file is as it was written, digest {opened.digest}")
-    if entry is None:
-        typer.echo(f"no digest is published for {opened.id}")
-    elif entry.digest == opened.digest:
-        typer.echo("this is the published dataset")
-    else:
-        typer.echo(f"the published dataset has another digest, {entry.digest}", err=True)
-        raise typer.Exit(1)
+app.command()(integrity_commands.verify)
 
 
 @app.command()

@@ -10,6 +10,7 @@ SwarmdataError
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
+├── DiskFullError (OSError)             no space was left; what was finished before is kept
 ├── AddressError (ValueError)           an address or a dataset's id is malformed
 ├── GateError (ValueError)              a dataset may not be published
 ├── HubError (OSError)                  a remote could not be asked, or refused
@@ -47,10 +48,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 class UnknownNameError(SwarmdataError, KeyError):
     """A registry or the catalog was asked for a name that it does not hold."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
         options = sorted(known)
         super().__init__(
             f"unknown {kind} {name!r}.{did_you_mean(name, options)} Known: {', '.join(options)}."
+            f"{' ' if hint else ''}{hint}"
         )
 
 
@@ -90,6 +92,10 @@ class BuildError(SwarmdataError, RuntimeError):
 
 class RecipeConflictError(BuildError):
     """The build folder holds parts of another recipe."""
+
+
+class DiskFullError(SwarmdataError, OSError):
+    """No space was left while writing; what was finished before is kept."""
 
 
 class AddressError(SwarmdataError, ValueError):

@@ -45,6 +45,7 @@ def pull(
 ) -> None:
     """Fetch a dataset, checked on the way in; run again after any interruption to go on."""
     from swarmdata.cards.schema import published
+    from swarmdata.locking import locked
     from swarmdata.remotes import configured_remotes, find_release, locate
     from swarmdata.remotes import pull as pull_from
     from swarmdata.remotes.addresses import is_address
@@ -52,6 +53,9 @@ def pull(
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address says where from itself", param_hint="--from")
+    if is_address(dataset) and out is None:
+        _pull_address(dataset)
+        return
     if is_address(dataset):
         remote, release = locate(dataset)
     else:
@@ -61,10 +65,21 @@ def pull(
         )
     entry = published().get(release.id)
     digest = None if entry is None else entry.digest
-    folder = pull_from(remote, release, out or _cached(release.id), digest=digest)
+    folder = out or _cached(release.id)
+    with locked(folder):  # nobody else builds or repairs it meanwhile
+        pull_from(remote, release, folder, digest=digest)
     manifest = read_manifest(folder)
     known = "the published one" if entry else "none is published to compare with"
     typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest} ({known})")
+
+
+def _pull_address(address: str) -> None:
+    """Fetches to where `load` of the same address looks for it."""
+    from swarmdata.catalog import cache_folder
+    from swarmdata.resolving import obtain_address
+
+    found = obtain_address(address, cache_folder() / "remotes")
+    typer.echo(f"{found.folder}\nfrom {found.source}")
 
 
 @remote_app.command("list")
@@ -124,7 +139,9 @@ def _say_if_overridden() -> None:
 
 def _folder(dataset: str) -> Path:
     """The folder itself, or that of an id in the cache."""
-    return Path(dataset) if Path(dataset).is_dir() else _cached(_versioned(dataset))
+    from swarmdata.catalog import find_folder
+
+    return find_folder(dataset)
 
 
 def _cached(dataset_id: str) -> Path:
