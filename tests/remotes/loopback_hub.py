@@ -148,7 +148,8 @@ class _Handler(FaultyHandler):
         repository, commit = found
         siblings = [_sibling(path, blob) for path, blob in repository.commits[commit].items()]
         siblings += [_sibling(path, Blob(1, "0" * 40, b"x")) for path in self.server.extra_names]
-        content = {"_id": name, "id": name, "sha": commit, "siblings": siblings, "tags": []}
+        content: dict[str, Any] = {"_id": name, "id": name, "sha": commit, "tags": []}
+        content["siblings"] = siblings
         content["xetEnabled"] = self.server.cas is not None  # which versions below 1 ask for
         self.send_json(200, content)
 
