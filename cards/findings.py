@@ -28,7 +28,7 @@ class Findings:
     """Statistics of the arrays over time; the rest of a card comes from the episode table."""
 
     coverage: Coverage
-    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: older data
+    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: none there
 
 
 def measure(stored: StoredDataset) -> Findings:
@@ -41,7 +41,7 @@ def measure(stored: StoredDataset) -> Findings:
 
 
 def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
-    if LOG_PROBS not in stored.arrays:
+    if LOG_PROBS not in stored.arrays or not stored.arrays[LOG_PROBS].shape[1]:
         return None
     table = stored.table
     found = {}

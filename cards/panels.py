@@ -10,7 +10,7 @@ from swarmdata.occupancy import Occupancy
 from swarmdata.origins import Origin
 from swarmdata.spec import TaskSpec
 from swarmdata.store import EpisodeTable
-from swarmdata.types import TASK_END_REASONS, Double, Float
+from swarmdata.types import END_REASONS, Double, Float
 
 SMALL = 8
 """Points of ticks and notes."""
@@ -19,7 +19,7 @@ MOST_RIDGES = 8
 """Policies that are shown as ridges; more become rows of a table of shades."""
 
 _BINS = 36
-_ENDS = dict(zip(TASK_END_REASONS, (COLORS[2], "#D52222", COLORS[1]), strict=True))
+_ENDS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1], COLORS[0]), strict=True))
 _SOLID, _FLOOR = "#545D6A", "#FCFCFA"  # as in pictures of worlds
 _SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
 
@@ -45,7 +45,7 @@ def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
     edges = np.linspace(*_range(table.team_return), _BINS + 1)
     shares = [np.histogram(group, edges)[0] / len(group) for _, group in there]
     if len(there) > MOST_RIDGES:
-        _draw_rows(axes, [label for label, _ in there], shares, edges)
+        draw_rows(axes, [label for label, _ in there], shares, edges)
         finish(axes, "Team return by policy", "team return; darker: more of its episodes")
     else:
         _draw_ridges(axes, there, shares, edges)
@@ -88,7 +88,8 @@ def _draw_ridges(
     axes.spines["left"].set_visible(False)
 
 
-def _draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges: Double) -> None:
+def draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges: Double) -> None:
+    """Distributions as rows of a table: the darker, the larger the share in the row."""
     table = np.stack(shares) / np.stack(shares).max(axis=1, keepdims=True)
     n = len(labels)
     axes.imshow(
@@ -104,9 +105,21 @@ def _draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges
 
 def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
     """How long episodes were, stacked by the reason of their end."""
-    edges = np.linspace(0.0, spec.horizon, 33)
+    stack_lengths(axes, table, spec.horizon, f"joint steps of {spec.control_dt:g} s")
+
+
+def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
+    """The same of any episodes.
+
+    Args:
+        axes: the panel.
+        table: the episodes.
+        horizon: most steps of an episode.
+        xlabel: what a step is.
+    """
+    edges = np.linspace(0.0, horizon, 33)
     bottom = np.zeros(32)
-    for code, reason in enumerate(TASK_END_REASONS):
+    for code, reason in enumerate(END_REASONS):
         lengths = table.lengths[table.end_reason == code]
         if not len(lengths):
             continue
@@ -122,13 +135,13 @@ def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
             label=label,
         )
         bottom += counts
-    axes.set_xlim(0.0, spec.horizon)
+    axes.set_xlim(0.0, horizon)
     axes.set_ylim(0.0, 1.32 * bottom.max())
     axes.yaxis.set_major_formatter(thousands)
     axes.grid(axis="y", color=FAINT, lw=0.8)
     axes.set_axisbelow(True)
     axes.legend(fontsize=SMALL, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25)
-    finish(axes, "Length by how it ended", f"joint steps of {spec.control_dt:g} s", "episodes")
+    finish(axes, "Length by how it ended", xlabel, "episodes")
 
 
 def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:

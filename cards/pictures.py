@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw_returns
+from swarmdata.cards.recorded_picture import draw_recorded
 from swarmdata.cards.tracks import choose_episodes, draw_track
 from swarmdata.coverage import places_of, sample_steps
 from swarmdata.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
 from swarmdata.figures import GRAY, figure
-from swarmdata.origins import task_of
+from swarmdata.origins import RecordedSpec, task_of
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""
@@ -33,6 +34,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """Draws a dataset on one sheet.
 
     Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
+    Of a recording of another environment: returns, lengths and actions.
     A gigabyte takes as long as a mini: everything over time comes from samples.
 
     Args:
@@ -45,6 +47,10 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
+    if isinstance(dataset.recipe.spec, RecordedSpec):
+        draw_recorded(dataset, dataset.recipe.spec, path, purpose=_PURPOSE)
+        _reduce(path)
+        return
     table, recipe, spec = dataset.episodes, dataset.recipe, task_of(dataset.recipe, "the picture")
     places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_ACTIONS)

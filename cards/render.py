@@ -4,16 +4,17 @@ The card is Markdown with the front matter that the Hugging Face Hub reads, and 
 its `Facts`: manifest, recipe, episode table, statistics of the arrays and measured references.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from swarmdata.cards import markdown
 from swarmdata.cards.facts import Facts, facts_of
-from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER, limits_of
+from swarmdata.cards.heading import bullets, front_matter, snippet
+from swarmdata.cards.meaning import limits_of
+from swarmdata.cards.origin import about_section, origin_section, splits_section, tier_section
 from swarmdata.cards.problem import arrays_section, senses_section, task_section
+from swarmdata.cards.recorded import render_recorded
 from swarmdata.cards.schema import Interval
 from swarmdata.cards.statistics import (
     coverage_section,
@@ -23,14 +24,13 @@ from swarmdata.cards.statistics import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.origins import RecordedSpec, task_of
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.store import SPLITS, write_file
+from swarmdata.spec import Recipe
+from swarmdata.store import open_store, write_file
 from swarmdata.store.layout import CARD
 from swarmdata.types import END_REASONS
-
-SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
-"""The Hub's size categories, by joint steps below."""
 
 SHOWN = (
     "return",
@@ -60,7 +60,10 @@ def card_of(folder: Path, picture: str | None = None) -> str:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    return render(facts_of(folder), picture)
+    stored = open_store(folder, verify="none")
+    if isinstance(stored.recipe.spec, RecordedSpec):
+        return render_recorded(stored, picture)
+    return render(facts_of(stored), picture)
 
 
 def render(facts: Facts, picture: str | None = None) -> str:
@@ -70,11 +73,12 @@ def render(facts: Facts, picture: str | None = None) -> str:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    spec = facts.recipe.spec
+    spec = task_of(facts.recipe, "a card of a task")
     task = make_task(spec)
     sections = (
         _identity(facts),
-        f"\n## Tier\n\n{TIERS.get(facts.recipe.tier, UNKNOWN_TIER)}\n",
+        tier_section(facts.recipe),
+        about_section(facts.recipe),
         task_section(task),
         senses_section(spec),
         arrays_section(task, facts.manifest),
@@ -82,31 +86,19 @@ def render(facts: Facts, picture: str | None = None) -> str:
         statistics_section(facts, picture),
         coverage_section(facts),
         log_probs_section(facts),
-        _splits(facts),
+        splits_section(facts.table, facts.recipe),
         _references(facts),
-        _bullets("Checks passed", check(facts)),
-        _bullets("Known limits", limits_of(spec.task, facts.recipe.tier)),
-        _rebuild(facts),
+        bullets("Checks passed", check(facts)),
+        bullets("Known limits", _limits(facts)),
+        origin_section(facts.recipe, facts.manifest),
     )
-    return "".join([_front_matter(facts), *sections])
-
-
-def _front_matter(facts: Facts) -> str:
-    size = next((name for below, name in SIZES if facts.manifest.n_steps < below), "1M<n<10M")
-    recipe = facts.recipe
-    content = {
-        "pretty_name": recipe.id,
-        "license": "cc-by-4.0",
-        "task_categories": ["reinforcement-learning", "robotics"],
-        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],
-        "size_categories": [size],
-    }
-    return f"---\n{yaml.safe_dump(content, sort_keys=False)}---\n"
+    return "".join([front_matter(facts.manifest, facts.recipe), *sections])
 
 
 def _identity(facts: Facts) -> str:
     manifest, recipe = facts.manifest, facts.recipe
     size = sum(entry.size for entry in manifest.files.values())
+    is_shipped = isinstance(recipe, Recipe)
     rows = (
         ("id", f"`{recipe.id}`"),
         ("task", f"`{recipe.spec.task}` version {recipe.spec.version}"),
@@ -115,27 +107,11 @@ def _identity(facts: Facts) -> str:
         ("episodes", f"{manifest.n_episodes:,}"),
         ("size", f"{size / 1e6:,.1f} MB"),
         ("digest of the arrays", f"`{manifest.digest}`"),
-        ("recipe", f"`{manifest.recipe_hash}`"),
+        ("recipe" if is_shipped else "origin", f"`{manifest.recipe_hash}`"),
         ("format version", str(manifest.format_version)),
     )
-    snippet = f'```python\nimport swarmdata\n\ndataset = swarmdata.load("{recipe.id}")\n```\n'
-    return f"\n# {recipe.id}\n\n{snippet}\n" + markdown.table(("", ""), rows)
-
-
-def _splits(facts: Facts) -> str:
-    table, rule = facts.table, facts.recipe.splits
-    rows = []
-    for code, name in enumerate(SPLITS):
-        chosen = table.split == code
-        mean = f"{table.team_return[chosen].mean():.3f}" if chosen.any() else "none"
-        rows.append((name, f"{chosen.sum():,}", f"{table.lengths[chosen].sum():,}", mean))
-    return (
-        "\n## Splits\n\n"
-        + markdown.table(("split", "episodes", "steps", "mean return"), rows)
-        + f"\nBy episode and by policy: of every {rule.block} consecutive episodes of a policy, "
-        f"{rule.validation} is for validation and {rule.test} for test. Normalization statistics "
-        "come from train only. Evaluation seeds are reserved and never occur in a dataset.\n"
-    )
+    opening = f'load("{recipe.id}")' if is_shipped else 'Dataset.open("FOLDER OF THIS CARD")'
+    return f"\n# {recipe.id}\n\n{snippet(opening)}\n" + markdown.table(("", ""), rows)
 
 
 def _references(facts: Facts) -> str:
@@ -166,9 +142,17 @@ def check(facts: Facts) -> tuple[str, ...]:
     """Returns what holds of this dataset.
 
     Raises:
-        SchemaError: naming what does not hold.
+        SchemaError: naming what does not hold, which must not happen to what a recipe makes.
     """
-    table, spec = facts.table, facts.recipe.spec
+    holds, broken = checked(facts)
+    if broken and isinstance(facts.recipe, Recipe):
+        raise SchemaError(f"{facts.recipe.id} fails its checks: {' '.join(broken)}")
+    return holds
+
+
+def checked(facts: Facts) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Claims about this dataset that hold, and those that do not."""
+    table, spec = facts.table, task_of(facts.recipe, "checking")
     claims = {
         "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
         "No seed occurs twice.": len(np.unique(table.seeds)) == len(table),
@@ -177,25 +161,19 @@ def check(facts: Facts) -> tuple[str, ...]:
             table.lengths[table.end_reason == END_REASONS.index("horizon")] == spec.horizon
         ).all(),
         "Every return is finite.": np.isfinite(table.team_return).all(),
-        "The dataset has the steps of its recipe.": facts.manifest.n_steps >= facts.recipe.n_steps,
     }
-    broken = [claim for claim, holds in claims.items() if not holds]
-    if broken:
-        raise SchemaError(f"{facts.recipe.id} fails its checks: {' '.join(broken)}")
-    return tuple(claims)
-
-
-def _rebuild(facts: Facts) -> str:
-    made = ", ".join(f"{name} {value}" for name, value in sorted(facts.manifest.provenance.items()))
+    if isinstance(facts.recipe, Recipe):
+        is_whole = facts.manifest.n_steps >= facts.recipe.n_steps
+        claims["The dataset has the steps of its recipe."] = is_whole
     return (
-        "\n## Rebuild\n\n    swarmdata generate recipe.json --out FOLDER\n\n"
-        "makes this dataset again from the recipe beside this card, on any machine and with any "
-        f"number of workers, with the digest above. This copy was made with {made}.\n"
+        tuple(claim for claim, holds in claims.items() if holds),
+        tuple(claim for claim, holds in claims.items() if not holds),
     )
 
 
-def _bullets(title: str, lines: Sequence[str]) -> str:
-    return f"\n## {title}\n\n" + "".join(f"- {line}\n" for line in lines)
+def _limits(facts: Facts) -> tuple[str, ...]:
+    known = limits_of(facts.recipe.spec.task, facts.recipe.tier)
+    return (*known, *(f"This does not hold: {claim}" for claim in checked(facts)[1]))
 
 
 def _interval(interval: Interval | None) -> str:

@@ -9,7 +9,7 @@ from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entro
 from swarmdata.encounters import NEAR, REACH
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import wilson_interval
-from swarmdata.spec import PolicySource
+from swarmdata.spec import PolicySource, Recipe
 from swarmdata.store import EpisodeTable
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
@@ -41,6 +41,8 @@ def policies_section(facts: Facts) -> str:
     rows = []
     for index, source in enumerate(facts.recipe.policies):
         chosen = np.flatnonzero(facts.table.policy == index)
+        if not len(chosen) and not isinstance(facts.recipe, Recipe):
+            continue  # an edit may have left none of them
         if not len(chosen):
             raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
         rows.append(_policy_row(source, facts.table.take(chosen)))

@@ -118,6 +118,15 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         """The global state, [S]."""
         return self._require_step().states[0].copy()
 
+    @property
+    def current_step(self) -> Step:
+        """What the vectorised environment returned last, for its one copy.
+
+        Raises:
+            SchemaError: the environment was not reset yet.
+        """
+        return self._require_step()
+
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the world, [H, W, 3], or None without a render mode.
 

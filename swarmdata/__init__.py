@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from swarmdata.catalog import DatasetInfo, list_datasets, load
     from swarmdata.dataset import Dataset
     from swarmdata.errors import SwarmdataError
+    from swarmdata.record.recorder import Recorder
     from swarmdata.registry import make_env
     from swarmdata.spec import Recipe, TaskSpec
     from swarmdata.types import Batch, Episode, EvalResult, Step
@@ -29,6 +30,7 @@ __all__ = [
     "Episode",
     "EvalResult",
     "Recipe",
+    "Recorder",
     "Step",
     "SwarmdataError",
     "TaskSpec",
@@ -44,6 +46,7 @@ _HOMES = {
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "Recipe": "swarmdata.spec",
+    "Recorder": "swarmdata.record.recorder",
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",
     "TaskSpec": "swarmdata.spec",

@@ -16,6 +16,7 @@ from swarmdata import (
     training_commands,
 )
 from swarmdata.errors import SwarmdataError
+from swarmdata.record_commands import record_app
 from swarmdata.registry_commands import registry_app
 from swarmdata.task_commands import Communication, Observation, task_app
 
@@ -45,6 +46,7 @@ app = typer.Typer(
 app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
+app.add_typer(record_app, name="record")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
 IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]

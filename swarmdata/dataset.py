@@ -16,6 +16,7 @@ from swarmdata.models import Source, describe, with_models
 from swarmdata.origins import Origin, RecordedSpec, task_of
 from swarmdata.registry import make_env
 from swarmdata.sampling import Rows, Sampler, gather_transitions
+from swarmdata.scaling import action_scale, has_choices
 from swarmdata.spec import TaskSpec
 from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
@@ -332,6 +333,9 @@ class Dataset:
     ) -> Sampler:
         """Returns an endless stream of batches, uniform over the transitions of this view.
 
+        Actions are in [-1, 1], in which policies act: of a recorded environment with bounded
+        continuous actions by an affine map (`scaling`). Choices come as they were recorded.
+
         Args:
             batch_size: transitions or windows in a batch, B.
             horizon: steps of masked windows that never cross an episode, or None for single
@@ -339,8 +343,11 @@ class Dataset:
             seed: of the stream.
 
         Raises:
-            SchemaError: the view is empty, or a size is below 1.
+            SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
         """
+        scale = None
+        if isinstance(self.spec, RecordedSpec) and not has_choices(self.spec):
+            scale = action_scale(self.spec)
         return Sampler(
             self.stored.arrays,
             self.stored.table,
@@ -348,6 +355,7 @@ class Dataset:
             batch_size=batch_size,
             horizon=horizon,
             seed=seed,
+            scale=scale,
         )
 
     @overload

@@ -37,6 +37,9 @@ OFFLINE_ALGORITHMS = {
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
 }
 
+DISCRETE_ALGORITHMS: tuple[str, ...] = ()
+"""Offline algorithms that learn choices as well as continuous actions; none yet."""
+
 ONLINE_ALGORITHMS = {
     "mappo": "swarmdata.online_algos.mappo:MAPPO",
     "maddpg": "swarmdata.online_algos.maddpg:MADDPG",

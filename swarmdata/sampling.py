@@ -4,13 +4,14 @@ A sampler is a pure function of its seed and of how many batches it drew, so it 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
+from swarmdata.scaling import ActionScale
 from swarmdata.seeding import derive, uniform
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Int
@@ -137,6 +138,7 @@ class Sampler:
         batch_size: transitions or windows in a batch, B.
         horizon: steps of a window, L, or None for single transitions.
         seed: of the stream of batches, 0 to 2**64 - 1.
+        scale: of the actions; None gives them as they are stored.
 
     Raises:
         SchemaError: nothing to draw from, or a size below 1.
@@ -151,6 +153,7 @@ class Sampler:
         batch_size: int = 256,
         horizon: int | None = None,
         seed: int = 0,
+        scale: ActionScale | None = None,
     ) -> None:
         if len(selection) == 0:
             raise SchemaError("there are no episodes to sample from; widen the filter")
@@ -165,6 +168,7 @@ class Sampler:
         self.seed = seed
         self.rows = Rows.locate(table, selection)
         self._arrays = arrays
+        self._scale = scale
         self._n_drawn = 0
         self._first_ahead = 0
         self._ahead = np.empty((0, batch_size), dtype=np.int64)
@@ -211,10 +215,29 @@ class Sampler:
 
         Raises:
             IndexError: an index outside the dataset.
+            SchemaError: actions that are to be scaled lie outside their bounds.
         """
         if self.horizon is None:
-            return gather_transitions(self._arrays, self.rows, index)
-        return gather_windows(self._arrays, self.rows, index, self.horizon)
+            batch = gather_transitions(self._arrays, self.rows, index)
+        else:
+            batch = gather_windows(self._arrays, self.rows, index, self.horizon)
+        if self._scale is None:
+            return batch
+        acting = self._acting(index, batch.mask)[..., None]
+        actions = np.where(acting, batch.actions, self._scale.middle)  # else 0 in [-1, 1]
+        return replace(batch, actions=self._scale.to_unit(actions))
+
+    def _acting(self, index: Int, mask: Bool) -> Bool:
+        """Who takes the actions of a batch that starts at `index`, bool [..., N] or [..., 1]."""
+        if "alive" not in self._arrays:
+            return mask[..., None]
+        steps = index
+        if self.horizon is not None:
+            end = self.rows.ends.take(self.rows.episode.take(index))[..., None]
+            steps = np.minimum(index[..., None] + np.arange(self.horizon), end - 1)
+        here = steps + self.rows.episode.take(steps)
+        acting: Bool = self._arrays["alive"].take(here, axis=0) & mask[..., None]
+        return acting
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""

@@ -17,7 +17,7 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
-from swarmdata.errors import MissingExtraError, UnknownNameError
+from swarmdata.errors import MissingExtraError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate, save
 from swarmdata.interfaces import Policy
 from swarmdata.models import Source, check_senses, models_of, with_models
@@ -90,6 +90,7 @@ def find_target(
     Raises:
         UnknownNameError: nothing has that name.
         SchemaError: a trained policy does not have the inputs that these models give.
+        SpecError: a run folder of a recording of another environment.
         MissingExtraError: a run folder without torch.
     """
     models = Models(observation, communication)
@@ -131,7 +132,13 @@ def _run_target(folder: Path, models: Models) -> Target:
     document = json.loads(first.read_text(encoding="utf-8"))
     is_online = document.get("algorithm") in ONLINE_ALGORITHMS
     policies, document = _online_run(folder) if is_online else _offline_run(folder)
-    spec = TaskSpec.parse(document.pop("spec"), str(first))
+    content = document.pop("spec")
+    if content.get("kind") == "recorded":
+        raise SpecError(
+            f"{folder} was trained on a recording of {content['task']}, which this library cannot "
+            "run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
+        )
+    spec = TaskSpec.parse(content, str(first))
     spec = models.offered_to(str(folder), spec, is_fixed=True)
     return Target(folder.resolve().name, spec, tuple(policies), {"run": document})
 

@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from swarmdata.catalog import load
+from swarmdata.behavior_policies.tiers import is_dataset
+from swarmdata.catalog import cache_folder, load
+from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
-from swarmdata.learn.trainer import Schedule, train
+from swarmdata.learn.trainer import Evaluate, Schedule, train
 from swarmdata.models import Source, with_models
 from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.origins import RecordedSpec
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.spec import TaskSpec
@@ -44,7 +47,9 @@ def train_offline(
 
     Args:
         algorithm: registered offline algorithm.
-        dataset_id: of the catalog; built if it is not in the cache.
+        dataset_id: of the catalog, built if it is not in the cache; or a recording's, in the cache;
+            or a dataset's folder. Policies for recordings of other environments are not evaluated
+            while they train: `record.evaluate_parallel` does it with the environment.
         out: the run's folder.
         n_seeds: how many.
         changes: settings of the algorithm as text.
@@ -60,21 +65,45 @@ def train_offline(
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
-    dataset = load(
-        dataset_id, observation=observation, communication=communication, progress=progress
-    ).split("train")
-    spec = dataset.task
+    dataset = open_dataset(dataset_id, observation, communication, progress=progress)
+    spec = dataset.spec
+    evaluation = None if isinstance(spec, RecordedSpec) else _evaluation(spec)
     return train(
         algorithm,
-        dataset,
+        dataset.split("train"),
         out,
         seeds=tuple(range(n_seeds)),
         config=config,
-        schedule=Schedule(evaluate_every=curve_every),
-        evaluate=lambda policy: _measure(policy, spec),
+        schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
+        evaluate=evaluation,
         device=device,
         progress=progress,
     )
+
+
+def open_dataset(
+    id_or_path: str,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    *,
+    progress: bool = True,
+) -> Dataset:
+    """Opens a dataset's folder, one that lies in the cache, or one of the catalog.
+
+    Args:
+        id_or_path: its id, or its folder.
+        observation: what robots shall have sensed, None for what was recorded.
+        communication: what they shall have heard, the same.
+        progress: whether to show bars.
+
+    Raises:
+        UnknownNameError: no such dataset.
+        SpecError: other models of a recording of another environment.
+    """
+    for folder in (Path(id_or_path), cache_folder() / "datasets" / id_or_path):
+        if folder.is_dir() and not is_dataset(id_or_path):
+            return Dataset.open(folder).reobserve(observation, communication, progress=progress)
+    return load(id_or_path, observation=observation, communication=communication, progress=progress)
 
 
 def train_online(
@@ -150,6 +179,11 @@ def read_settings(name: str) -> dict[str, str]:
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
     joined = {k: ",".join(map(str, v)) if isinstance(v, list) else v for k, v in table.items()}
     return {str(key): str(value) for key, value in joined.items()}
+
+
+def _evaluation(spec: TaskSpec) -> Evaluate:
+    """What measures the points of a learning curve."""
+    return lambda policy: _measure(policy, spec)
 
 
 def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:

@@ -33,7 +33,9 @@ from swarmdata.learn.run import (
 )
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.origins import RecordedSpec
+from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
+from swarmdata.scaling import has_choices
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -93,12 +95,14 @@ def train(
 
     Raises:
         UnknownNameError: no such algorithm.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment.
         CheckpointError: the folder holds another run, or a damaged one.
         KeyboardInterrupt: Ctrl-C; the folder can be resumed.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
+    _check_actions(algorithm, dataset)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     run = _describe(algorithm, config, dataset, sizes, seeds, schedule, device)
@@ -109,6 +113,20 @@ def train(
     with _threads(n_threads):
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
+
+
+def _check_actions(algorithm: str, dataset: Data) -> None:
+    """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
+    if not isinstance(dataset.spec, RecordedSpec) or algorithm in DISCRETE_ALGORITHMS:
+        return
+    if names := has_choices(dataset.spec):
+        able = ", ".join(DISCRETE_ALGORITHMS) or "no algorithm of this version does"
+        raise SchemaError(
+            f"{algorithm} learns continuous actions; in {dataset.id} {', '.join(names)} "
+            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. Of those that "
+            f"learn choices: {able}. Record the environment with continuous actions, if it has "
+            "them."
+        )
 
 
 @contextmanager

@@ -44,7 +44,13 @@ Order = Sequence[tuple[int, int]]
 
 
 def assemble(
-    out: Path, *, recipe: Origin, parts: Parts, order: Order, splits: Counts | None = None
+    out: Path,
+    *,
+    recipe: Origin,
+    parts: Parts,
+    order: Order,
+    splits: Counts | None = None,
+    optional: Sequence[str] | None = None,
 ) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
@@ -59,6 +65,7 @@ def assemble(
             increasing order; see `merge_order`.
         splits: index into `SPLITS` of each episode; None for those of the recipe's rule. An edit
             has no rule.
+        optional: optional arrays of the parts to take; None for all that they have.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -69,7 +76,8 @@ def assemble(
     if out.exists():
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
-    return write_dataset(out, recipe, _Parts(parts, order, table, (*FIELDS, *_optional(parts))))
+    names = (*FIELDS, *_optional(parts, optional))
+    return write_dataset(out, recipe, _Parts(parts, order, table, names))
 
 
 class Source(Protocol):
@@ -121,12 +129,15 @@ def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
     return published
 
 
-def _optional(parts: Parts) -> tuple[str, ...]:
+def _optional(parts: Parts, wanted: Sequence[str] | None) -> tuple[str, ...]:
     """The optional arrays, which all parts have or none."""
     kinds = {optional_fields(folder) for folders in parts.values() for folder in folders}
     if len(kinds) != 1:
         raise SchemaError(f"the parts have different arrays: {sorted(kinds)}, expected the same")
-    return kinds.pop()
+    there = kinds.pop()
+    if wanted is not None and not set(wanted) <= set(there):
+        raise SchemaError(f"the parts have the arrays {there}, expected {sorted(wanted)}")
+    return there if wanted is None else tuple(wanted)
 
 
 def _existing(out: Path, recipe: Origin) -> Manifest:

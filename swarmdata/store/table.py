@@ -79,6 +79,11 @@ class PartTable:
         return self.rows["length"]
 
     @property
+    def seeds(self) -> Seeds:
+        """Seed of each episode, [n]."""
+        return self.rows["seed"]
+
+    @property
     def team_returns(self) -> Double:
         """Team return of each episode, [n]."""
         return self.rows["team_return"]

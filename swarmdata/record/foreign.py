@@ -1,0 +1,140 @@
+"""A foreign environment as frozen data: its gymnasium spaces, its name, its library."""
+
+import math
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import packages_distributions, version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import SpecError
+from swarmdata.origins import RecordedAgent
+from swarmdata.spaces import (
+    Bound,
+    BoxSpace,
+    DictSpace,
+    DiscreteSpace,
+    MultiBinarySpace,
+    MultiDiscreteSpace,
+    Space,
+    TupleSpace,
+)
+
+MASK = "action_mask"
+"""Key of a mask in an agent's info or observation (PettingZoo, "Action Masking")."""
+
+_KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
+
+
+def space_of(space: Any, where: str) -> Space:
+    """Describes a space of gymnasium, or of the older gym, which VMAS has; both by their names.
+
+    Args:
+        space: of an agent.
+        where: names it in errors, such as "action space of agent_0".
+
+    Raises:
+        SpecError: values of such a space cannot be stored as rows of numbers.
+    """
+    names = [kind.__name__ for kind in type(space).__mro__]
+    match next((name for name in names if name in _KINDS), None):
+        case "Box":
+            low, high = _bound(space.low), _bound(space.high)
+            return BoxSpace(shape=tuple(space.shape), dtype=str(space.dtype), low=low, high=high)
+        case "Discrete":
+            return DiscreteSpace(n=int(space.n), start=int(getattr(space, "start", 0)))
+        case "MultiDiscrete":
+            if np.any(getattr(space, "start", 0)):
+                raise SpecError(f"{where} is {space}: a MultiDiscrete must start at 0 to be stored")
+            return MultiDiscreteSpace(n=tuple(int(n) for n in np.ravel(space.nvec)))
+        case "MultiBinary":
+            return MultiBinarySpace(n=math.prod(space.shape or ()))
+        case "Dict":
+            parts = {str(k): space_of(s, f"{where}[{k!r}]") for k, s in space.spaces.items()}
+            return DictSpace(spaces=parts)
+        case "Tuple":
+            inner = enumerate(space.spaces)
+            return TupleSpace(spaces=tuple(space_of(s, f"{where}[{k}]") for k, s in inner))
+    raise SpecError(
+        f"{where} is {space}, expected Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple: "
+        "only values of a fixed number of numbers can be stored. Wrap the environment so that it "
+        "has one of these."
+    )
+
+
+def _bound(values: NDArray[Any]) -> Bound:
+    """One number where all are equal; None is infinite."""
+    each = [float(v) if np.isfinite(v) else None for v in np.ravel(values).tolist()]
+    return each[0] if len(set(each)) == 1 else tuple(each)
+
+
+def without_mask(space: Space) -> Space:
+    """The space of an observation without the mask that it may carry."""
+    if isinstance(space, DictSpace) and MASK in space.spaces:
+        return DictSpace(spaces={k: s for k, s in space.spaces.items() if k != MASK})
+    return space
+
+
+def agents_of(env: Any) -> tuple[RecordedAgent, ...]:
+    """Describes all possible agents of a `ParallelEnv`, in its order.
+
+    Raises:
+        SpecError: it has none, or a space that cannot be stored.
+    """
+    names = getattr(env, "possible_agents", None)
+    if not names:
+        raise SpecError(
+            f"{env} has possible_agents {names!r}, expected at least one name: a recording needs "
+            "to know all agents beforehand."
+        )
+    return tuple(
+        RecordedAgent(
+            name=str(name),
+            observation=without_mask(
+                space_of(env.observation_space(name), f"observation space of {name}")
+            ),
+            action=space_of(env.action_space(name), f"action space of {name}"),
+        )
+        for name in names
+    )
+
+
+def task_name(env: Any) -> str:
+    """Name of an environment as part of an id: `metadata["name"]`, else of its class, cleaned."""
+    metadata = getattr(env, "metadata", None) or {}
+    name = metadata.get("name") if isinstance(metadata, Mapping) else None
+    return clean_name(str(name or type(getattr(env, "unwrapped", env)).__name__))
+
+
+def clean_name(name: str) -> str:
+    """Lower case with underscores, such as `simple_spread_v3`."""
+    return re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_") or "unnamed"
+
+
+def library_of(env: Any) -> tuple[str, str]:
+    """The library that has an environment, and its version; empty where it is no installed one."""
+    module = type(getattr(env, "unwrapped", env)).__module__.partition(".")[0]
+    if module in ("", "__main__", "builtins"):
+        return "", ""
+    return module, library_version(module)
+
+
+def library_version(module: str) -> str:
+    """Version of the installed distribution that has a module, empty where there is none."""
+    distributions = _distributions().get(module, [])
+    return version(distributions[0]) if distributions else ""
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    return packages_distributions()
+
+
+def horizon_of(env: Any) -> int | None:
+    """Most steps of an episode, where the environment has the usual attribute for it."""
+    value: Any = getattr(getattr(env, "unwrapped", env), "max_cycles", None)
+    is_count = isinstance(value, int | np.integer) and not isinstance(value, bool) and value > 0
+    return int(value) if is_count else None

@@ -1,0 +1,41 @@
+"""`swarmdata record ...`: unfinished recordings."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+record_app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Look after recordings that were not finished.",
+)
+
+Recorded = Annotated[
+    Path, typer.Argument(metavar="PATH", help="the dataset to be, or its .recording folder")
+]
+
+
+@record_app.command()
+def recover(path: Recorded) -> None:
+    """Make a dataset of the episodes that an ended recording had finished."""
+    from swarmdata.record import recover as finish
+
+    dataset = finish(path)
+    typer.echo(
+        f"{dataset.path}\n{dataset.n_episodes:,} episodes, {dataset.n_steps:,} joint steps, "
+        f"digest {dataset.digest}"
+    )
+
+
+@record_app.command()
+def show(path: Recorded) -> None:
+    """Show what an unfinished recording holds; it may still be running."""
+    from swarmdata.record.session import look
+
+    found = look(path)
+    recording = found.session.recording
+    typer.echo(f"id: {recording.id}")
+    typer.echo(f"environment: {recording.spec.task}")
+    for label, count, steps in found.policies:
+        typer.echo(f"policy {label}: {count:,} episodes, {steps:,} joint steps")

@@ -1,0 +1,102 @@
+"""The affine map between actions of a recorded environment and [-1, 1], in which policies act."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.origins import RecordedSpec
+from swarmdata.spaces import BoxSpace, DictSpace, Space, TupleSpace, bounds, width
+from swarmdata.types import Double, Float
+
+TOLERANCE = 1e-5
+"""How far outside [-1, 1] a recorded action may lie, for the rounding of its environment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActionScale:
+    """unit = (action - middle) / half, for each agent and column; padding is 0 on both sides.
+
+    A column that can have one value only has that as its middle, and half 1.
+    """
+
+    middle: Double  # [N, A]
+    half: Double  # [N, A], positive
+
+    def to_unit(self, actions: Float) -> Float:
+        """Returns actions [..., N, A] of the environment as numbers in [-1, 1].
+
+        Raises:
+            SchemaError: an action lies outside its bounds.
+        """
+        unit = (actions.astype(np.float64) - self.middle) / self.half
+        beyond = np.abs(unit) > 1 + TOLERANCE
+        if beyond.any():
+            index = np.argwhere(beyond)[0]
+            agent, column = index[-2:]
+            raise SchemaError(
+                f"column {column} of an action of agent {agent} is {actions[tuple(index)]:g}, "
+                f"outside of {self.middle[agent, column]:g} ± {self.half[agent, column]:g}, the "
+                "bounds of its space. Record what the environment made of it, or clip it first."
+            )
+        clipped: Float = np.clip(unit, -1, 1).astype(np.float32)
+        return clipped
+
+    def to_environment(self, unit: Float) -> Float:
+        """Returns numbers [..., N, A] in [-1, 1] as actions of the environment."""
+        actions = self.middle + self.half * np.clip(unit.astype(np.float64), -1, 1)
+        inside = np.clip(actions, self.middle - self.half, self.middle + self.half)
+        narrow: Float = inside.astype(np.float32)
+        return narrow
+
+
+def action_scale(spec: RecordedSpec) -> ActionScale:
+    """Returns the map of a recorded environment.
+
+    Raises:
+        SchemaError: an agent's actions are not continuous, or without a bound.
+    """
+    middle = np.zeros((spec.n_agents, spec.action_size))
+    half = np.ones_like(middle)
+    for index, agent in enumerate(spec.agents):
+        if not is_continuous(agent.action):
+            raise SchemaError(
+                f"actions of {agent.name} in {spec.task} are choices ({agent.action}); only "
+                "continuous ones can be scaled."
+            )
+        low, high = bounds(agent.action)
+        unbounded = ~(np.isfinite(low) & np.isfinite(high))
+        if unbounded.any():
+            column = int(np.flatnonzero(unbounded)[0])
+            raise SchemaError(
+                f"column {column} of the actions of {agent.name} in {spec.task} has the bounds "
+                f"{low[column]:g} and {high[column]:g}, expected finite ones: algorithms choose "
+                "in [-1, 1]. Wrap the environment so that its action space is bounded, then "
+                "record; `transitions()` and episodes have the actions as they are."
+            )
+        own = slice(len(low))
+        middle[index, own] = (low + high) / 2
+        half[index, own] = np.where(high > low, (high - low) / 2, 1.0)
+    return ActionScale(middle, half)
+
+
+def is_continuous(space: Space) -> bool:
+    """Whether a space has boxes of real numbers only."""
+    match space:
+        case BoxSpace():
+            return space.dtype.startswith("float")
+        case DictSpace():
+            return _all_continuous(list(space.spaces.values()))
+        case TupleSpace():
+            return _all_continuous(space.spaces)
+    return False
+
+
+def _all_continuous(parts: Sequence[Space]) -> bool:
+    return bool(sum(map(width, parts))) and all(map(is_continuous, parts))
+
+
+def has_choices(spec: RecordedSpec) -> tuple[str, ...]:
+    """Names of the agents whose actions are not continuous."""
+    return tuple(agent.name for agent in spec.agents if not is_continuous(agent.action))

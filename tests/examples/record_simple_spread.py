@@ -1,0 +1,128 @@
+"""Records MPE2's simple_spread_v3, trains MADDPG+BC on the recording, and plays what was learned.
+
+    python tests/examples/record_simple_spread.py FOLDER
+
+makes FOLDER/simple_spread_v3-mixed-v0 (the dataset), FOLDER/run (the training run), and prints the
+returns of random actions, of the recorded policies and of the learned ones. Needs `mpe2` and torch.
+"""
+
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import swarmdata
+from swarmdata.interfaces import Policy
+from swarmdata.origins import RecordedSpec
+from swarmdata.record import evaluate_parallel, foreign_evaluation_seeds
+from swarmdata.training import train_offline
+
+ID = "simple_spread_v3-mixed-v0"
+OPTIONS = {"continuous_actions": True, "max_cycles": 25}
+GAINS = {"careful": 1.0, "hasty": 6.0}
+"""How hard each policy pushes towards its landmark, whatever the others do."""
+
+
+def make_env() -> Any:
+    """Three agents that should cover three landmarks."""
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pygame, without a window
+    from mpe2 import simple_spread_v3
+
+    with warnings.catch_warnings():  # PettingZoo announces another way to make environments
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return simple_spread_v3.parallel_env(**OPTIONS)
+
+
+def drive(index: int, observation: Any, gain: float, noise: Any) -> Any:
+    """Pushes agent `index` to the landmark of its number.
+
+    An observation begins with the agent's velocity, its place, and the ways to the landmarks; an
+    action holds nothing, left, right, down and up, each from 0 to 1.
+    """
+    velocity, way = observation[0:2], observation[4 + 2 * index : 6 + 2 * index]
+    right, up = np.clip(gain * way - velocity + noise, -1, 1)
+    return np.array([0, max(-right, 0), max(right, 0), max(-up, 0), max(up, 0)], dtype=np.float32)
+
+
+def record(path: Path, n_episodes: int = 200) -> swarmdata.Dataset:
+    """Records two scripted policies with noise, in turns."""
+    rng = np.random.default_rng(0)
+    recorder = swarmdata.Recorder(
+        make_env(),
+        id=ID,
+        path=path,
+        policies=tuple(GAINS),
+        options=OPTIONS,
+        metadata={
+            "author": "swarmdata's examples",
+            "license": "cc-by-4.0",
+            "description": "Two scripted policies with noise in MPE2's simple_spread_v3.",
+            "code": "tests/examples/record_simple_spread.py",
+        },
+    )
+    with recorder:
+        for k in range(n_episodes):
+            label = tuple(GAINS)[k % len(GAINS)]
+            observations, _ = recorder.reset(policy=label)
+            while recorder.agents:
+                actions = {
+                    agent: drive(
+                        int(agent[-1]), observations[agent], GAINS[label], rng.normal(0, 0.3, 2)
+                    )
+                    for agent in recorder.agents
+                }
+                observations, *_ = recorder.step(actions)
+    return recorder.close()
+
+
+def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[Policy]:
+    """Trains two seeds of MADDPG+BC on the train split; the dataset is an id or a folder."""
+    changes = {"n_updates": str(n_updates), "warm_start": str(n_updates // 2)}
+    return train_offline("maddpg_bc", str(dataset), run, n_seeds=2, changes=changes, progress=False)
+
+
+def play(policies: Sequence[Policy], spec: RecordedSpec, n_episodes: int = 30) -> list[float]:
+    """Mean return of each policy in the environment, on seeds that no recorder draws."""
+    seeds = foreign_evaluation_seeds(n_episodes)
+    results = [evaluate_parallel(policy, make_env, spec, seeds) for policy in policies]
+    return [float(result.metrics["return"].mean()) for result in results]
+
+
+def play_random(n_episodes: int = 30) -> float:
+    """Mean return of random actions on the same seeds."""
+    env, returns = make_env(), []
+    for k, seed in enumerate(foreign_evaluation_seeds(n_episodes)):
+        env.reset(seed=int(seed))
+        for agent in env.possible_agents:
+            env.action_space(agent).seed(k)
+        returns.append(0.0)
+        while env.agents:
+            actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+            returns[-1] += float(np.mean(list(env.step(actions)[1].values())))
+    return float(np.mean(returns))
+
+
+def main(folder: Path, n_episodes: int = 200, n_updates: int = 1500) -> dict[str, float]:
+    """Records, trains and plays; returns mean returns by name, and prints them."""
+    dataset = record(folder / ID, n_episodes)
+    assert isinstance(dataset.spec, RecordedSpec)
+    found = {"random actions": play_random()}
+    for label in GAINS:
+        found[f"recorded: {label}"] = float(
+            dataset.filter(policy=label).episodes.team_return.mean()
+        )
+    policies = train(folder / ID, folder / "run", n_updates)
+    for index, mean in enumerate(play(policies, dataset.spec)):
+        found[f"learned: seed {index}"] = mean
+    print(dataset)
+    for name, mean in found.items():
+        print(f"{name:20} {mean:8.2f}")
+    return found
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

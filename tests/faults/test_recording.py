@@ -1,0 +1,179 @@
+"""A recording survives kill -9 at any moment: what was written is there, whole, and it goes on."""
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import DatasetError, RecipeConflictError
+from swarmdata.record import Recorder, recover
+from swarmdata.record.session import look, recording_folder
+from swarmdata.store import open_store, read_part_table
+from swarmdata.testing.synthetic import make_dataset
+from tests.record.worlds import Counting, play, steady
+
+ROOT = Path(__file__).parents[2]
+ID = "counting_v1-mine-v0"
+
+RECORD = """
+import sys
+from swarmdata.record import Limits, Recorder
+from swarmdata.testing.synthetic import make_dataset
+from tests.record.worlds import Counting, play, steady
+recorder = Recorder(Counting(), id="{id}", path=sys.argv[1], limits=Limits(episodes=2))
+print("ready", flush=True)
+while recorder.n_episodes < {n}:
+    play(recorder, 1, steady)
+    print(recorder.n_episodes, flush=True)
+recorder.close()
+"""
+
+RECOVER = """
+import sys
+from swarmdata.record import recover
+print("ready", flush=True)
+recover(sys.argv[1])
+"""
+
+N_EPISODES = 400
+
+
+def run_and_kill(code: str, path: Path, delay: float) -> tuple[int, list[str]]:
+    """Runs code, kills it so many seconds after it is ready; its exit code and its lines."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)],
+        stdout=subprocess.PIPE,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(delay)
+    process.send_signal(signal.SIGKILL)
+    lines = process.stdout.read().splitlines()
+    process.stdout.close()
+    return process.wait(timeout=60), lines
+
+
+def check_whole(dataset: Dataset) -> None:
+    """Every episode is as `Counting` plays it, and every byte as it was written."""
+    open_store(dataset.path, "full")
+    for episode in dataset:
+        assert len(episode) == 4
+        np.testing.assert_array_equal(episode.rewards, np.arange(1, 5)[:, None] * np.ones(2))
+        assert (episode.observations[:, :, 0] == episode.seed % 1000).all()
+    assert len(set(dataset.episodes.seeds.tolist())) == len(dataset)
+
+
+def kill_while_recording(path: Path, n_kills: int) -> int:
+    """Kills a recording again and again; returns how many episodes survived."""
+    rng, survived = random.Random(0), 0
+    code = RECORD.format(id=ID, n=N_EPISODES)
+    for _ in range(n_kills):
+        returned, lines = run_and_kill(code, path, rng.uniform(0.0, 0.15))
+        assert returned == -signal.SIGKILL
+        told = [int(line) for line in lines if line.isdecimal()]
+        ((_, found, _),) = look(path).policies if recording_folder(path).exists() else ((0, 0, 0),)
+        assert found >= survived, "what was written is never lost"
+        assert found >= max(told, default=0) - 2, "only the running part is"
+        survived = found
+    return survived
+
+
+def test_kill_while_recording(tmp_path: Path) -> None:
+    path = tmp_path / "ds"
+    survived = kill_while_recording(path, 2)
+    with pytest.raises(DatasetError):
+        open_store(path)  # nothing half-made is to be seen
+    recorder = Recorder(Counting(), id=ID, path=path)
+    assert recorder.n_episodes == survived
+    play(recorder, 12, steady)
+    dataset = recorder.close()
+    assert len(dataset) == survived + 12
+    check_whole(dataset)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".ds.lock", "ds"], "no leftovers"
+
+
+@pytest.mark.slow
+def test_kill_while_recording_many_times(tmp_path: Path) -> None:
+    survived = kill_while_recording(tmp_path / "ds", 20)
+    assert survived > 0
+    check_whole(recover(tmp_path / "ds"))
+
+
+def interrupted(path: Path, n_episodes: int) -> Path:
+    """A recording that nobody finished."""
+    recorder = Recorder(Counting(), id=ID, path=path)
+    play(recorder, n_episodes, steady)
+    recorder.pause()
+    return path
+
+
+@pytest.mark.parametrize(
+    "n_kills", [2, pytest.param(25, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
+    whole = recover(interrupted(tmp_path / "whole", 60))
+    path = interrupted(tmp_path / "ds", 60)
+    for kill in range(n_kills):
+        returned, _ = run_and_kill(RECOVER, path, 0.5 * kill / n_kills)
+        if returned == 0:
+            break
+        if path.exists():
+            open_store(path, "full")  # published in one rename
+        if not recording_folder(path).exists():
+            break
+    dataset = recover(path) if recording_folder(path).exists() else Dataset.open(path)
+    check_whole(dataset)
+    assert dataset.digest == whole.digest
+    assert (path / "card.md").exists()
+
+
+def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
+    path = interrupted(tmp_path / "ds", 12)
+    shutil.copytree(recording_folder(path), tmp_path / "kept")
+    digest = recover(path).digest
+    shutil.copytree(tmp_path / "kept", recording_folder(path))
+    for part in recording_folder(path).glob("part-*"):
+        shutil.rmtree(part)
+    (path / "card.md").unlink()
+    assert recover(path).digest == digest
+    assert (path / "card.md").exists()
+    other = interrupted(tmp_path / "other", 12)
+    make_dataset(other, [[3] * 40], n_steps=60)
+    with pytest.raises(RecipeConflictError, match="holds another dataset"):
+        recover(other)
+
+
+def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> None:
+    code = RECORD.format(id=ID, n=7).replace("recorder.close()", "raise SystemExit(3)")
+    code = code.replace("episodes=2", "episodes=100")
+    ended = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "ds")],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+        capture_output=True,
+    )
+    assert ended.returncode == 3
+    assert len(recover(tmp_path / "ds")) == 7
+
+
+def test_a_damaged_part_is_named(tmp_path: Path) -> None:
+    path = interrupted(tmp_path / "ds", 12)
+    (part,) = recording_folder(path).glob("part-*")
+    assert len(read_part_table(part)) == 12
+    with (part / "rewards.npy").open("r+b") as file:
+        file.truncate(100)
+    with pytest.raises(DatasetError, match=r"rewards.npy .* Delete the part"):
+        recover(path)
+    assert recording_folder(path).exists(), "the rest is kept"

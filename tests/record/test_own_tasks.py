@@ -1,0 +1,49 @@
+"""A task of this library, recorded through its PettingZoo interface, is the same as generated."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.parallel import ParallelWorld
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.models import with_models
+from swarmdata.presets import preset
+from swarmdata.record import Recorder
+from swarmdata.registry import make_env, make_policy
+from swarmdata.rollout import rollout
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS
+
+SPEC = with_models(preset("coop_nav"), "lidar", "lossy-30")
+
+
+def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) -> None:
+    seeds = np.arange(40, 46, dtype=np.uint64)
+    policy = make_policy("random", SPEC)
+    generated = list(rollout(make_env(SPEC, 3), policy, seeds))
+    with Recorder(ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds") as recorder:
+        for episode in generated:
+            recorder.reset(seed=episode.seed)
+            for actions in episode.actions:
+                recorder.step(dict(zip(recorder.agents, actions, strict=True)))
+            assert not recorder.agents
+    dataset = recorder.close()
+    assert dataset.task == SPEC
+    for ours, theirs in zip(dataset, generated, strict=True):
+        for name in {*STATE_FIELDS, *STEP_FIELDS} - {"log_probs"}:
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), name)
+        np.testing.assert_array_equal(ours.layout, theirs.layout)
+        assert (ours.seed, ours.end_reason) == (theirs.seed, theirs.end_reason)
+        assert ours.optional == ()
+    assert "## Coverage" in dataset.card, "the usual card of the task"
+    assert "A recording cannot be made again" in dataset.card
+    assert "## Log-probabilities" not in dataset.card
+    seen = dataset.reobserve("state", progress=False)
+    assert seen.task.observation != SPEC.observation
+
+
+def test_what_the_spec_says_is_not_said_again(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"'horizon'.* are in the spec"):
+        Recorder(ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds", horizon=3)
+    with pytest.raises(SchemaError, match="not reset yet"):
+        _ = ParallelWorld(SPEC).current_step

@@ -1,0 +1,187 @@
+"""From a recording to a policy and back into its environment, in the environment's units."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.origins import RecordedSpec
+from swarmdata.record import (
+    Recorder,
+    evaluate_parallel,
+    foreign_evaluation_seeds,
+    policy_actions,
+    step_of,
+)
+from swarmdata.types import Float, Int, Step
+from tests.record.worlds import Choosing, Counting, play, steady
+
+torch = pytest.importorskip("torch")
+
+
+class Constant:
+    """Always the same numbers in [-1, 1]; remembers what it saw."""
+
+    uses_state = False
+
+    def __init__(self, value: float) -> None:
+        self.value, self.seen = value, []  # type: ignore[var-annotated]
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self.seen.append(step)
+
+    def act(self, step: Step) -> Float:
+        self.seen.append(step)
+        return np.full((1, 2, 2), self.value, np.float32)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros((1, 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("recorded") / "ds"
+    env = Counting(leaves={"big": 3})
+    with Recorder(env, id="counting_v1-mine-v0", path=path) as recorder:
+        play(recorder, 12)
+    return recorder.close()
+
+
+def test_samples_are_in_the_unit_cube_and_episodes_are_as_recorded(dataset: Dataset) -> None:
+    raw, unit = dataset.transitions()["actions"], next(dataset.sampler(500)).actions
+    assert raw[:, 0].max() > 1
+    assert np.abs(unit).max() <= 1
+    assert unit.dtype == np.float32
+    sampler = dataset.sampler(7)
+    index = sampler.draw()
+    stored = dataset.stored.arrays["actions"][index]
+    alive = dataset.stored.arrays["alive"][index + sampler.rows.episode[index]]
+    middle, half = np.array([[0, 2], [3, 0]]), np.array([[2, 2], [2, 1]])
+    expected = np.where(alive[..., None], (stored - middle) / half, 0)
+    np.testing.assert_allclose(sampler.gather(index).actions, expected, atol=1e-6)
+
+
+def test_windows_have_zeros_behind_the_end(dataset: Dataset) -> None:
+    batch = next(dataset.sampler(64, horizon=6))
+    assert not batch.mask.all()
+    assert not batch.actions[~batch.mask].any()
+    assert np.abs(batch.actions[batch.mask]).max() <= 1
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 1.0, 7.0])
+def test_actions_come_back_in_the_units_of_the_environment(dataset: Dataset, value: float) -> None:
+    assert isinstance(dataset.spec, RecordedSpec)
+    step = step_of(np.zeros((2, 3), np.float32), np.zeros(2, np.float32), seed=0, time=0)
+    actions = policy_actions(Constant(value), dataset.spec, step)
+    unit = np.clip(value, -1, 1)
+    np.testing.assert_array_equal(actions["big"], np.array([0, 2]) + 2 * unit)
+    np.testing.assert_array_equal(actions["small"], [3 + 2 * unit])
+    for name, action in actions.items():
+        assert Counting().action_space(name).contains(action)
+
+
+def test_a_policy_sees_what_was_recorded(dataset: Dataset) -> None:
+    assert isinstance(dataset.spec, RecordedSpec)
+    policy = Constant(0.0)
+    episode = dataset[0]
+    result = evaluate_parallel(
+        policy, lambda: Counting(leaves={"big": 3}), dataset.spec, dataset.episodes.seeds[:1]
+    )
+    seen = np.concatenate([step.observations for step in policy.seen[1:]])
+    np.testing.assert_array_equal(seen, episode.observations[:-1])
+    np.testing.assert_array_equal(policy.seen[-1].states[0], episode.states[-2])
+    assert [int(step.times[0]) for step in policy.seen[1:]] == [0, 1, 2, 3]
+    assert result.metrics["return"].tolist() == [1 + 2 + 3 + 4 / 2]
+    assert result.metrics["length"].tolist() == [4]
+    assert np.isnan(result.metrics["success"]).all()
+
+
+def test_another_environment_is_refused(dataset: Dataset) -> None:
+    assert isinstance(dataset.spec, RecordedSpec)
+    seeds = foreign_evaluation_seeds(1)
+    with pytest.raises(SchemaError, match="the recording of counting_v1 has"):
+        evaluate_parallel(Constant(0.0), Choosing, dataset.spec, seeds)
+    with pytest.raises(SchemaError, match="no seeds"):
+        evaluate_parallel(Constant(0.0), Counting, dataset.spec, seeds[:0])
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
+def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
+    from swarmdata.learn.run import load_run
+    from swarmdata.targets import find_target
+    from swarmdata.training import train_offline
+
+    changes = {"n_updates": "20", "batch_size": "32"}
+    policies = train_offline(
+        algorithm, str(dataset.path), tmp_path / "run", n_seeds=2, changes=changes, progress=False
+    )
+    assert isinstance(dataset.spec, RecordedSpec)
+    seeds = foreign_evaluation_seeds(2)
+    result = evaluate_parallel(policies[0], Counting, dataset.spec, seeds)
+    assert np.isfinite(result.metrics["return"]).all()
+    again = evaluate_parallel(load_run(tmp_path / "run")[0], Counting, dataset.spec, seeds)
+    np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
+    assert not (tmp_path / "run" / "curve.csv").exists()
+    with pytest.raises(SpecError, match="evaluate_parallel"):
+        find_target(str(tmp_path / "run"))
+
+
+def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
+    """Actions say the time, and so do observations."""
+    from swarmdata.learn.trainer import train
+    from swarmdata.offline_algos.bc import BC
+
+    with Recorder(Counting(), id="counting_v1-mine-v0", path=tmp_path / "ds") as recorder:
+        play(recorder, 20, steady)
+    dataset = recorder.close()
+    config = BC.Config(n_updates=400, batch_size=64)
+    policy = train("bc", dataset, tmp_path / "run", seeds=(0,), config=config, progress=False)[0]
+    assert isinstance(dataset.spec, RecordedSpec)
+    for time in range(4):
+        rows, state = dataset[0].observations[time], dataset[0].states[time]
+        step = step_of(rows, state, seed=0, time=time)
+        chosen = policy_actions(policy, dataset.spec, step)
+        for name, action in chosen.items():
+            np.testing.assert_allclose(action, steady(name, time), atol=0.3)
+
+
+def test_choices_cannot_be_learned_yet(tmp_path: Path) -> None:
+    from swarmdata.learn.trainer import train
+
+    with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
+        play(recorder, 5)
+    dataset = recorder.close()
+    sample = next(dataset.sampler(4))
+    assert sample.actions.max() > 1, "choices come as they are"
+    with pytest.raises(SchemaError, match=r"bc learns continuous actions; .* one, many, bits"):
+        train("bc", dataset, tmp_path / "run", progress=False)
+
+
+class Unbounded(Counting):
+    """Actions without an upper bound."""
+
+    def action_space(self, agent: str) -> Any:
+        from gymnasium.spaces import Box
+
+        return Box(0.0, np.inf, (2,), np.float32)
+
+
+def test_actions_without_bounds_are_refused_with_a_way_out(tmp_path: Path) -> None:
+    path = tmp_path / "ds"
+    with Recorder(Unbounded(), id="counting_v1-mine-v0", path=path) as recorder:
+        play(recorder, 5, lambda agent, time: np.ones(2, np.float32))
+    dataset = recorder.close()
+    with pytest.raises(SchemaError, match=r"column 0 of the actions of big .* bounds 0 and inf"):
+        dataset.sampler(8)
+    assert dataset.transitions()["actions"].shape == (20, 2, 2)
+
+
+def test_actions_outside_their_bounds_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "ds"
+    with Recorder(Counting(), id="counting_v1-mine-v0", path=path) as recorder:
+        play(recorder, 5, lambda agent, time: np.full(2 if agent == "big" else 1, 4.0, np.float32))
+    with pytest.raises(SchemaError, match="action of agent 0 is 4, outside of 0 ± 2"):
+        next(recorder.close().sampler(8))

@@ -1,0 +1,165 @@
+"""Small PettingZoo environments that do what real ones do: each tests something of a recorder."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space, Tuple
+from pettingzoo import ParallelEnv
+
+
+class Counting(ParallelEnv):  # type: ignore[misc]
+    """Observations name the seed, the time and the agent; one buffer is used for all of them.
+
+    Args:
+        length: steps of an episode.
+        terminates: whether it ends by itself; otherwise it is cut.
+        has_state: whether it has `state()`.
+        success: what infos say in the last step, None if nothing.
+        leaves: step after which each agent leaves, by name.
+        enters: step after which an agent appears, by name.
+    """
+
+    def __init__(
+        self,
+        length: int = 4,
+        *,
+        terminates: bool = False,
+        has_state: bool = True,
+        success: bool | None = None,
+        leaves: dict[str, int] | None = None,
+        enters: dict[str, int] | None = None,
+    ) -> None:
+        self.metadata = {"name": "counting_v1"}
+        self.possible_agents = ["big", "small"]
+        self.agents: list[str] = []
+        self.length, self.terminates, self.has_state = length, terminates, has_state
+        self.success = success
+        self.leaves, self.enters = leaves or {}, enters or {}
+        self.buffers = {"big": np.zeros(3, np.float32), "small": np.zeros(2, np.float32)}
+        self.given: list[dict[str, Any]] = []
+
+    def observation_space(self, agent: str) -> Space[Any]:
+        return Box(-np.inf, np.inf, (3 if agent == "big" else 2,), np.float32)
+
+    def action_space(self, agent: str) -> Space[Any]:
+        low = np.array([-2.0, 0.0] if agent == "big" else [1.0], np.float32)
+        return Box(low, low + 4, dtype=np.float32)
+
+    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
+        self.seed, self.time = int(seed or 0), 0
+        self.agents = [a for a in self.possible_agents if self.enters.get(a, 0) == 0]
+        return self._observe(self.agents), {a: {} for a in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+        acted, self.time = list(self.agents), self.time + 1
+        rewards = {a: float(self.time) for a in acted}
+        for action in actions.values():
+            action.fill(100)  # an environment may do this
+        over = self.time == self.length
+        ended = {a: (over and self.terminates) or self.leaves.get(a) == self.time for a in acted}
+        cut = dict.fromkeys(acted, over and not self.terminates)
+        self.agents = [a for a in acted if not (ended[a] or cut[a])]
+        self.agents += [a for a, t in self.enters.items() if t == self.time and not over]
+        infos: dict[str, dict[str, Any]] = {a: {} for a in acted}
+        if over and self.success is not None:
+            infos = {a: {"success": self.success} for a in acted}
+        return self._observe(sorted({*acted, *self.agents})), rewards, ended, cut, infos
+
+    def state(self) -> Any:
+        if not self.has_state:
+            raise NotImplementedError
+        return np.array([self.seed % 1000, self.time], np.float64)
+
+    def _observe(self, agents: list[str]) -> dict[str, Any]:
+        for index, buffer in enumerate(self.buffers.values()):
+            buffer[:2] = self.seed % 1000, self.time * 10 + index
+        return {a: self.buffers[a] for a in agents}
+
+
+class Choosing(ParallelEnv):  # type: ignore[misc]
+    """One agent for each kind of space; masks come as the caller wants.
+
+    Args:
+        mask_in: `info` or `observation`, PettingZoo's two conventions, or None.
+        forbidden: makes the first choice forbidden at odd times.
+    """
+
+    ACTIONS: ClassVar[dict[str, Space[Any]]] = {
+        "one": Discrete(3, start=0),
+        "many": MultiDiscrete([2, 3]),
+        "bits": MultiBinary(2),
+        "mixed": Dict({"speed": Box(0.0, 2.0, (1,), np.float32), "gear": Discrete(4, start=1)}),
+        "pair": Tuple((Box(-1.0, 1.0, (2,), np.float32), Discrete(2))),
+    }
+
+    def __init__(self, mask_in: str | None = None) -> None:
+        self.metadata = {"name": "Choosing v2"}
+        self.possible_agents = list(self.ACTIONS)
+        self.agents: list[str] = []
+        self.mask_in = mask_in
+        inner = Dict({"near": Box(0, 255, (2, 2), np.uint8), "phase": Discrete(5)})
+        self.spaces: dict[str, Space[Any]] = dict.fromkeys(self.ACTIONS, inner)
+        if mask_in == "observation":
+            self.spaces["one"] = Dict({"observation": inner, "action_mask": MultiBinary(3)})
+
+    def observation_space(self, agent: str) -> Space[Any]:
+        return self.spaces[agent]
+
+    def action_space(self, agent: str) -> Space[Any]:
+        return self.ACTIONS[agent]
+
+    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
+        self.time, self.agents = 0, list(self.possible_agents)
+        return self._observe(), self._infos()
+
+    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+        names, self.time = self.agents, self.time + 1
+        over = self.time == 3
+        result = (
+            self._observe(),
+            dict.fromkeys(names, 1.0),
+            dict.fromkeys(names, over),
+            dict.fromkeys(names, False),
+            self._infos(),
+        )
+        if over:
+            self.agents = []
+        return result
+
+    @property
+    def mask(self) -> Any:
+        return np.array([self.time % 2 == 0, True, True], np.int8)
+
+    def _infos(self) -> dict[str, Any]:
+        infos: dict[str, Any] = {name: {} for name in self.possible_agents}
+        if self.mask_in == "info":
+            infos["one"]["action_mask"] = self.mask
+        return infos
+
+    def _observe(self) -> dict[str, Any]:
+        seen = {"near": np.full((2, 2), self.time, np.uint8), "phase": self.time}
+        observations: dict[str, Any] = {name: dict(seen) for name in self.possible_agents}
+        if self.mask_in == "observation":
+            observations["one"] = {"observation": dict(seen), "action_mask": self.mask}
+        return observations
+
+
+def play(env: Any, n_episodes: int, act: Callable[[str, int], Any] | None = None) -> None:
+    """Plays episodes with actions of the spaces, or of `act(agent, time)`."""
+    for _ in range(n_episodes):
+        env.reset()
+        time = 0
+        while env.agents:
+            agents = list(env.agents)
+            if act is None:
+                actions = {agent: env.action_space(agent).sample() for agent in agents}
+            else:
+                actions = {agent: act(agent, time) for agent in agents}
+            env.step(actions)
+            time += 1
+
+
+def steady(agent: str, time: int) -> Any:
+    """An action of `Counting` that says its time."""
+    return np.array([time % 3, 1] if agent == "big" else [1 + time % 4], np.float32)
