@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import __version__, training_commands
+from swarmdata import __version__, convert_commands, training_commands
 from swarmdata.errors import SwarmdataError
 from swarmdata.registry_commands import registry_app
 from swarmdata.task_commands import Communication, Observation, task_app
@@ -173,6 +173,7 @@ def card(
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(convert_commands.convert)
 
 
 @app.command()

@@ -1,7 +1,7 @@
 """Choices, what only the user knows about foreign data and no file says."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from swarmdata.errors import ConversionError
 
@@ -62,6 +62,20 @@ class Choices:
             problems.append(f"action_low {self.action_low} is above action_high {self.action_high}")
         if problems:
             raise ConversionError("; ".join(problems))
+
+    @classmethod
+    def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
+        """Choices from the command line, where agents are a number or names with commas.
+
+        Raises:
+            ConversionError: an answer is out of range.
+        """
+        n_agents, names = None, None
+        if agents is not None and agents.isdecimal():
+            n_agents = int(agents)
+        elif agents is not None:
+            names = tuple(agents.split(","))
+        return cls(n_agents=n_agents, agents=names, **answers)
 
     def answered(self) -> dict[str, str]:
         """The answers that were given, for the record."""

@@ -158,8 +158,8 @@ def _row_bytes(leaves: Mapping[str, Any]) -> int:
 
 
 def _noted(leaves: Mapping[str, Any], n: int, source: Path, note: Note) -> Incoming:
-    names = {name: key for name in TIME_ARRAYS if (key := _key(name)) in leaves}
-    names |= {NEXT + k: key for k in STATE_ARRAYS if (key := _key(NEXT + k)) in leaves}
+    all_names = (*TIME_ARRAYS, *(NEXT + name for name in STATE_ARRAYS))
+    names = {name: key for name in all_names if (key := _key(name)) and key in leaves}
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
         pending = {name: leaves[key][0, window].read() for name, key in names.items()}
@@ -182,11 +182,12 @@ def _unnoted(
     n_choices = 0
     if is_discrete:
         n_choices = legals.shape[-1] if legals is not None else _greatest(leaves, n) + 1
+    state_size = 0 if state is None else int(np.prod(leaves[state].shape[2:]))
     shapes = Shapes(
         observations=(int(np.prod(leaves["observations"].shape[3:])),) * n_agents,
         actions=(int(np.prod(leaves["actions"].shape[3:])),) * n_agents,
         choices=n_choices,
-        states=int(np.prod(leaves[state].shape[2:])) if state else 0,
+        states=state_size,
     )
     return unnoted(task, shapes, timelines, choices)
 

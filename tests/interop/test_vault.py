@@ -14,6 +14,7 @@ from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
 from swarmdata.types import END_REASONS
 
+jax = pytest.importorskip("jax", reason="the extra 'vault'")
 flashbax_vault = pytest.importorskip("flashbax.vault", reason="the extra 'vault'")
 
 RoundTrip = Callable[[Dataset, str], Dataset]
@@ -67,7 +68,7 @@ def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> d
     observations = np.repeat(np.stack(rows)[:, :, None], 3, axis=2).astype(np.float32)
     observations[:, :, 2, 2] = -np.inf  # OMAR's padding of smaller agents
     flags = {"terminals": last & ~is_cut, "truncations": last & is_cut}
-    leaves = {
+    leaves: dict[str, Any] = {
         "observations": observations,
         "actions": np.repeat(np.stack([time % 4] * n_timelines)[..., None], 3, 2).astype(np.int32),
         "rewards": np.repeat(np.stack([time] * n_timelines)[..., None], 3, 2).astype(np.float32),
@@ -77,9 +78,7 @@ def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> d
             "legals": np.ones((n_timelines, len(time), 3, 6), dtype=np.float32),
         },
     }
-    pad = lambda x: np.concatenate([x, x[:, -1:]], 1)  # noqa: E731
-    infos = {k: pad(v) for k, v in leaves.pop("infos").items()}
-    return {**{k: pad(v) for k, v in leaves.items()}, "infos": infos}
+    return jax.tree.map(lambda x: np.concatenate([x, x[:, -1:]], 1), leaves)
 
 
 def take_in(path: Path, **answers: Any) -> Dataset:

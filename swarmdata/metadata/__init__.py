@@ -1,0 +1,1 @@
+"""What others need to find and show a dataset: an episode table, Croissant, the hub's card."""
