@@ -80,17 +80,18 @@ def write_recording(folder: Path, lengths: list[int]) -> Dataset:
     return Dataset.open(folder / "recorded")
 
 
-@pytest.fixture
-def recorded(tmp_path: Path) -> Dataset:
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """A recording of different agents, one of which leaves, with masks of actions."""
-    return write_recording(tmp_path / "in", [3, 5, 2, 4, 6, 2, 3])
+    return write_recording(tmp_path_factory.mktemp("recorded"), [3, 5, 2, 4, 6, 2, 3])
 
 
-@pytest.fixture
-def ours(tmp_path: Path) -> Dataset:
+@pytest.fixture(scope="session")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """A dataset of a task of this library, by two policies, with messages and obstacles."""
-    make_dataset(tmp_path / "ours", [[4, 3, 5, 2, 4, 3] * 2, [2, 4, 3, 6] * 3], n_steps=40)
-    return Dataset.open(tmp_path / "ours")
+    folder = tmp_path_factory.mktemp("ours") / "ours"
+    make_dataset(folder, [[4, 3, 5, 2, 4, 3] * 2, [2, 4, 3, 6] * 3], n_steps=40)
+    return Dataset.open(folder)
 
 
 def fact(dataset: Dataset, index: int, name: str) -> Any:

@@ -1,6 +1,6 @@
 """D4RL-style HDF5: what a plain h5py reader finds, there and back, and what is refused."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
+from swarmdata.interop.d4rl import read
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
 from swarmdata.testing.synthetic import make_dataset
-from swarmdata.types import END_REASONS
+from swarmdata.types import END_REASONS, Episode
 
 RoundTrip = Callable[[Dataset, str], Dataset]
 
@@ -101,7 +102,7 @@ def take_in(path: Path, **answers: Any) -> Dataset:
     )  # fmt: skip
 
 
-def check_alignment(dataset: Dataset, with_next: bool) -> None:
+def check_alignment(dataset: Iterable[Episode], with_next: bool) -> None:
     """In every episode, action and reward are beside the observation of the same step."""
     for episode in dataset:
         t = np.arange(len(episode))
@@ -118,15 +119,32 @@ def check_alignment(dataset: Dataset, with_next: bool) -> None:
 def test_foreign_files_are_cut_where_their_flags_say(
     tmp_path_factory: pytest.TempPathFactory, lengths: list[int], data: st.DataObject
 ) -> None:
-    # 25 more episodes, so that some are for training; one is longer, so that no limit is suspected
-    lengths = [*lengths, *[2] * 25, 9]
     cut = data.draw(st.lists(st.booleans(), min_size=len(lengths), max_size=len(lengths)))
     path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **timeline(lengths, cut))
-    dataset = take_in(path)
-    assert dataset.episodes.lengths.tolist() == lengths
-    names = [END_REASONS[code] for code in dataset.episodes.end_reason]
+    with read(path, "maze", Choices(time_limit=0)) as incoming:
+        episodes = list(incoming.episodes)
+    assert [len(episode) for episode in episodes] == lengths
+    names = [END_REASONS[episode.end_reason] for episode in episodes]
     assert names == ["horizon" if each else "ended" for each in cut]
-    check_alignment(dataset, with_next=True)
+    assert [episode.seed for episode in episodes] == list(range(len(lengths)))
+    check_alignment(episodes, with_next=True)
+
+
+@given(lengths=Lengths, limit=st.integers(1, 8))
+def test_a_counted_limit_cuts_what_has_no_flag(
+    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], limit: int
+) -> None:
+    """Without timeouts, an episode ends at its terminal or after `limit` steps."""
+    lengths = [min(length, limit) for length in lengths]
+    arrays = timeline(lengths, [length == limit for length in lengths])
+    del arrays["timeouts"]
+    path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **arrays)
+    with read(path, "maze", Choices(time_limit=limit)) as incoming:
+        episodes = list(incoming.episodes)
+    assert [len(episode) for episode in episodes] == lengths
+    names = [END_REASONS[episode.end_reason] for episode in episodes]
+    assert names == ["horizon" if length == limit else "ended" for length in lengths]
+    check_alignment(episodes, with_next=True)
 
 
 def test_the_last_observation_is_asked_for(tmp_path: Path) -> None:
@@ -258,10 +276,11 @@ def test_other_files_are_refused(ours: Dataset, tmp_path: Path) -> None:
 
 
 def test_a_view_without_train_episodes_needs_new_splits(tmp_path: Path) -> None:
-    make_dataset(tmp_path / "ours", [[3] * 60], n_steps=180)
+    make_dataset(tmp_path / "ours", [[3] * 30], n_steps=90)
     view = Dataset.open(tmp_path / "ours").split("test")
     path = export_dataset(view, tmp_path / "x.hdf5", format="d4rl")
     with pytest.raises(ConversionError, match="Pass splits='new'"):
         import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-back-v0")
     back = import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-b-v0", splits="new")
     assert len(back.split("train")) > 0
+    assert len(back) == len(view) == 6
