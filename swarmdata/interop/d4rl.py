@@ -32,6 +32,9 @@ NOTE, LAYOUTS = "metadata/swarmdata", "metadata/layouts"
 KEPT = {
     "observations": "observations",
     "states": "infos/states",
+    "sent": "infos/sent",
+    "delivered": "infos/delivered",
+    "ages": "infos/message_ages",
     "actions": "actions",
     "log_probs": "infos/action_log_probs",
     "rewards": "infos/agent_rewards",
@@ -45,11 +48,7 @@ KEPT = {
     "layout": LAYOUTS,
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
 }
-LOST = {
-    "sent": "messages have no place in it",
-    "delivered": "messages have no place in it",
-    "ages": "messages have no place in it",
-}
+LOST: dict[str, str] = {}
 
 _CHUNK_ROWS = 4096
 

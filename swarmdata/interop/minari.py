@@ -35,6 +35,9 @@ NOTE = "swarmdata"
 KEPT = {
     "observations": "observations",
     "states": "infos/states",
+    "sent": "infos/sent",
+    "delivered": "infos/delivered",
+    "ages": "infos/message_ages",
     "actions": "actions",
     "log_probs": "infos/log_probs",
     "rewards": "infos/agent_rewards",
@@ -48,11 +51,7 @@ KEPT = {
     "layout": "infos/layout",
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
 }
-LOST = {
-    "sent": "messages have no place in it",
-    "delivered": "messages have no place in it",
-    "ages": "messages have no place in it",
-}
+LOST: dict[str, str] = {}
 
 _INFOS = {name: key.removeprefix("infos/") for name, key in KEPT.items() if "infos/" in key}
 

@@ -37,6 +37,9 @@ Key = tuple[str, ...]
 _KEYS: dict[str, Key] = {
     "observations": ("agents", "observation"),
     "states": ("state",),
+    "sent": ("agents", "sent"),
+    "delivered": ("agents", "delivered"),
+    "ages": ("agents", "message_ages"),
     "actions": ("agents", "action"),
     "log_probs": ("agents", "action_log_prob"),
     "rewards": ("next", "agents", "reward"),
@@ -60,12 +63,7 @@ KEPT = {
     **{name: ".".join(key) for name, key in _KEYS.items()},
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
 }
-LOST = {
-    "sent": "messages have no place in it",
-    "delivered": "messages have no place in it",
-    "ages": "messages have no place in it",
-    "layout": "it has rows over time only",
-}
+LOST = {"layout": "it has rows over time only"}
 
 
 def _library() -> Any:

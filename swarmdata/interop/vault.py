@@ -47,11 +47,10 @@ KEPT = {
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
 }
 LOST = {
-    "sent": "messages have no place in it",
-    "delivered": "messages have no place in it",
-    "ages": "messages have no place in it",
-    "log_probs": "it has no key for them",
-    "events": "it has no key for them",
+    **dict.fromkeys(
+        ("sent", "delivered", "ages", "log_probs", "events"),
+        "OG-MARL loads every leaf into memory and has no use for them",
+    ),
     "layout": "it has rows over time only",
 }
 
