@@ -1,53 +1,62 @@
 """`swarmdata convert`: datasets out to the formats of others, and theirs in."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+Source = Annotated[
+    str, typer.Argument(metavar="SRC", help="with --to: an id or folder; with --from: theirs")
+]
+Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to make")]
+To = Annotated[
+    str | None,
+    typer.Option("--to", metavar="FORMAT", help="d4rl, minari, parquet, torchrl or vault"),
+]
+From = Annotated[
+    str | None, typer.Option("--from", metavar="FORMAT", help="the same, or numpy (OMAR, CFCQL)")
+]
+Split = Annotated[str | None, typer.Option(help="with --to: only train, validation or test")]
+Policy = Annotated[str | None, typer.Option(help="with --to: only this policy's episodes")]
+Id = Annotated[
+    str | None,
+    typer.Option("--id", metavar="ID", help="with --from: such as spread-omar_medium-v0"),
+]
+TimeLimit = Annotated[
+    int | None, typer.Option(help="steps after which episodes are cut; 0: there is no limit")
+]
+EpisodeLength = Annotated[
+    int | None, typer.Option(help="of all episodes, where the data has no flags")
+]
+Final = Annotated[str | None, typer.Option(help="missing last observations: repeat, or cut")]
+Unfinished = Annotated[str | None, typer.Option(help="rows behind the last end: truncate, or drop")]
+Agents = Annotated[
+    str | None, typer.Option(help="number of agents, or their names with commas between them")
+]
+Bounds = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="of continuous actions")]
+NewSplits = Annotated[bool, typer.Option(help="draw splits instead of those kept")]
+Notes = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=TEXT", help="to remember, such as license=mit; may be repeated"),
+]
+
 
 def convert(
-    source: Annotated[
-        str, typer.Argument(metavar="SRC", help="with --to: an id or folder; with --from: theirs")
-    ],
-    target: Annotated[Path, typer.Argument(metavar="DST", help="file or folder to make")],
-    to: Annotated[
-        str | None, typer.Option("--to", metavar="FORMAT", help="d4rl, minari, parquet, ...")
-    ] = None,
-    from_: Annotated[
-        str | None, typer.Option("--from", metavar="FORMAT", help="the same, and numpy")
-    ] = None,
-    split: Annotated[
-        str | None, typer.Option(help="with --to: only train, validation or test")
-    ] = None,
-    policy: Annotated[str | None, typer.Option(help="with --to: only this policy's")] = None,
-    id_: Annotated[
-        str | None,
-        typer.Option("--id", metavar="ID", help="with --from: such as spread-omar_medium-v0"),
-    ] = None,
-    time_limit: Annotated[
-        int | None, typer.Option(help="steps after which episodes are cut; 0: there is no limit")
-    ] = None,
-    episode_length: Annotated[
-        int | None, typer.Option(help="of all episodes, where there are no flags")
-    ] = None,
-    final: Annotated[
-        str | None, typer.Option(help="missing last observations: repeat, or cut")
-    ] = None,
-    unfinished: Annotated[
-        str | None, typer.Option(help="rows behind the last end: truncate, or drop")
-    ] = None,
-    agents: Annotated[
-        str | None, typer.Option(help="number of agents, or their names with commas")
-    ] = None,
-    action_bounds: Annotated[
-        str | None, typer.Option(metavar="LOW,HIGH", help="of continuous actions")
-    ] = None,
-    new_splits: Annotated[bool, typer.Option(help="draw splits instead of those kept")] = False,
-    note: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=TEXT", help="to remember, such as license=mit; may be repeated"),
-    ] = None,
+    source: Source,
+    target: Target,
+    to: To = None,
+    from_: From = None,
+    split: Split = None,
+    policy: Policy = None,
+    id_: Id = None,
+    time_limit: TimeLimit = None,
+    episode_length: EpisodeLength = None,
+    final: Final = None,
+    unfinished: Unfinished = None,
+    agents: Agents = None,
+    action_bounds: Bounds = None,
+    new_splits: NewSplits = False,
+    note: Notes = None,
 ) -> None:
     """Convert a dataset to another format (--to), or data of another format to a dataset (--from).
 
@@ -58,27 +67,17 @@ def convert(
     if to is not None:
         typer.echo(_export(source, target, to, split, policy))
         return
-    if id_ is None:
-        raise typer.BadParameter("needed with --from", param_hint="--id")
-    from swarmdata.interop.choices import Choices
-    from swarmdata.interop.importing import import_dataset
-
     low, high = _bounds(action_bounds)
-    choices = Choices.of(
-        time_limit=time_limit,
-        episode_length=episode_length,
-        final=final,
-        unfinished=unfinished,
-        agents=agents,
-        action_low=low,
-        action_high=high,
-    )
-    splits: Literal["kept", "new"] = "new" if new_splits else "kept"
-    made = import_dataset(
-        source, target, format=str(from_), id=id_, choices=choices, splits=splits,
-        metadata=_notes(note or []),
-    )  # fmt: skip
-    typer.echo(f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}")
+    answers = {
+        "time_limit": time_limit,
+        "episode_length": episode_length,
+        "final": final,
+        "unfinished": unfinished,
+        "agents": agents,
+        "action_low": low,
+        "action_high": high,
+    }
+    typer.echo(_import(source, target, str(from_), id_, answers, new_splits, _notes(note or [])))
 
 
 def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
@@ -88,6 +87,33 @@ def _export(source: str, target: Path, to: str, split: str | None, policy: str |
 
     dataset = Dataset.open(source) if Path(source).is_dir() else load(source)
     return export_dataset(dataset.filter(split=split, policy=policy), target, format=to)
+
+
+def _import(
+    source: str,
+    target: Path,
+    kind: str,
+    name: str | None,
+    answers: dict[str, Any],
+    new_splits: bool,
+    metadata: dict[str, str],
+) -> str:
+    if name is None:
+        raise typer.BadParameter("needed with --from", param_hint="--id")
+    from swarmdata.interop.choices import Choices
+    from swarmdata.interop.importing import import_dataset
+
+    splits: Literal["kept", "new"] = "new" if new_splits else "kept"
+    made = import_dataset(
+        source,
+        target,
+        format=kind,
+        id=name,
+        choices=Choices.of(**answers),
+        splits=splits,
+        metadata=metadata,
+    )
+    return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 
 def _bounds(text: str | None) -> tuple[float | None, float | None]:

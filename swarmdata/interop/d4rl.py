@@ -117,7 +117,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
 
 def _noted(file: Any, source: Path) -> Incoming:
     note = parse_note(file[NOTE][()], source)
-    n_agents = note.spec.n_agents
+    n_agents = file[KEPT["rewards"]].shape[1]
     keys = {name: key for name, key in KEPT.items() if name in TIME_ARRAYS and key in file}
     keys |= {NEXT + name: _next(key) for name, key in keys.items() if name in STATE_ARRAYS}
 
