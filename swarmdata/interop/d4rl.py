@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError
+from swarmdata.interop.ahead import Ahead
 from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Timeline
+from swarmdata.interop.d4rl_foreign import unnoted_file
 from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
-from swarmdata.interop.foreign import unnoted
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import Incoming, Shapes
+from swarmdata.interop.incoming import Incoming
 from swarmdata.interop.note import note_of, parse_note
 from swarmdata.interop.noted import noted
 
@@ -112,7 +112,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
     except OSError as error:
         raise ConversionError(f"{source} is not an HDF5 file that can be read: {error}") from error
     with file:
-        yield _noted(file, source) if NOTE in file else _unnoted(file, source, task, choices)
+        yield _noted(file, source) if NOTE in file else unnoted_file(file, source, task, choices)
 
 
 def _noted(file: Any, source: Path) -> Incoming:
@@ -129,73 +129,9 @@ def _noted(file: Any, source: Path) -> Incoming:
         }
 
     layouts = file[LAYOUTS][:] if LAYOUTS in file else None
-    return noted(note, rows, len(file[KEPT["actions"]]), str(source), layouts)
-
-
-def _unnoted(file: Any, source: Path, task: str, choices: Choices) -> Incoming:
-    for key in ("observations", "actions", "rewards", "terminals"):
-        if key not in file:
-            raise ConversionError(
-                f"{source} has no {key!r}, expected D4RL's keys observations, actions, rewards, "
-                f"terminals and timeouts; it has {', '.join(sorted(file))}"
-            )
-    n, n_agents = len(file["actions"]), _count_agents(file, source, choices)
-    counts = {key: len(file[key]) for key in ("observations", "actions", "rewards", "terminals")}
-    if set(counts.values()) != {n}:
-        raise ConversionError(f"{source} has arrays of different lengths: {counts}")
-    is_discrete = file["actions"].dtype.kind in "iu"
-    for key in ("observations", "actions"):
-        if int(np.prod(file[key].shape[1:])) % n_agents:
-            raise ConversionError(f"{source} has {key} {file[key].shape} for {n_agents} agents")
-    has_next = "next_observations" in file
-    columns = {
-        name: int(np.prod(file[name].shape[1:])) // n_agents for name in ("observations", "actions")
-    }
-    columns["next_observations"] = columns["observations"]
-
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        names = ("observations", "actions", "next_observations")
-        found = {
-            name: file[name][window].reshape(-1, n_agents, columns[name]).astype(np.float32)
-            for name in names[: 2 + has_next]
-        }
-        found["rewards"] = _for_agents(file["rewards"][window], n_agents, np.float32)
-        return found
-
-    timeouts = None
-    if "timeouts" in file:
-        timeouts = _for_agents(file["timeouts"][:], n_agents, np.bool_)
-    terminals = _for_agents(file["terminals"][:], n_agents, np.bool_)
-    shapes = Shapes(
-        observations=(columns["observations"],) * n_agents,
-        actions=(columns["actions"],) * n_agents,
-        choices=int(file["actions"][:].max()) + 1 if is_discrete else 0,
-        states=0,
-    )
-    timeline = Timeline(str(source), terminals, timeouts, rows, has_next)
-    return unnoted(task, shapes, [timeline], choices)
-
-
-def _count_agents(file: Any, source: Path, choices: Choices) -> int:
-    """Agents of the file: its agent axis, or what the user says, or one."""
-    shape = file["observations"].shape
-    if len(shape) not in (2, 3):
-        raise ConversionError(
-            f"{source} has observations of shape {shape}, expected [n, O], [n, N * O] or [n, N, O]"
-        )
-    n_agents = int(shape[1]) if len(shape) == 3 else choices.n_agents or 1
-    if choices.n_agents not in (None, n_agents) or (len(shape) == 2 and shape[1] % n_agents):
-        raise ConversionError(
-            f"{source} has observations of shape {shape}, which are not those of "
-            f"n_agents={choices.n_agents}"
-        )
-    return n_agents
-
-
-def _for_agents(values: NDArray[Any], n_agents: int, dtype: Any) -> NDArray[Any]:
-    """Gives a team's column to every agent, [n, N]."""
-    columns = values.reshape(len(values), -1).astype(dtype)
-    return np.broadcast_to(columns, (len(values), n_agents)).copy()
+    n = len(file[KEPT["actions"]])
+    row_bytes = sum(file[key].nbytes // n for key in keys.values())
+    return noted(note, Ahead(rows, n, row_bytes), n, str(source), layouts)
 
 
 FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT, LOST, read, write)
