@@ -98,6 +98,9 @@ def source_digest(path: Path) -> str:
 
 
 def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: bool) -> None:
+    if out.exists():  # finished, or of something else, which is an error
+        assemble(out, recipe=recording, parts={}, order=[])
+        return
     build = out.parent / f"{out.name}.build"
     if build.exists():
         shutil.rmtree(build)  # of a killed conversion; only the lock's holder is here
