@@ -11,10 +11,13 @@ Source = Annotated[
 Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to make")]
 To = Annotated[
     str | None,
-    typer.Option("--to", metavar="FORMAT", help="d4rl, minari, parquet, torchrl or vault"),
+    typer.Option(
+        "--to", metavar="FORMAT", help="d4rl, d4rl-agents, minari, parquet, torchrl, vault"
+    ),
 ]
 From = Annotated[
-    str | None, typer.Option("--from", metavar="FORMAT", help="the same, or numpy (OMAR, CFCQL)")
+    str | None,
+    typer.Option("--from", metavar="FORMAT", help="d4rl, minari, numpy, parquet, torchrl, vault"),
 ]
 Split = Annotated[str | None, typer.Option(help="with --to: only train, validation or test")]
 Policy = Annotated[str | None, typer.Option(help="with --to: only this policy's episodes")]

@@ -12,6 +12,7 @@ from swarmdata.registry import resolve
 
 FORMATS = {
     "d4rl": "swarmdata.interop.d4rl:FORMAT",
+    "d4rl-agents": "swarmdata.interop.d4rl_agents:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
     "numpy": "swarmdata.interop.numpy_folders:FORMAT",
     "parquet": "swarmdata.interop.parquet:FORMAT",

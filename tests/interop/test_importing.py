@@ -7,9 +7,9 @@ import pytest
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, RecipeConflictError
-from swarmdata.interop import noted
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.incoming import episode_of
 from swarmdata.types import Episode
 
 
@@ -21,14 +21,14 @@ def source(ours: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
     source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, count = noted.episode_of, iter(range(100))
+    count = iter(range(100))
 
     def interrupted(*arguments: object, **facts: object) -> Episode:
         if next(count) == 5:
             raise KeyboardInterrupt
-        return real(*arguments, **facts)  # type: ignore[arg-type]
+        return episode_of(*arguments, **facts)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(noted, "episode_of", interrupted)
+    monkeypatch.setattr("swarmdata.interop.noted.episode_of", interrupted)
     monkeypatch.setattr("swarmdata.interop.importing.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
