@@ -1,7 +1,7 @@
 """Datasets to convert, and the check that every format's round trip has to pass."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata.dataset import Dataset
+from swarmdata.interop.choices import Choices
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.fields import FACTS, TIME_ARRAYS
 from swarmdata.interop.formats import find_format
@@ -137,3 +138,33 @@ def round_trip(tmp_path: Path) -> RoundTrip:
         return back
 
     return run
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a reader gave, without a dataset being written."""
+
+    spec: Any
+    metadata: Mapping[str, str]
+    episodes: list[Episode]
+
+    @property
+    def lengths(self) -> list[int]:
+        return [len(episode) for episode in self.episodes]
+
+    @property
+    def ends(self) -> list[str]:
+        return [END_REASONS[episode.end_reason] for episode in self.episodes]
+
+
+@pytest.fixture
+def take_in() -> Callable[..., Taken]:
+    """Reads foreign data with some choices."""
+
+    def take(path: Path, name: str, **answers: Any) -> Taken:
+        read = find_format(name).read
+        assert read is not None
+        with read(path, "maze", Choices(**answers)) as incoming:
+            return Taken(incoming.spec, incoming.metadata, list(incoming.episodes))
+
+    return take

@@ -42,7 +42,7 @@ Spaces: st.SearchStrategy[Space] = st.recursive(
         st.builds(DictSpace, spaces=st.dictionaries(st.sampled_from("bac"), inner, min_size=1)),
         st.builds(TupleSpace, spaces=st.lists(inner, min_size=1, max_size=3).map(tuple)),
     ),
-    max_leaves=4,
+    max_leaves=3,
 )
 
 

@@ -95,11 +95,7 @@ def timeline(lengths: list[int], cut: list[bool]) -> dict[str, Any]:
     }
 
 
-def take_in(path: Path, **answers: Any) -> Dataset:
-    return import_dataset(
-        path, path.with_suffix(".out"), format="d4rl", id="maze-theirs-v0",
-        choices=Choices(**answers),
-    )  # fmt: skip
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def check_alignment(dataset: Iterable[Episode], with_next: bool) -> None:
@@ -147,93 +143,90 @@ def test_a_counted_limit_cuts_what_has_no_flag(
     check_alignment(episodes, with_next=True)
 
 
-def test_the_last_observation_is_asked_for(tmp_path: Path) -> None:
+def test_the_last_observation_is_asked_for(tmp_path: Path, take_in: TakeIn) -> None:
     lengths, cut = [3, 5] * 15, [False, True] * 15
     arrays = timeline(lengths, cut)
     del arrays["next_observations"]
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
     with pytest.raises(ConversionError, match="lacks the observation after the last action"):
-        take_in(path)
-    repeated = take_in(path, final="repeat")
-    assert repeated.episodes.lengths.tolist() == lengths
-    check_alignment(repeated, with_next=False)
-    path = path.rename(tmp_path / "y.hdf5")
-    shorter = take_in(path, final="cut")
-    assert shorter.episodes.lengths.tolist() == [3, 4] * 15
-    check_alignment(shorter, with_next=False)
-    for episode in shorter:
+        take_in(path, "d4rl")
+    repeated = take_in(path, "d4rl", final="repeat")
+    assert repeated.lengths == lengths
+    check_alignment(repeated.episodes, with_next=False)
+    shorter = take_in(path, "d4rl", final="cut")
+    assert shorter.lengths == [3, 4] * 15
+    check_alignment(shorter.episodes, with_next=False)
+    for episode in shorter.episodes:
         if END_REASONS[episode.end_reason] == "horizon":
             assert episode.observations[-1, 0, 1] == len(episode), "a true last observation"
-    assert shorter.recipe.metadata["final"] == "cut"  # type: ignore[union-attr]
+    assert shorter.metadata["final"] == "cut"
 
 
-def test_no_timeouts_is_ambiguous(tmp_path: Path) -> None:
+def test_no_timeouts_is_ambiguous(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([4] * 25 + [2], [True] * 25 + [False])
     del arrays["timeouts"]
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
     with pytest.raises(ConversionError, match="does not say which episodes a time limit cut"):
-        take_in(path)
-    dataset = take_in(path, time_limit=4)
-    assert dataset.episodes.lengths.tolist() == [4] * 25 + [2]
-    assert [END_REASONS[c] for c in dataset.episodes.end_reason] == ["horizon"] * 25 + ["ended"]
-    check_alignment(dataset, with_next=True)
+        take_in(path, "d4rl")
+    dataset = take_in(path, "d4rl", time_limit=4)
+    assert dataset.lengths == [4] * 25 + [2]
+    assert dataset.ends == ["horizon"] * 25 + ["ended"]
+    check_alignment(dataset.episodes, with_next=True)
 
 
-def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path) -> None:
+def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: TakeIn) -> None:
     path = write_foreign(tmp_path / "x.hdf5", **timeline([4] * 25, [False] * 25))
     with pytest.raises(ConversionError, match="as if a time limit had been stored"):
-        take_in(path)
-    assert set(take_in(path, time_limit=4).episodes.end_reason) == {END_REASONS.index("horizon")}
-    path = path.rename(tmp_path / "y.hdf5")
-    assert set(take_in(path, time_limit=0).episodes.end_reason) == {END_REASONS.index("ended")}
+        take_in(path, "d4rl")
+    assert set(take_in(path, "d4rl", time_limit=4).ends) == {"horizon"}
+    assert set(take_in(path, "d4rl", time_limit=0).ends) == {"ended"}
 
 
-def test_an_open_end_is_asked_about(tmp_path: Path) -> None:
+def test_an_open_end_is_asked_about(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([3] * 24 + [5, 4], [False] * 26)
     arrays["terminals"][-1] = False
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
     with pytest.raises(ConversionError, match="4 rows from row 77 on without an end"):
-        take_in(path)
-    kept = take_in(path, unfinished="truncate")
-    assert kept.episodes.lengths.tolist()[-2:] == [5, 4]
-    assert END_REASONS[kept.episodes.end_reason[-1]] == "horizon"
-    path = path.rename(tmp_path / "y.hdf5")
-    dropped = take_in(path, unfinished="drop")
-    assert len(dropped) == 25
-    assert dropped.recipe.metadata["dropped_rows"] == "4"  # type: ignore[union-attr]
+        take_in(path, "d4rl")
+    kept = take_in(path, "d4rl", unfinished="truncate")
+    assert kept.lengths[-2:] == [5, 4]
+    assert kept.ends[-1] == "horizon"
+    dropped = take_in(path, "d4rl", unfinished="drop")
+    assert len(dropped.episodes) == 25
+    assert dropped.metadata["dropped_rows"] == "4"
 
 
-def test_a_lost_boundary_is_found_by_the_next_observation(tmp_path: Path) -> None:
+def test_a_lost_boundary_is_found_by_the_next_observation(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([3] * 24 + [5], [False] * 25)
     arrays["terminals"][5] = False  # two episodes look like one
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
     with pytest.raises(ConversionError, match=r"next_observations of row 5 differs .* of row 6"):
-        take_in(path)
+        take_in(path, "d4rl")
 
 
 @pytest.mark.parametrize("axis", ["columns", "agents"])
-def test_several_agents(tmp_path: Path, axis: str) -> None:
+def test_several_agents(tmp_path: Path, take_in: TakeIn, axis: str) -> None:
     arrays = timeline([3, 4] * 13, [False, True] * 13)
     for name in ("observations", "next_observations", "actions"):
         pair = np.stack([arrays[name], arrays[name]], 1)
         arrays[name] = pair if axis == "agents" else pair.reshape(len(pair), -1)
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
-    dataset = take_in(path, n_agents=None if axis == "agents" else 2)
+    dataset = take_in(path, "d4rl", n_agents=None if axis == "agents" else 2)
     assert dataset.spec.n_agents == 2
-    assert dataset[0].observations.shape == (4, 2, 2)
-    check_alignment(dataset, with_next=True)
+    assert dataset.episodes[0].observations.shape == (4, 2, 2)
+    check_alignment(dataset.episodes, with_next=True)
 
 
-def test_whole_number_actions_are_discrete(tmp_path: Path) -> None:
+def test_whole_number_actions_are_discrete(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([3, 4] * 13, [False, True] * 13)
     arrays["actions"] = arrays["actions"][:, 0].astype(np.int64)
-    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays))
-    assert dataset.spec.agents[0].action.kind == "discrete"  # type: ignore[union-attr]
-    assert dataset.spec.agents[0].action.n == 4  # type: ignore[union-attr]
-    assert dataset[0].actions.shape == (3, 1, 1)
+    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl")
+    assert dataset.spec.agents[0].action.kind == "discrete"
+    assert dataset.spec.agents[0].action.n == 4
+    assert dataset.episodes[0].actions.shape == (3, 1, 1)
 
 
-def test_agents_that_end_early_are_masked(tmp_path: Path) -> None:
+def test_agents_that_end_early_are_masked(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([4] * 24 + [6], [False] * 25)
     n = len(arrays["actions"])
     for name in ("observations", "next_observations", "actions"):
@@ -243,8 +236,8 @@ def test_agents_that_end_early_are_masked(tmp_path: Path) -> None:
     second[np.flatnonzero(last) - 1] = True  # and stays up until the team ends
     arrays["terminals"] = np.stack([last, second], 1)
     arrays["timeouts"] = np.zeros((n, 2), dtype=bool)
-    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), time_limit=0)
-    episode = dataset[0]
+    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl", time_limit=0)
+    episode = dataset.episodes[0]
     assert episode.alive is not None
     np.testing.assert_array_equal(episode.alive[:, 1], [True, True, True, False, False])
     np.testing.assert_array_equal(episode.alive[:, 0], [True, True, True, True, False])
@@ -264,13 +257,13 @@ def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
     assert not (tmp_path / "back.build").exists()
 
 
-def test_other_files_are_refused(ours: Dataset, tmp_path: Path) -> None:
+def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
     text = tmp_path / "text.hdf5"
     text.write_text("no")
     with pytest.raises(ConversionError, match="not an HDF5 file"):
-        take_in(text)
+        take_in(text, "d4rl")
     with pytest.raises(ConversionError, match="has no 'actions'"):
-        take_in(write_foreign(tmp_path / "x.hdf5", observations=np.zeros((2, 2))))
+        take_in(write_foreign(tmp_path / "x.hdf5", observations=np.zeros((2, 2))), "d4rl")
     with pytest.raises(ConversionError, match="exists already"):
         export_dataset(ours, text, format="d4rl")
 

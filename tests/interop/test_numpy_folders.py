@@ -1,5 +1,6 @@
 """Folders of OMAR's and CFCQL's NumPy files."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
-from swarmdata.types import END_REASONS
+from swarmdata.types import END_REASONS, Episode
 
 LENGTH = 5
 WIDTHS = (3, 4)  # of two agents' observations
@@ -40,16 +41,13 @@ def write_run(folder: Path, n_episodes: int, run: int = 0, states: bool = False)
     return folder
 
 
-def take_in(source: Path, **answers: Any) -> Dataset:
-    return import_dataset(
-        source, source.parent / "out", format="numpy", id="simple_spread-omar_expert-v0",
-        choices=Choices(**answers),
-    )  # fmt: skip
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
-def check(dataset: Dataset, n_episodes: int, run: int = 0) -> None:
-    assert len(dataset) == n_episodes
-    for number, episode in enumerate(dataset):
+def check(episodes: Iterable[Episode], n_episodes: int, run: int = 0) -> None:
+    episodes = list(episodes)
+    assert len(episodes) == n_episodes
+    for number, episode in enumerate(episodes):
         t = np.arange(LENGTH)
         assert END_REASONS[episode.end_reason] == "horizon"
         assert (episode.observations[:, :, 0] == 1000 * run + number).all()
@@ -60,26 +58,28 @@ def check(dataset: Dataset, n_episodes: int, run: int = 0) -> None:
         np.testing.assert_array_equal(episode.rewards, np.stack([t, t + 10], 1))
 
 
-def test_one_folder(tmp_path: Path) -> None:
+def test_one_folder(tmp_path: Path, take_in: TakeIn) -> None:
     source = write_run(tmp_path / "seed_0_data", 30)
     with pytest.raises(ConversionError, match="does not say which episodes a time limit cut"):
-        take_in(source)
-    dataset = take_in(source, time_limit=LENGTH, action_low=-1.0, action_high=1.0)
-    check(dataset, 30)
+        take_in(source, "numpy")
+    dataset = take_in(source, "numpy", time_limit=LENGTH, action_low=-1.0, action_high=1.0)
+    check(dataset.episodes, 30)
     spec = dataset.spec
-    assert spec.kind == "recorded"  # type: ignore[union-attr]
-    assert [a.observation.shape for a in spec.agents] == [(3,), (4,)]  # type: ignore[union-attr]
-    assert spec.agents[0].action.low == -1.0  # type: ignore[union-attr]
+    assert spec.kind == "recorded"
+    assert [a.observation.shape for a in spec.agents] == [(3,), (4,)]
+    assert spec.agents[0].action.low == -1.0
     assert spec.horizon == LENGTH
-    assert dataset[0].states.shape == (LENGTH + 1, 7), "all observations without padding"
-    metadata = dataset.recipe.metadata  # type: ignore[union-attr]
-    assert metadata["time_limit"] == str(LENGTH)
+    assert dataset.episodes[0].states.shape == (LENGTH + 1, 7), "all observations without padding"
+    assert dataset.metadata["time_limit"] == str(LENGTH)
 
 
 def test_several_runs_are_policies(tmp_path: Path) -> None:
     for run in (0, 2, 10):
         write_run(tmp_path / f"expert/seed_{run}_data", 20, run, states=True)
-    dataset = take_in(tmp_path / "expert", time_limit=LENGTH)
+    dataset = import_dataset(
+        tmp_path / "expert", tmp_path / "out", format="numpy",
+        id="simple_spread-omar_expert-v0", choices=Choices(time_limit=LENGTH),
+    )  # fmt: skip
     labels = [source.label for source in dataset.recipe.policies]
     assert labels == ["seed_0_data", "seed_2_data", "seed_10_data"], "in the order of the numbers"
     check(dataset.filter(policy="seed_10_data"), 20, run=10)
@@ -87,26 +87,26 @@ def test_several_runs_are_policies(tmp_path: Path) -> None:
     np.testing.assert_array_equal(dataset[0].states[:, 1], np.arange(LENGTH + 1))
 
 
-def test_what_does_not_fit_is_refused(ours: Dataset, tmp_path: Path) -> None:
+def test_what_does_not_fit_is_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConversionError, match=r"neither obs_0\.npy nor folders"):
-        take_in(tmp_path / "empty")
+        take_in(tmp_path / "empty", "numpy")
     absent = write_run(tmp_path / "a", 3)
     (absent / "acs_1.npy").unlink()
     with pytest.raises(ConversionError, match=r"acs_1\.npy is absent"):
-        take_in(absent, time_limit=LENGTH)
+        take_in(absent, "numpy", time_limit=LENGTH)
     short = write_run(tmp_path / "b", 3)
     np.save(short / "rews_1.npy", np.zeros(4))
     with pytest.raises(ConversionError, match="arrays of different lengths"):
-        take_in(short, time_limit=LENGTH)
+        take_in(short, "numpy", time_limit=LENGTH)
     objects = write_run(tmp_path / "c", 3)
     np.save(objects / "dones_0.npy", np.array([object()] * 15), allow_pickle=True)
     with pytest.raises(ConversionError, match="not a NumPy file of numbers"):
-        take_in(objects, time_limit=LENGTH)
+        take_in(objects, "numpy", time_limit=LENGTH)
     wrong = write_run(tmp_path / "d", 3)
     for agent in range(2):
         np.save(wrong / f"dones_{agent}.npy", np.zeros(3 * LENGTH))
     with pytest.raises(ConversionError, match="next_observations of row 4 differs"):
-        take_in(wrong, episode_length=LENGTH * 3)
+        take_in(wrong, "numpy", episode_length=LENGTH * 3)
     with pytest.raises(ConversionError, match=r"can only be read, got format='numpy'"):
         export_dataset(ours, tmp_path / "x", format="numpy")

@@ -9,15 +9,14 @@ import pytest
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
 from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
 from swarmdata.types import END_REASONS
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
 
 RoundTrip = Callable[[Dataset, str], Dataset]
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
@@ -88,13 +87,13 @@ def write_theirs(path: Path, lengths: list[int], cut: list[bool], **changes: Any
     return path
 
 
-def test_a_file_of_others(tmp_path: Path) -> None:
+def test_a_file_of_others(tmp_path: Path, take_in: TakeIn) -> None:
     lengths, cut = [3, 5, 1, 4] * 7, [False, True] * 14
     path = write_theirs(tmp_path / "x.parquet", lengths, cut)
-    dataset = import_dataset(path, tmp_path / "out", format="parquet", id="maze-theirs-v0")
-    assert dataset.episodes.lengths.tolist() == lengths
-    assert dataset.spec.agents[0].action.n == 3  # type: ignore[union-attr]
-    for number, episode in enumerate(dataset):
+    dataset = take_in(path, "parquet")
+    assert dataset.lengths == lengths
+    assert dataset.spec.agents[0].action.n == 3
+    for number, episode in enumerate(dataset.episodes):
         t = np.arange(len(episode))
         assert (episode.observations[:, 0, 0] == number).all()
         np.testing.assert_array_equal(episode.observations[:, 0, 1], np.arange(len(t) + 1))
@@ -103,29 +102,24 @@ def test_a_file_of_others(tmp_path: Path) -> None:
         assert END_REASONS[episode.end_reason] == ("horizon" if cut[number] else "ended")
 
 
-def test_what_cannot_be_read(ours: Dataset, tmp_path: Path) -> None:
-    def take_in(path: Path, **answers: Any) -> Dataset:
-        return import_dataset(
-            path, tmp_path / "out", format="parquet", id="maze-b-v0", choices=Choices(**answers)
-        )
-
+def test_what_cannot_be_read(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
     lengths, cut = [3, 5] * 14, [False, True] * 14
     path = write_theirs(tmp_path / "a.parquet", lengths, cut, rewards=None)
     with pytest.raises(ConversionError, match=r"no columns \['rewards'\]"):
-        take_in(path)
+        take_in(path, "parquet")
     ragged = [[1.0]] * (sum(lengths) - 1) + [[1.0, 2.0]]
     path = write_theirs(tmp_path / "b.parquet", lengths, cut, observations=ragged)
     with pytest.raises(ConversionError, match="rows of different lengths"):
-        take_in(path)
+        take_in(path, "parquet")
     with pytest.raises(ConversionError, match=r"sizes \{'observations': 2"):
-        take_in(write_theirs(tmp_path / "c.parquet", lengths, cut), n_agents=3)
+        take_in(write_theirs(tmp_path / "c.parquet", lengths, cut), "parquet", n_agents=3)
     (tmp_path / "d.parquet").write_text("no")
     with pytest.raises(ConversionError, match="not a Parquet file"):
-        take_in(tmp_path / "d.parquet")
+        take_in(tmp_path / "d.parquet", "parquet")
     with pytest.raises(ConversionError, match=r"no swarmdata\.json of an export and 4 Parq"):
-        take_in(tmp_path)
+        take_in(tmp_path, "parquet")
     exported = export_dataset(ours, tmp_path / "x", format="parquet")
     theirs = write_theirs(tmp_path / "e.parquet", lengths, cut)
     theirs.replace(exported / "data/train-00000-of-00001.parquet")
     with pytest.raises(ConversionError, match="its note of swarmdata says"):
-        take_in(exported)
+        take_in(exported, "parquet")
