@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 from swarmdata import (
     __version__,
     audit_commands,
+    convert_commands,
     editing_commands,
     integrity_commands,
     remote_commands,
@@ -173,6 +174,7 @@ app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(convert_commands.convert)
 
 
 @app.command()

@@ -7,6 +7,7 @@ SwarmdataError
 ├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
 ├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
 ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
+├── ConversionError (ValueError)        data of another format is ambiguous or broken
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
@@ -80,6 +81,10 @@ class MissingExtraError(SwarmdataError, ImportError):
             f"{purpose} needs {package!r}, which is not installed. "
             f"Install it with: pip install 'swarmdata[{extra}]'"
         )
+
+
+class ConversionError(SwarmdataError, ValueError):
+    """Data of another format is ambiguous, does not fit together, or cannot hold what is asked."""
 
 
 class ProgramError(SwarmdataError, OSError):
