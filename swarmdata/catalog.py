@@ -23,6 +23,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
+from swarmdata.origins import RecordedSpec
 from swarmdata.remotes.addresses import configured_remotes, is_address
 from swarmdata.reobserve import check_messages
 from swarmdata.resolving import (
@@ -226,7 +227,7 @@ def find_folder(name: str | Path) -> Path:
     return _elsewhere(name, offline=True, progress=False).folder
 
 
-def known_references(spec: TaskSpec) -> Reference | None:
+def known_references(spec: TaskSpec | RecordedSpec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found: TaskReferences | None = references_of(spec.hash())
     if found is None or found.no_skill is None or found.expert is None:

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from swarmdata.cards.schema import changed_versions
 from swarmdata.dataset import Dataset
+from swarmdata.errors import SpecError
 from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
+from swarmdata.spec import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 
@@ -45,6 +47,7 @@ def replay(dataset: Dataset, n_episodes: int, seed: int = 0) -> tuple[Drift, ...
         Those that differ, in stored order.
 
     Raises:
+        SpecError: the dataset was not made from a recipe.
         UnknownNameError: the recipe names a policy or task that this package does not have.
         CheckpointError: a checkpoint of the recipe has changed.
     """
@@ -72,6 +75,11 @@ def _choose(n: int, wanted: int, seed: int) -> Int:
 def _simulate(dataset: Dataset, policy: int, episodes: Int) -> list[Episode]:
     """Runs the recipe's policy on the seeds that the recipe gives these episodes."""
     recipe = dataset.recipe
+    if not isinstance(recipe, Recipe):
+        raise SpecError(
+            f"{dataset.id} was not made from a recipe, so it cannot be simulated from one. "
+            f"`swarmdata audit` replays its logged actions: swarmdata audit {dataset.path}"
+        )
     places = dataset.stored.table.policy_episode[episodes].tolist()
     seeds = np.concatenate([episode_seeds(recipe, policy, place, 1) for place in places])
     env = make_env(recipe.spec, min(N_COPIES, len(seeds)))

@@ -124,7 +124,7 @@ def test_a_world_that_has_drifted_shows_in_a_replay(
 
     dataset = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("straight",)))
     assert replay(dataset, 3) == ()
-    changed = dataset.spec.with_updates(physics_dt=0.025)
+    changed = dataset.task.with_updates(physics_dt=0.025)
     monkeypatch.setattr(replaying, "make_env", lambda spec, n: make_env(changed, n))
     drifts = replay(dataset, 3)
     assert len(drifts) == 3

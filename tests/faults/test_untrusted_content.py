@@ -160,6 +160,7 @@ def test_code_in_names_stays_text_on_a_card(tmp_path: Path, record: Callable[...
 
     source = open_store(record(tmp_path / "d", TaskSpec(horizon=20), ("random",)))
     hostile = f"{SCRIPT}|![](http://evil)\n# title"
+    assert isinstance(source.recipe, Recipe)
     recipe = source.recipe.model_copy(
         update={
             "tier": hostile,
