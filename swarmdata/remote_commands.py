@@ -1,6 +1,7 @@
 """`swarmdata push`, `swarmdata pull` and `swarmdata remote ...`: datasets to and from hubs."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -22,11 +23,14 @@ def push(
 ) -> None:
     """Publish a dataset: all of it or nothing, and only if nothing speaks against it."""
     from swarmdata.gate import reasons_against
+    from swarmdata.metadata import write_beside
     from swarmdata.remotes import open_remote
     from swarmdata.remotes import push as push_to
 
-    remote = open_remote(address)
-    release = push_to(_folder(dataset), remote, lambda folder: reasons_against(folder, remote))
+    remote, folder = open_remote(address), _folder(dataset)
+    with TemporaryDirectory() as scratch:
+        write_beside(folder, Path(scratch))
+        release = push_to(folder, remote, lambda each: reasons_against(each, remote), Path(scratch))
     typer.echo(f"{release.id} is published at {release.address}")
 
 

@@ -18,6 +18,9 @@ from swarmdata.store import SPLITS
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """The Hub's size categories, by joint steps below."""
 
+README = "README.md"
+"""What the Hub shows of a repository."""
+
 CONFIG = "episodes"
 """Name of the configuration that the Hub's viewer shows."""
 
@@ -42,6 +45,19 @@ def metadata_files(
     tables = _tables(dataset)
     text = croissant(dataset, tables, url=url, published=published)
     return {**tables, CROISSANT: text}
+
+
+def write_beside(folder: Path, out: Path) -> None:
+    """Writes what is published beside a dataset: `metadata_files`, and the Hub's `README.md`.
+
+    Raises:
+        DatasetError: the dataset cannot be used, or has no card.
+        SchemaError: its card's front matter is not YAML.
+    """
+    for name, content in metadata_files(folder).items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(content)
+    (out / README).write_text(hub_card(folder), encoding="utf-8")
 
 
 def _tables(dataset: Dataset) -> dict[str, bytes]:

@@ -14,7 +14,7 @@ from swarmdata.errors import (
     VersionTakenError,
 )
 from swarmdata.remotes.backoff import Backoff, TransientError, refuse_offline
-from swarmdata.remotes.contents import published_files
+from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
@@ -89,19 +89,19 @@ class BucketRemote:
         self._try(what, lambda: self._files.get_file(source, str(part)))
         part.replace(out)
 
-    def publish(self, folder: Path, dataset_id: str) -> Release:
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
         files, release = (
-            published_files(folder, dataset_id),
+            files_to_publish(folder, dataset_id, beside),
             Release(dataset_id, f"{self.address}/{dataset_id}"),
         )
         manifest = (folder / MANIFEST).read_bytes()
         if not self._is_published(dataset_id, manifest):
             claim = self._claim(dataset_id, hashlib.sha256(manifest).hexdigest())
-            for name in files[:-1]:
-                if name not in claim:
-                    self._send(folder / name, self._object(dataset_id, name))
-                    if (folder / name).stat().st_size >= LARGE:
+            for name, file in files.items():
+                if name not in (*claim, MANIFEST):
+                    self._send(file, self._object(dataset_id, name))
+                    if file.stat().st_size >= LARGE:
                         claim.append(name)
                         self._put(self._object(dataset_id, CLAIM), "\n".join(claim).encode())
             if not self._create(self._object(dataset_id, MANIFEST), manifest):

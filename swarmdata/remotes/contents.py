@@ -30,6 +30,23 @@ def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
     return (*sorted(manifest.files), *side, MANIFEST)
 
 
+def files_to_publish(folder: Path, dataset_id: str, beside: Path | None) -> dict[str, Path]:
+    """Every file to publish by its path there, the manifest last.
+
+    Args:
+        folder: of a finished dataset.
+        dataset_id: its id.
+        beside: a folder of more files.
+
+    Raises:
+        DatasetError: as `published_files` says.
+    """
+    own = {name: folder / name for name in published_files(folder, dataset_id)}
+    paths = sorted(beside.rglob("*")) if beside is not None else []
+    more = {path.relative_to(str(beside)).as_posix(): path for path in paths if path.is_file()}
+    return more | own
+
+
 def contradictions(manifest: Manifest) -> tuple[str, ...]:
     """What speaks against fetching what a manifest lists, before any of it is fetched."""
     names = unsafe_names([*manifest.files, *SIDE_FILES, MANIFEST])

@@ -7,7 +7,7 @@ from urllib.parse import unquote
 from filelock import FileLock
 
 from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
-from swarmdata.remotes.contents import published_files
+from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
@@ -59,19 +59,19 @@ class FolderRemote:
             raise HubError(f"{source} cannot be copied to {out}: {error}.") from error
         part.replace(out)
 
-    def publish(self, folder: Path, dataset_id: str) -> Release:
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
         self._check_reachable()
-        files = published_files(folder, dataset_id)
+        files = files_to_publish(folder, dataset_id, beside)
         target = self._root / dataset_id
         try:
             with FileLock(self._root / ".publish.lock"):
                 remove_leftovers(self._root)
                 if not target.exists():
                     with new_folder(target) as scratch:
-                        for name in files:
+                        for name, file in files.items():
                             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
-                            shutil.copyfile(folder / name, scratch / name)
+                            shutil.copyfile(file, scratch / name)
                 elif not _is_same(target, folder):
                     raise VersionTakenError(
                         f"another {dataset_id} is published at {self.address}, and a published "

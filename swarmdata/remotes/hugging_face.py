@@ -16,15 +16,15 @@ from swarmdata.errors import (
     VersionTakenError,
 )
 from swarmdata.remotes.backoff import Backoff
-from swarmdata.remotes.contents import published_files
+from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.hub_calls import HubCalls, Listed, quiet
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
-from swarmdata.store.layout import CARD, DATA, MANIFEST
+from swarmdata.store.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 
-MAIN, README = "main", "README.md"
-"""The branch of the newest push, and what the Hub calls a card."""
+MAIN = "main"
+"""The branch of the newest push."""
 
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _VERSION = re.compile(r"v[0-9]+")
@@ -85,27 +85,24 @@ class HubRemote:
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
         name, commit = self._pinned(release)
-        path = _in_repository(file)
         listing = self._listing(name, commit)
-        if path not in listing:
-            raise AbsentFileError(f"{release.address} has no file {path!r}.")
-        found = listing[path].size
+        if file not in listing:
+            raise AbsentFileError(f"{release.address} has no file {file!r}.")
+        found = listing[file].size
         if found > size:
             raise HubError(
-                f"{release.address} has {found:,} bytes of {path}, expected at most {size:,}. It is"
+                f"{release.address} has {found:,} bytes of {file}, expected at most {size:,}. It is"
                 " not the file that the manifest lists; tell whoever publishes there."
             )
         scratch = out.with_name(f"{out.name}.hub")  # kept after a failure: the client resumes
         with quiet():
-            self._calls.download(self._repository(name), commit, path, scratch)
-        (scratch / path).replace(out)
+            self._calls.download(self._repository(name), commit, file, scratch)
+        (scratch / file).replace(out)
         shutil.rmtree(scratch)
 
-    def publish(self, folder: Path, dataset_id: str) -> Release:
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         name, version = split_id(dataset_id)
-        files = {
-            _in_repository(file): folder / file for file in published_files(folder, dataset_id)
-        }
+        files = files_to_publish(folder, dataset_id, beside)
         tagged = self._look(name, version)
         if tagged is not None:
             return self._published(dataset_id, name, tagged, files)
@@ -207,10 +204,6 @@ class HubRemote:
 
     def _repository(self, name: str) -> str:
         return f"{self._organization}/{name}"
-
-
-def _in_repository(file: str) -> str:
-    return README if file == CARD else file
 
 
 def _data(paths: Iterable[str]) -> set[str]:

@@ -59,10 +59,16 @@ class Remote(Protocol):
         """
         ...
 
-    def publish(self, folder: Path, dataset_id: str) -> Release:
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         """Makes a finished dataset visible, all of it or nothing.
 
         Publishing the same files again changes nothing and returns what is there.
+
+        Args:
+            folder: the dataset's.
+            dataset_id: its id.
+            beside: a folder of more files to publish with it, which nobody needs to load it: the
+                Hub's README.md, episode tables, Croissant.
 
         Raises:
             VersionTakenError: another dataset has this id there.

@@ -8,7 +8,12 @@ from swarmdata.remotes.interface import Release, Remote
 from swarmdata.store.manifest import read_manifest
 
 
-def push(folder: Path, remote: Remote, gate: Callable[[Path], Sequence[str]]) -> Release:
+def push(
+    folder: Path,
+    remote: Remote,
+    gate: Callable[[Path], Sequence[str]],
+    beside: Path | None = None,
+) -> Release:
     """Publishes a finished dataset and returns where it is.
 
     A published version never changes. After an interruption, push again: nothing was visible, and
@@ -18,6 +23,7 @@ def push(folder: Path, remote: Remote, gate: Callable[[Path], Sequence[str]]) ->
         folder: the dataset's.
         remote: where to.
         gate: returns the reasons against publishing, none if it may be.
+        beside: a folder of more files to publish with it; see `Remote.publish`.
 
     Raises:
         GateError: there are reasons; the message lists all of them.
@@ -32,4 +38,4 @@ def push(folder: Path, remote: Remote, gate: Callable[[Path], Sequence[str]]) ->
         raise GateError(
             f"{folder} may not be published to {remote.address}. Nothing was sent:{listed}"
         )
-    return remote.publish(folder, read_manifest(folder).id)
+    return remote.publish(folder, read_manifest(folder).id, beside)

@@ -76,7 +76,7 @@ class WebRemote:
         self._backoff.run(f"fetching {url}", lambda: self._download(url, part, size))
         part.replace(out)
 
-    def publish(self, folder: Path, dataset_id: str) -> Release:
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         raise HubError(
             f"{self.address} is read only: plain web hosts take no files. Push to the file:// "
             "folder or the bucket that it serves."

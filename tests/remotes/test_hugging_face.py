@@ -38,8 +38,7 @@ def test_a_push_is_one_commit_and_a_tag(remote: HubRemote, hub: LoopbackHub, dat
     assert repository.titles == ["initial commit", ID]
     assert repository.tags == {"v0": repository.branches["main"]}
     assert release == Release(ID, f"hf://org/coop_nav-synthetic@{repository.tags['v0']}")
-    assert repository.main["README.md"].data == CARD.encode()
-    assert "card.md" not in repository.main
+    assert repository.main["card.md"].data == CARD.encode()
     assert any(blob.sha256 for blob in repository.main.values())
     assert remote.ids() == (ID,)
 
@@ -158,7 +157,7 @@ def test_without_a_card(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_
     (bare / "card.md").unlink()
     release = remote.publish(bare, ID)
 
-    assert "README.md" not in hub.repositories[NAME].main
+    assert "card.md" not in hub.repositories[NAME].main
     with pytest.raises(AbsentFileError):
         remote.read(release, "card.md", tmp_path / "card.md", 1_000)
 
