@@ -16,7 +16,7 @@ from swarmdata.errors import DatasetError, SchemaError, SpecError, SwarmdataErro
 from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
-from swarmdata.restoring import Sources, recipe_of, restore_manifest
+from swarmdata.restoring import MADE_AGAIN, Sources, recipe_of, restore_manifest
 from swarmdata.store import (
     Damage,
     Manifest,
@@ -138,7 +138,7 @@ class _Job:
                 yield Repair(file, f"fetched from {address}")
         if left:
             for file in self._rebuilt_files(manifest, left):
-                yield Repair(file, "made again from the recipe")
+                yield Repair(file, MADE_AGAIN)
         if _card_damage(self.path):
             write_card(self.path)
             yield Repair(CARD, "written anew")

@@ -29,7 +29,7 @@ from swarmdata.remotes.locating import locate
 from swarmdata.remotes.names import is_id
 from swarmdata.remotes.pulling import pull
 from swarmdata.spec import Recipe
-from swarmdata.store import open_store
+from swarmdata.store import open_store, read_manifest
 from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST
 
@@ -111,12 +111,12 @@ def obtain_foreign(
     if dataset is None:
         return None
     folder = cache / dataset
-    if _is_complete(folder):
+    if _is_usable(folder):
         return Found(folder, "cache")
     if not remotes:
         return None
     with locked(folder, progress):
-        if _is_complete(folder):
+        if _is_usable(folder):
             return Found(folder, "cache")
         source = _fetch(_Wanted(dataset), folder, remotes, progress)
     return None if source is None else Found(folder, source)
@@ -147,7 +147,7 @@ def obtain_address(
     name = _pinned(address)
     if offline and name is None and address.dataset is not None and address.revision is None:
         name = _newest(address.dataset, _cached(place))
-    if name is not None and _is_complete(place / name):
+    if name is not None and _is_usable(place / name):
         return Found(place / name, "cache")
     if offline:
         raise DatasetNotFoundError(
@@ -160,7 +160,7 @@ def obtain_address(
         name = release.id if address.revision is None else f"{address.dataset}@{commit}"
     folder = place / name
     with locked(folder, progress):
-        if _is_complete(folder):
+        if _is_usable(folder):
             return Found(folder, "cache")
         _arrive(remote, release, folder, _Wanted(release.id), progress)
     return Found(folder, release.address)
@@ -222,6 +222,15 @@ def _arrive(
         raise
     arriving.rename(folder)
     sync(folder.parent)
+
+
+def _is_usable(folder: Path) -> bool:
+    """Whether a dataset is there.
+
+    Raises:
+        DatasetError: what is there has lost its manifest; the message says how to repair it.
+    """
+    return folder.exists() and bool(read_manifest(folder))
 
 
 def _is_complete(folder: Path) -> bool:

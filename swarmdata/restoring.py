@@ -3,6 +3,7 @@
 A manifest is believed only where the published digests, or all the other files, agree with it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from swarmdata.store.layout import MANIFEST, RECIPE
 from swarmdata.store.manifest import MAX_BYTES, parse_manifest
 from swarmdata.store.remaking import remake_manifest
 from swarmdata.store.shards import file_digest
+
+MADE_AGAIN = "made again from the recipe"
+"""How a repaired file came to be, in words."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,8 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
     """Finds the manifest of a dataset that has lost it, or has a broken one.
 
     In this order: one made from the files themselves, if they have the published digests; a
-    remote's, if it has the published digest; that of the recipe built again, if it has the
-    published digest or, where none is published, if every other file is the same.
+    remote's; that of the recipe built again. The latter two must have the published digest or,
+    where none is published, list every file as it is here.
 
     Returns:
         The manifest, and where it is from.
@@ -99,17 +103,12 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
     recipe = recipe_of(path, None)
     entry = published().get(recipe.id)
     if entry is None or entry.recipe_hash != recipe.hash():
-        return _of_unpublished(path, recipe, sources), "made again from the recipe"
+        return _of_unpublished(path, recipe, sources)
     if (own := _from_files(path, recipe, entry)) is not None:
         return own, "made again from files that have the published digests"
-    for address in sources.remotes:
-        try:
-            _, release, theirs = sources.release(address, recipe.id)
-        except SwarmdataError as error:
-            skip(address, f"the manifest of {path}", error)
-            continue
+    for theirs, address in _offers(path, recipe.id, sources):
         if theirs.digest == entry.digest:
-            return theirs, f"fetched from {release.address}"
+            return theirs, f"fetched from {address}"
     rebuilt = read_manifest(sources.rebuild(recipe))
     if rebuilt.digest != entry.digest:
         raise ManifestError(
@@ -117,7 +116,18 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
             f"has digest {rebuilt.digest}, the published one is {entry.digest}. Delete {path} and "
             f"load {recipe.id} again."
         )
-    return rebuilt, "made again from the recipe"
+    return rebuilt, MADE_AGAIN
+
+
+def _offers(path: Path, dataset: str, sources: Sources) -> Iterator[tuple[Manifest, str]]:
+    """The manifests that remotes have under an id, with the addresses of their releases."""
+    for address in sources.remotes:
+        try:
+            _, release, theirs = sources.release(address, dataset)
+        except SwarmdataError as error:
+            skip(address, f"the manifest of {path}", error)
+        else:
+            yield theirs, release.address
 
 
 def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None:
@@ -130,15 +140,23 @@ def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None
     return own if digests == (entry.digest, entry.transport_digest) else None
 
 
-def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> Manifest:
-    """The manifest of the recipe built again, if every file here is the same."""
+def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> tuple[Manifest, str]:
+    """A remote's manifest or that of the recipe built again, if every file here is in it."""
+    for theirs, address in _offers(path, recipe.id, sources):
+        if _other_file(path, theirs) is None:
+            return theirs, f"fetched from {address}"
     rebuilt = read_manifest(sources.rebuild(recipe))
-    for file, entry in rebuilt.files.items():
-        ours = path / file
-        if not ours.is_file() or file_digest(ours) != entry.sha256:
-            raise ManifestError(
-                f"the manifest of {path} cannot be restored: no digest of {recipe.id} is "
-                f"published, and {file} is not what its recipe makes here. Delete {path} and make "
-                "it again."
-            )
-    return rebuilt
+    if (file := _other_file(path, rebuilt)) is not None:
+        raise ManifestError(
+            f"the manifest of {path} cannot be restored: no digest of {recipe.id} is published, "
+            f"and {file} is not what its recipe makes here. Delete {path} and make it again."
+        )
+    return rebuilt, MADE_AGAIN
+
+
+def _other_file(path: Path, manifest: Manifest) -> str | None:
+    """The first file here that is not the one that a manifest lists."""
+    for file, entry in manifest.files.items():
+        if not (path / file).is_file() or file_digest(path / file) != entry.sha256:
+            return file
+    return None

@@ -276,6 +276,20 @@ def test_an_unpublished_manifest_needs_all_other_files(dataset: Path) -> None:
         repair(dataset, progress=False)
 
 
+def test_an_unpublished_manifest_comes_from_a_remote_that_has_the_same_files(
+    dataset: Path, intact: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = content(dataset)
+    other = Shelf(tmp_path / "1", make_tiny(tmp_path / "other", seed=9))
+    made = len(OneProcessCrew.made)
+    right = Shelf(tmp_path / "2", intact)
+    (dataset / "manifest.json").unlink()
+    (done,) = repair(dataset, remotes=offer(monkeypatch, other, right), progress=False)
+    assert done == Repair("manifest.json", f"fetched from {right.address}/{TINY.id}")
+    assert content(dataset) == before
+    assert len(OneProcessCrew.made) == made
+
+
 def test_without_a_recipe_nothing_can_be_made_again(dataset: Path) -> None:
     (dataset / "recipe.json").unlink()
     with pytest.raises(DatasetError, match="package has no recipe of it"):

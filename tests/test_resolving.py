@@ -21,6 +21,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.errors import (
     DatasetNotFoundError,
     HubError,
+    MissingManifestError,
     SpecError,
     UnknownNameError,
 )
@@ -269,7 +270,18 @@ def test_an_address_is_fetched_once(
     assert find_folder(address).is_relative_to(cache_folder / "remotes")
 
 
-def test_an_address_without_a_recipe_or_with_faults_is_an_error(
+def test_a_cached_copy_that_lost_its_manifest_says_how_to_repair_it(
+    tmp_path: Path, foreign: Path
+) -> None:
+    shelf = Shelf(tmp_path / "1", foreign)
+    found = obtain_foreign(FOREIGN, tmp_path / "c", remotes=[shelf.address], progress=False)
+    assert found is not None
+    (found.folder / "manifest.json").unlink()
+    with pytest.raises(MissingManifestError, match=f"verify {found.folder} --repair"):
+        obtain_foreign(FOREIGN, tmp_path / "c", remotes=[shelf.address], progress=False)
+
+
+def test_a_remote_that_fails_an_address_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, foreign: Path
 ) -> None:
     shelf = Shelf(tmp_path / "1", foreign, fails=True)
