@@ -20,6 +20,8 @@ SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_
 
 README = "README.md"
 """What the Hub shows of a repository."""
+_DTYPES = {"double": "float64"}
+"""Names of `datasets` for types of Arrow, where they differ."""
 
 CONFIG = "episodes"
 """Name of the configuration that the Hub's viewer shows."""
@@ -144,7 +146,9 @@ def _configuration(dataset: Dataset) -> dict[str, Any]:
     ]
     info = {
         "config_name": CONFIG,
-        "features": [{"name": f.name, "dtype": str(f.type)} for f in table.schema],
+        "features": [
+            {"name": f.name, "dtype": _DTYPES.get(str(f.type), str(f.type))} for f in table.schema
+        ],
         "splits": splits,
         "download_size": sum(sizes.values()),
         "dataset_size": sum(part.nbytes for part in parts.values()),

@@ -108,7 +108,13 @@ def test_the_hub_card_keeps_the_card(folder: Path) -> None:
     files = metadata_files(folder)
     assert all(each["path"] in files for each in config["data_files"])
     info = front["dataset_info"]
-    assert [each["name"] for each in info["features"]] == list(COLUMNS)
+    dtypes = {each["name"]: each["dtype"] for each in info["features"]}
+    assert list(dtypes) == list(COLUMNS)
+    assert (dtypes["team_return"], dtypes["seed"], dtypes["success"]) == (
+        "float64",
+        "uint64",
+        "bool",
+    )
     counts = [int((Dataset.open(folder).episodes.split == code).sum()) for code in range(3)]
     assert [each["num_examples"] for each in info["splits"]] == counts
 
