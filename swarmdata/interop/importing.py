@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from filelock import FileLock
 
+from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.fields import BLOCK_BYTES
 from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.interop.incoming import Incoming
+from swarmdata.locking import locked
 from swarmdata.origins import Recording
 from swarmdata.spec import Splits
 from swarmdata.store import SPLITS, assemble, write_part
@@ -36,7 +37,7 @@ def import_dataset(
 ) -> Dataset:
     """Converts foreign data to a dataset; nothing about the source changes.
 
-    Memory stays bounded by about a hundred megabytes and one episode, with the exceptions that a
+    Memory stays bounded by a few hundred megabytes and one episode, with the exceptions that a
     format's file names. A killed conversion leaves nothing at `out`; run it again.
 
     Args:
@@ -61,7 +62,6 @@ def import_dataset(
     source, out = Path(source), Path(out)
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
-    out.parent.mkdir(parents=True, exist_ok=True)
     digest = source_digest(source)
     task = id.partition("-")[0]
     found = find_format(format)
@@ -82,7 +82,7 @@ def import_dataset(
             source_sha256=digest,
             metadata={**incoming.metadata, **(metadata or {})},
         )
-        with FileLock(out.parent / f".{out.name}.lock"):
+        with locked(out):
             _store(out, recording, incoming, splits == "kept")
     return Dataset.open(out)
 
@@ -100,6 +100,7 @@ def source_digest(path: Path) -> str:
 def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: bool) -> None:
     if out.exists():  # finished, or of something else, which is an error
         assemble(out, recipe=recording, parts={}, order=[])
+        write_card(out)
         return
     build = out.parent / f"{out.name}.build"
     if build.exists():
@@ -114,6 +115,7 @@ def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: boo
                 "which normalization statistics come. Pass splits='new' to draw new splits."
             )
         assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
+        write_card(out)
     finally:
         shutil.rmtree(build)
     sync(out.parent)

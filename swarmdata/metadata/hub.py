@@ -20,6 +20,7 @@ SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_
 
 README = "README.md"
 """What the Hub shows of a repository."""
+
 _DTYPES = {"double": "float64"}
 """Names of `datasets` for types of Arrow, where they differ."""
 
