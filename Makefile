@@ -43,6 +43,10 @@ $(STAMPS)/test: pyproject.toml constraints.txt | $(STAMPS)/venv
 	$(INSTALL) --editable '.$(TEST_EXTRAS)' --group test
 	touch $@
 
+$(STAMPS)/slow: $(STAMPS)/test
+	$(INSTALL) --group interop
+	touch $@
+
 $(STAMPS)/lint: $(STAMPS)/test
 	$(INSTALL) --group lint
 	touch $@
@@ -69,7 +73,7 @@ fix: $(STAMPS)/lint
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-slow: $(STAMPS)/test
+slow: $(STAMPS)/slow
 	$(BIN)/python -m pytest -m 'slow and not learns and not gpu' $(ARGS)
 
 learns: $(STAMPS)/test

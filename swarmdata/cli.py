@@ -7,7 +7,15 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import __version__, audit_commands, editing_commands, training_commands
+from swarmdata import (
+    __version__,
+    audit_commands,
+    convert_commands,
+    editing_commands,
+    integrity_commands,
+    remote_commands,
+    training_commands,
+)
 from swarmdata.errors import SwarmdataError
 from swarmdata.record_commands import record_app
 from swarmdata.registry_commands import registry_app
@@ -38,6 +46,7 @@ app = typer.Typer(
 )
 app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
+app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
 
 DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
@@ -125,28 +134,12 @@ def generate(
 
 def _folder(dataset: str) -> Path:
     """The folder of an id in the cache, or the path itself."""
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.catalog import dataset_folder
+    from swarmdata.catalog import find_folder
 
-    return Path(dataset) if Path(dataset).is_dir() else dataset_folder(find_recipe(dataset))
+    return find_folder(dataset)
 
 
-@app.command()
-def verify(dataset: IdOrPath) -> None:
-    """Read every byte again and compare it with the manifest and the published digest."""
-    from swarmdata.cards.schema import published
-    from swarmdata.dataset import Dataset
-
-    opened = Dataset.open(_folder(dataset), verify="full")
-    entry = published().get(opened.id)
-    typer.echo(f"{opened.path}: every file is as it was written, digest {opened.digest}")
-    if entry is None:
-        typer.echo(f"no digest is published for {opened.id}")
-    elif entry.digest == opened.digest:
-        typer.echo("this is the published dataset")
-    else:
-        typer.echo(f"the published dataset has another digest, {entry.digest}", err=True)
-        raise typer.Exit(1)
+app.command()(integrity_commands.verify)
 
 
 @app.command()
@@ -176,9 +169,12 @@ app.command()(audit_commands.audit)
 app.command("filter")(editing_commands.filter_command)
 app.command("combine")(editing_commands.combine_command)
 app.command("subsample")(editing_commands.subsample_command)
+app.command()(remote_commands.push)
+app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(convert_commands.convert)
 
 
 @app.command()

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock
 
+from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.frozen import differences
+from swarmdata.locking import locked
 from swarmdata.origins import Edit, Parent
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
@@ -127,10 +128,10 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
     pieces = [
         Piece(view.stored, _increasing(view), map_) for view, map_ in zip(views, maps, strict=True)
     ]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(out.parent / f".{out.name}.lock"):
+    with locked(out):
         remove_leftovers(out.parent, out.name)
         write_dataset(out, edit, Selection(pieces))
+        write_card(out)
     return Dataset.open(out, references=views[0].references)
 
 

@@ -41,8 +41,22 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     config.CACHE_DIR = str(cache_folder(function.__module__, before))
     try:
         return numba.njit(function, nogil=True, cache=True, **options)
+    except RuntimeError as error:
+        if "no locator available" not in str(error):  # numba's words for: nowhere may I write
+            raise
+        _warn_uncached()
+        return numba.njit(function, nogil=True, **options)
     finally:
         config.CACHE_DIR = before
+
+
+@cache
+def _warn_uncached() -> None:
+    """Once in a process."""
+    _LOG.warning(
+        "no folder can be written to keep compiled kernels in, so every process compiles them "
+        "anew: set NUMBA_CACHE_DIR to one that can"
+    )
 
 
 def cache_folder(module: str, base: str = "") -> Path:

@@ -87,13 +87,8 @@ def subsample_command(
 
 
 def _open(source: str) -> "Dataset":
-    """A folder, an id in the cache, or a shipped dataset, which is built first if need be."""
-    from swarmdata.catalog import cache_folder, load
-    from swarmdata.dataset import Dataset
+    from swarmdata.catalog import load
 
-    for path in (Path(source), cache_folder() / "datasets" / source):
-        if path.is_dir():
-            return Dataset.open(path)
     return load(source)
 
 

@@ -7,9 +7,17 @@ SwarmdataError
 ├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
 ├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
 ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
+├── ConversionError (ValueError)        data of another format is ambiguous or broken
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
+├── DiskFullError (OSError)             no space was left; what was finished before is kept
+├── AddressError (ValueError)           an address or a dataset's id is malformed
+├── GateError (ValueError)              a dataset may not be published
+├── HubError (OSError)                  a remote could not be asked, or refused
+│   ├── AbsentFileError                 the remote has no such file
+│   ├── ConflictError                   someone else published there meanwhile
+│   └── VersionTakenError               this version is published already, and never changes
 └── DatasetError (OSError)              a stored dataset cannot be used
     ├── DatasetNotFoundError            there is nothing at that path
     ├── MissingManifestError            the folder has no manifest, so it was never finished
@@ -41,10 +49,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 class UnknownNameError(SwarmdataError, KeyError):
     """A registry or the catalog was asked for a name that it does not hold."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
         options = sorted(known)
         super().__init__(
             f"unknown {kind} {name!r}.{did_you_mean(name, options)} Known: {', '.join(options)}."
+            f"{' ' if hint else ''}{hint}"
         )
 
 
@@ -74,6 +83,10 @@ class MissingExtraError(SwarmdataError, ImportError):
         )
 
 
+class ConversionError(SwarmdataError, ValueError):
+    """Data of another format is ambiguous, does not fit together, or cannot hold what is asked."""
+
+
 class ProgramError(SwarmdataError, OSError):
     """Another program, such as ffmpeg, is needed and absent, or has failed."""
 
@@ -84,6 +97,34 @@ class BuildError(SwarmdataError, RuntimeError):
 
 class RecipeConflictError(BuildError):
     """The build folder holds parts of another recipe."""
+
+
+class DiskFullError(SwarmdataError, OSError):
+    """No space was left while writing; what was finished before is kept."""
+
+
+class AddressError(SwarmdataError, ValueError):
+    """An address of a remote, or the id of a dataset, is malformed."""
+
+
+class GateError(SwarmdataError, ValueError):
+    """A dataset may not be published; the message lists every reason."""
+
+
+class HubError(SwarmdataError, OSError):
+    """A remote could not be asked, refused, or gave what it must not give."""
+
+
+class AbsentFileError(HubError):
+    """The remote has no such file."""
+
+
+class ConflictError(HubError):
+    """Someone else published to the same place meanwhile; nothing of this push is visible."""
+
+
+class VersionTakenError(HubError):
+    """Another dataset is published under this id and version, which never changes."""
 
 
 class DatasetError(SwarmdataError, OSError):

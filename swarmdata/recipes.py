@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock
 from tqdm import tqdm
 
 from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.locking import locked
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.seeding import EVALUATION_BASE, derive
@@ -63,14 +63,22 @@ def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bo
     out = Path(out)
     if is_finished(out, recipe):
         return out
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(out.parent / f".{out.name}.lock"):
-        if not out.exists():
-            _make(recipe, out, workers or os.cpu_count() or 1, progress)
-        if build_folder(out).exists():
-            shutil.rmtree(build_folder(out))
-        write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
+    with locked(out, progress):
+        finish(recipe, out, workers=workers, progress=progress)
     return out
+
+
+def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> None:
+    """Does what `build` does, for a caller that holds the lock of `out`."""
+    if is_finished(out, recipe):
+        return  # somebody else's, while we waited for the lock
+    remove_leftovers(out.parent, out.name)
+    remove_leftovers(out)
+    if not out.exists():
+        _make(recipe, out, workers or os.cpu_count() or 1, progress)
+    if build_folder(out).exists():
+        shutil.rmtree(build_folder(out))
+    write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
 
 
 def build_folder(out: Path) -> Path:

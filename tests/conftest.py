@@ -34,9 +34,10 @@ def update_golden(request: pytest.FixtureRequest) -> bool:
 
 @pytest.fixture(autouse=True)
 def cache_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty dataset cache per test, so that no test reads or fills the user's."""
+    """An empty dataset cache and no remotes, so that no test reads or fills the user's."""
     folder = tmp_path_factory.mktemp("cache")
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
+    monkeypatch.setenv("SWARMDATA_REMOTES", "")
     return folder
 
 

@@ -93,7 +93,15 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     damaged = bytearray(data.read_bytes())
     damaged[100] ^= 1
     data.write_bytes(damaged)
-    assert "ChecksumError" in run("verify", out, code=1)
+    (out / "data.zarr" / "states" / "zarr.json").unlink()
+    output = run("verify", out, code=1)
+    assert f"{data}: was changed: 1 of 1 chunks are bad, the first is chunk 0 (rows 0 to" in output
+    assert f"{out}/data.zarr/states/zarr.json: is absent" in output
+    assert f"2 broken; run `swarmdata verify {out} --repair`" in output
+    output = run("verify", out, "--repair", "--replay", "2", "--workers", "1")
+    assert f"{data}: made again from the recipe" in output
+    assert "simulated again, 2 episodes have the same bits" in output
+    assert run("verify", out).startswith(f"{out}: every file is as it was written")
 
 
 def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:

@@ -6,10 +6,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +20,8 @@ from swarmdata.recipes import build, build_folder, episode_seeds, make_part
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
-from swarmdata.store import read_manifest, write_part
-from swarmdata.workers import Job
+from swarmdata.store import read_manifest
+from tests.one_process import OneProcessCrew
 
 SCRIPT = """
 import sys
@@ -48,30 +47,6 @@ def make_recipe(n_steps: int = 1500, part_episodes: int = 4, **changes: Any) -> 
         "part_episodes": part_episodes,
     }
     return Recipe(**{**fields, **changes})
-
-
-class OneProcessCrew:
-    """Makes parts in this process, and remembers which."""
-
-    made: list[str]
-
-    def __init__(self, entry: str, n_workers: int) -> None:
-        assert entry == "swarmdata.recipes:work"
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *details: object) -> None:
-        pass
-
-    def run(self, jobs: Iterable[Job], progress: Any) -> None:
-        for job in jobs:
-            recipe = Recipe.from_text(job.payload["recipe"])
-            env = make_env(recipe.spec, 16)
-            policy, part = job.payload["policy"], job.payload["part"]
-            episodes = make_part(recipe, policy, part, env, progress)
-            write_part(Path(job.payload["folder"]), episodes)
-            self.made.append(job.name)
 
 
 @pytest.fixture

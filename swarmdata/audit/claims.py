@@ -24,7 +24,7 @@ BETWEEN = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "e
 
 NOISE_COST = 0.15
 """Success that a tier may lose in a dataset: action noise, and few episodes. Bands are of policies
-without noise on a thousand episodes; published datasets lose 0.05 at most."""
+without noise on a thousand episodes."""
 
 
 def identity(subject: Subject) -> Remarks:

@@ -6,6 +6,7 @@ same bits.
 
 from swarmdata.store.assembly import assemble, write_dataset
 from swarmdata.store.atomic import remove_leftovers, write_file
+from swarmdata.store.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
 from swarmdata.store.order import MergeOrder, merge_order, split_codes
 from swarmdata.store.parts import read_part_table, write_part
@@ -15,6 +16,7 @@ from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
 
 __all__ = [
     "SPLITS",
+    "Damage",
     "EpisodeTable",
     "Manifest",
     "MergeOrder",
@@ -23,6 +25,7 @@ __all__ = [
     "Selection",
     "StoredDataset",
     "assemble",
+    "find_damage",
     "merge_order",
     "open_store",
     "read_manifest",

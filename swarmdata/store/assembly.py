@@ -269,7 +269,7 @@ def _write(folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard
             reward_mean=reward_mean,
             reward_std=reward_std,
         ),
-        provenance=_provenance(),
+        provenance=provenance(),
     )
 
 
@@ -304,7 +304,8 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
     }
 
 
-def _provenance() -> dict[str, str]:
+def provenance() -> dict[str, str]:
+    """Versions and platform that something is made with here; in no digest."""
     packages = ("swarmdata", "numpy", "numba", "pymunk", "zarr")
     return {
         **{name: version(name) for name in packages},

@@ -12,8 +12,14 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
+from swarmdata.errors import DiskFullError
+
 TEMPORARY = ".tmp-"
 """Prefix of what is not published yet."""
+
+
+LITTLE = 1 << 20
+"""With fewer bytes free, a failed write is blamed on the disk."""
 
 
 def temporary_sibling(path: Path) -> Path:
@@ -65,10 +71,29 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield temporary
         sync_tree(temporary)
         _publish(temporary, path)
+    except OSError as error:
+        _explain_full_disk(error, path, temporary)
+        raise
     finally:
         if temporary.exists():
             shutil.rmtree(temporary)
     sync(path.parent)
+
+
+def _explain_full_disk(error: OSError, path: Path, temporary: Path) -> None:
+    """Raises `DiskFullError` if that is what an error of writing means.
+
+    NumPy and the C library report a short write without a number, so the free space decides too.
+    """
+    free = shutil.disk_usage(path.parent).free
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT) and free > LITTLE:
+        return
+    written = sum(file.stat().st_size for file in temporary.rglob("*") if file.is_file())
+    raise DiskFullError(
+        f"no space is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
+        f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "
+        "what was finished before is. Make room and run the same again to go on."
+    ) from error
 
 
 def _publish(temporary: Path, path: Path) -> None:

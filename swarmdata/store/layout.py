@@ -7,6 +7,7 @@ then the CRC-32C of those bytes.
 """
 
 import math
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -141,8 +142,9 @@ class Shard:
 
     def index(self) -> bytes:
         """The shard index that belongs to chunks stored in order without gaps."""
-        offsets = np.arange(self.n_chunks, dtype="<u8") * np.uint64(self.chunk_bytes)
-        table = np.stack([offsets, np.full_like(offsets, self.chunk_bytes)], axis=1).tobytes()
+        size = self.chunk_bytes
+        numbers = [n for k in range(self.n_chunks) for n in (k * size, size)]
+        table = struct.pack(f"<{len(numbers)}Q", *numbers)
         return table + crc32c(table).to_bytes(4, "little")
 
 

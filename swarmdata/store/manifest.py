@@ -111,7 +111,19 @@ def _digest(blank: bytes) -> bytes:
 
 def rebuild_hint(folder: Path, identity: str = "ID") -> str:
     """What to do about a dataset that cannot be used."""
-    return f"Delete {folder} and run `swarmdata generate {identity}` to rebuild it."
+    return (
+        f"{_repair(folder)} --repair`, which replaces what is broken, or delete {folder} and run "
+        f"`swarmdata generate {identity}` to rebuild it."
+    )
+
+
+def without_hint(message: str, folder: Path) -> str:
+    """The message of an error without its `rebuild_hint`."""
+    return message.partition(_repair(folder))[0].rstrip(" .")
+
+
+def _repair(folder: Path) -> str:
+    return f"Run `swarmdata verify {folder}"
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -143,6 +155,10 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
         data = json.loads(content, object_pairs_hook=_unique_keys)
     except (ValueError, RecursionError) as error:
         raise ManifestError(f"{path} is not valid JSON: {error}. {hint}") from error
+    found = _CHECKSUM.findall(content)
+    changed = ChecksumError(f"{path} was changed after it was written. {hint}")
+    if len(found) == 1 and _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
+        raise changed  # before the version, which may be what was changed
     version = data.get("format_version") if isinstance(data, dict) else None
     if not isinstance(version, int) or version < 1:
         raise ManifestError(
@@ -153,9 +169,8 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
             f"{path} has format version {version}, this library reads up to {FORMAT_VERSION}. "
             "Upgrade it with: pip install --upgrade swarmdata"
         )
-    found = _CHECKSUM.findall(content)
-    if len(found) != 1 or _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
-        raise ChecksumError(f"{path} was changed after it was written. {hint}")
+    if len(found) != 1:
+        raise changed
     try:
         return Manifest.model_validate(data)
     except ValidationError as error:

@@ -1,7 +1,12 @@
 """Opens a dataset as memory maps, after checking that the bytes are those that were written."""
 
+import hashlib
 import json
-from dataclasses import dataclass
+import mmap
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +33,12 @@ from swarmdata.store.layout import (
 )
 from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
 from swarmdata.store.table import SPLITS, EpisodeTable
-from swarmdata.store.verification import check_chunks, check_everything, check_small_files
+from swarmdata.store.verification import (
+    check_chunks,
+    check_everything,
+    check_small_files,
+    map_shard,
+)
 from swarmdata.types import END_REASONS
 
 Verify = Literal["none", "fast", "full"]
@@ -43,6 +53,11 @@ class StoredDataset:
     recipe: Origin
     arrays: dict[str, NDArray[Any]]
     table: EpisodeTable
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the path and what is in memory only: a worker process maps the files itself."""
+        held = {name: array for name, array in self.arrays.items() if not _is_mapped(array)}
+        return _reopen, (self.path, self.manifest.digest, held)
 
 
 def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
@@ -63,12 +78,12 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
     _refuse_links(path)
     manifest = read_manifest(path)
-    _check_arrays(path, manifest)
-    _check_files(path, manifest)
+    check_listing(path, manifest)
+    _check_sizes(path, manifest)
     if verify != "none":
         check_small_files(path, manifest)
     _check_metadata(path, manifest)
-    raw = {name: _map(path, manifest, name) for name in manifest.arrays}
+    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
     _check_indices(path, manifest, raw)
     if verify != "none":
         check_chunks(path, manifest, raw)
@@ -80,13 +95,60 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
     return StoredDataset(path, manifest, recipe, arrays, table)
 
 
+def _is_mapped(array: NDArray[Any]) -> bool:
+    """Whether an array is a view of a file; an empty one has none and costs nothing to copy."""
+    base: Any = array
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.obj if isinstance(base, memoryview) else base.base
+    return isinstance(base, mmap.mmap)
+
+
+def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
+    """Opens a dataset that another process has verified."""
+    stored = open_store(path, "none")
+    if stored.manifest.digest != digest:
+        raise ChecksumError(
+            f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
+            "was replaced meanwhile. Load it again."
+        )
+    return replace(stored, arrays={**stored.arrays, **held})
+
+
+def links_in(path: Path) -> tuple[str, ...]:
+    """Every symbolic link below a folder, relative to it and sorted; links are not followed.
+
+    With `os.scandir`, whose entries know what they are: this is part of every `load`.
+    """
+    found, waiting = [], [""]
+    while waiting:
+        inside = waiting.pop()
+        with os.scandir(os.path.join(path, inside)) as entries:  # noqa: PTH118
+            for entry in entries:
+                name = f"{inside}/{entry.name}" if inside else entry.name
+                if entry.is_symlink():
+                    found.append(name)
+                elif entry.is_dir(follow_symlinks=False):
+                    waiting.append(name)
+    return tuple(sorted(found))
+
+
 def _refuse_links(path: Path) -> None:
     """A link could show any file of this machine as data."""
-    for entry in path.rglob("*"):
-        if entry.is_symlink():
-            raise ManifestError(
-                f"{entry} is a symbolic link, expected a plain file or folder. {rebuild_hint(path)}"
-            )
+    for link in links_in(path):
+        raise ManifestError(
+            f"{path / link} is a symbolic link, expected a plain file or folder. "
+            f"{rebuild_hint(path)}"
+        )
+
+
+def check_listing(path: Path, manifest: Manifest) -> None:
+    """Checks that what the manifest lists can be a dataset; no other file is looked at.
+
+    Raises:
+        ManifestError: naming what contradicts what.
+    """
+    _check_arrays(path, manifest)
+    _check_files(path, manifest)
 
 
 def _check_arrays(path: Path, manifest: Manifest) -> None:
@@ -115,7 +177,7 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
 
 
 def _check_files(path: Path, manifest: Manifest) -> None:
-    """Checks that exactly the files of the arrays are listed and that they have their sizes."""
+    """Checks that exactly the files of the arrays are listed, with the sizes of the arrays."""
     shards = {name: entry.shard for name, entry in manifest.arrays.items()}
     differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
     if differing:
@@ -131,17 +193,23 @@ def _check_files(path: Path, manifest: Manifest) -> None:
                 f"{file} is listed with {manifest.files[file].size} bytes, but an array of shape "
                 f"{shard.shape} and dtype {shard.dtype} has {shard.file_bytes}",
             )
-    for file in expected_files(shards):
-        _check_size(path, manifest, file)
 
 
-def _check_size(path: Path, manifest: Manifest, file: str) -> None:
-    hint = rebuild_hint(path, manifest.id)
-    if not (path / file).is_file():
-        raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
-    size, expected = (path / file).stat().st_size, manifest.files[file].size
-    if size != expected:
-        raise TruncatedFileError(f"{path / file} has {size} bytes, expected {expected}. {hint}")
+def _check_sizes(path: Path, manifest: Manifest) -> None:
+    """Checks that every listed file is there and has its size."""
+    for file, entry in sorted(manifest.files.items()):
+        try:
+            found = os.stat(os.path.join(path, file))  # noqa: PTH116, PTH118 (a part of every load)
+        except (FileNotFoundError, NotADirectoryError):
+            found = None
+        if found is None or not stat.S_ISREG(found.st_mode):
+            hint = rebuild_hint(path, manifest.id)
+            raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
+        if found.st_size != entry.size:
+            raise TruncatedFileError(
+                f"{path / file} has {found.st_size} bytes, expected {entry.size}. "
+                f"{rebuild_hint(path, manifest.id)}"
+            )
 
 
 def _check_metadata(path: Path, manifest: Manifest) -> None:
@@ -158,15 +226,6 @@ def _check_metadata(path: Path, manifest: Manifest) -> None:
             got = found.get(key) if isinstance(found, dict) else None
             if got != expected:
                 raise _disagrees(path, manifest, f"{file} has {key} {got}, expected {expected}")
-
-
-def _map(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
-    """Maps the array's whole file, index included; empty for an array without elements."""
-    shard = manifest.arrays[name].shard
-    if not shard.n_chunks:
-        return np.zeros(0, dtype=np.uint8)
-    file = path / array_file(name, len(shard.shape))
-    return np.asarray(np.memmap(file, dtype=np.uint8, mode="r"))
 
 
 def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:
@@ -187,13 +246,16 @@ def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uin
 def _read_recipe(path: Path, manifest: Manifest) -> Origin:
     file = path / RECIPE
     try:
+        content = file.read_bytes()
         # not from_file: its YAML parser takes most of the time of opening
-        recipe = parse_origin(json.loads(file.read_bytes()), str(file))
+        recipe = parse_origin(json.loads(content), str(file))
     except (SpecError, ValueError, RecursionError) as error:
         raise ManifestError(
             f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
         ) from error
-    if (recipe.id, recipe.hash()) != (manifest.id, manifest.recipe_hash):
+    # of the file, as written: what later versions add to a recipe does not change it
+    written = hashlib.sha256(content).hexdigest()
+    if (recipe.id, written) != (manifest.id, manifest.recipe_hash):
         raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {recipe.id}")
     return recipe
 

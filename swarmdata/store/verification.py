@@ -1,6 +1,7 @@
 """Checksums of a stored dataset: every chunk at memory speed, or every byte of every file."""
 
 import hashlib
+import mmap
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,16 @@ from swarmdata.store.shards import file_digest
 
 Raw = Mapping[str, NDArray[np.uint8]]
 """The bytes of each array's file, by array name."""
+
+
+def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the array's whole file, index included; empty for an array without elements."""
+    shard = manifest.arrays[name].shard
+    if not shard.n_chunks:
+        return np.zeros(0, dtype=np.uint8)
+    with (path / array_file(name, len(shard.shape))).open("rb") as file:
+        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    return np.frombuffer(mapped, dtype=np.uint8)
 
 
 def check_small_files(path: Path, manifest: Manifest) -> None:

@@ -27,9 +27,10 @@ from swarmdata.errors import (
 )
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.layout import FIELDS, array_file, metadata_file
-from swarmdata.store.manifest import _ZEROS, Manifest, _digest
+from swarmdata.store.manifest import Manifest
 from swarmdata.store.shards import file_digest
 from swarmdata.testing.synthetic import make_dataset
+from tests.tiny import sign
 
 FILES = [
     *(array_file(name, len(field.dimensions)) for name, field in FIELDS.items()),
@@ -52,13 +53,6 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def dataset(intact: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(intact, tmp_path / "ds"))
-
-
-def sign(path: Path, content: dict[str, Any]) -> None:
-    """Writes a manifest with a right checksum, whatever it says."""
-    blank = json.dumps({**content, "checksum": "0" * 64}).encode()
-    signed = blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)))
-    (path / "manifest.json").write_bytes(signed)
 
 
 def list_again(path: Path, name: str) -> None:

@@ -101,7 +101,7 @@ def test_rewards_of_an_episode_are_its_first_way_minus_its_last() -> None:
     extra = np.zeros(4)
     for _ in range(20):
         before = run.worlds.present
-        reached = run.worlds.advance(np.ones((1, 4, 4, 2)))
+        reached = run.worlds.advance(np.ones((1, 4, 4, 2), np.float32))
         plain = run._shaping.rewards(reached, weights, 0.0)
         extra += (run.rewards(before, reached)[0] - plain).mean(1)
     expected = 2.0 * (ways.lengths(start) - ways.lengths(reached))

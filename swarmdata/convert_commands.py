@@ -1,0 +1,138 @@
+"""`swarmdata convert`: datasets out to the formats of others, and theirs in."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+Source = Annotated[
+    str, typer.Argument(metavar="SRC", help="with --to: an id or folder; with --from: theirs")
+]
+Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to make")]
+To = Annotated[
+    str | None,
+    typer.Option(
+        "--to", metavar="FORMAT", help="d4rl, d4rl-agents, minari, parquet, torchrl, vault"
+    ),
+]
+From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="FORMAT", help="d4rl, minari, numpy, parquet, torchrl, vault"),
+]
+Split = Annotated[str | None, typer.Option(help="with --to: only train, validation or test")]
+Policy = Annotated[str | None, typer.Option(help="with --to: only this policy's episodes")]
+Id = Annotated[
+    str | None,
+    typer.Option("--id", metavar="ID", help="with --from: such as spread-omar_medium-v0"),
+]
+TimeLimit = Annotated[
+    int | None, typer.Option(help="steps after which episodes are cut; 0: there is no limit")
+]
+EpisodeLength = Annotated[
+    int | None, typer.Option(help="of all episodes, where the data has no flags")
+]
+Final = Annotated[str | None, typer.Option(help="missing last observations: repeat, or cut")]
+Unfinished = Annotated[str | None, typer.Option(help="rows behind the last end: truncate, or drop")]
+Agents = Annotated[
+    str | None, typer.Option(help="number of agents, or their names with commas between them")
+]
+Bounds = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="of continuous actions")]
+NewSplits = Annotated[bool, typer.Option(help="draw splits instead of those kept")]
+Notes = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=TEXT", help="to remember, such as license=mit; may be repeated"),
+]
+
+
+def convert(
+    source: Source,
+    target: Target,
+    to: To = None,
+    from_: From = None,
+    split: Split = None,
+    policy: Policy = None,
+    id_: Id = None,
+    time_limit: TimeLimit = None,
+    episode_length: EpisodeLength = None,
+    final: Final = None,
+    unfinished: Unfinished = None,
+    agents: Agents = None,
+    action_bounds: Bounds = None,
+    new_splits: NewSplits = False,
+    note: Notes = None,
+) -> None:
+    """Convert a dataset to another format (--to), or data of another format to a dataset (--from).
+
+    What a file does not say, such as where a time limit cut an episode, is asked for, not guessed.
+    """
+    if (to is None) == (from_ is None):
+        raise typer.BadParameter("pass either --to FORMAT or --from FORMAT")
+    if to is not None:
+        typer.echo(_export(source, target, to, split, policy))
+        return
+    low, high = _bounds(action_bounds)
+    answers = {
+        "time_limit": time_limit,
+        "episode_length": episode_length,
+        "final": final,
+        "unfinished": unfinished,
+        "agents": agents,
+        "action_low": low,
+        "action_high": high,
+    }
+    typer.echo(_import(source, target, str(from_), id_, answers, new_splits, _notes(note or [])))
+
+
+def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
+    from swarmdata.catalog import load
+    from swarmdata.dataset import Dataset
+    from swarmdata.interop.exporting import export_dataset
+
+    dataset = Dataset.open(source) if Path(source).is_dir() else load(source)
+    return export_dataset(dataset.filter(split=split, policy=policy), target, format=to)
+
+
+def _import(
+    source: str,
+    target: Path,
+    kind: str,
+    name: str | None,
+    answers: dict[str, Any],
+    new_splits: bool,
+    metadata: dict[str, str],
+) -> str:
+    if name is None:
+        raise typer.BadParameter("needed with --from", param_hint="--id")
+    from swarmdata.interop.choices import Choices
+    from swarmdata.interop.importing import import_dataset
+
+    splits: Literal["kept", "new"] = "new" if new_splits else "kept"
+    made = import_dataset(
+        source,
+        target,
+        format=kind,
+        id=name,
+        choices=Choices.of(**answers),
+        splits=splits,
+        metadata=metadata,
+    )
+    return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
+
+
+def _bounds(text: str | None) -> tuple[float | None, float | None]:
+    if text is None:
+        return None, None
+    try:
+        low, high = map(float, text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"got {text!r}, expected two numbers such as -1,1", param_hint="--action-bounds"
+        ) from error
+    return low, high
+
+
+def _notes(pairs: list[str]) -> dict[str, str]:
+    wrong = [pair for pair in pairs if "=" not in pair]
+    if wrong:
+        raise typer.BadParameter(f"got {wrong[0]!r}, expected KEY=TEXT", param_hint="--note")
+    return dict(pair.split("=", 1) for pair in pairs)

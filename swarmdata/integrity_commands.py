@@ -1,0 +1,82 @@
+"""`swarmdata verify`: every byte read again, every broken file named, and repaired if wanted."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
+Replace = Annotated[
+    bool, typer.Option("--repair", help="fetch or make again what is broken, and only that")
+]
+Replay = Annotated[
+    int, typer.Option(min=0, metavar="N", help="simulate N episodes again and compare every bit")
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
+
+
+def verify(
+    dataset: IdOrPath, repair: Replace = False, replay: Replay = 0, workers: Workers = None
+) -> None:
+    """Read every byte again and compare it with the manifest and the published digest.
+
+    Every broken file is named, with its first bad chunk and rows; exit code 1 if there is any.
+    """
+    from swarmdata.catalog import find_folder
+    from swarmdata.repairing import examine
+
+    folder = find_folder(dataset)
+    damage = examine(folder)
+    for each in damage:
+        typer.echo(f"{folder / each.file}: {each.problem}", err=True)
+    if damage and not repair:
+        typer.echo(
+            f"{len(damage)} broken; run `swarmdata verify {dataset} --repair` to replace what is",
+            err=True,
+        )
+        raise typer.Exit(1)
+    if damage:
+        _repair(folder, workers)
+    _compare(folder)
+    if replay:
+        _replay(folder, replay)
+
+
+def _repair(folder: Path, workers: int | None) -> None:
+    from swarmdata.remotes.addresses import configured_remotes
+    from swarmdata.repairing import repair
+    from swarmdata.resolving import is_offline
+
+    remotes = () if is_offline() else configured_remotes()
+    for each in repair(folder, remotes=remotes, workers=workers):
+        typer.echo(f"{folder / each.file}: {each.how}")
+
+
+def _compare(folder: Path) -> None:
+    """Says whether this is the published dataset."""
+    from swarmdata.cards.schema import published
+    from swarmdata.store import read_manifest
+
+    manifest = read_manifest(folder)
+    typer.echo(f"{folder}: every file is as it was written, digest {manifest.digest}")
+    entry = published().get(manifest.id)
+    if entry is None:
+        typer.echo(f"no digest is published for {manifest.id}")
+    elif entry.digest == manifest.digest:
+        typer.echo("this is the published dataset")
+    else:
+        typer.echo(f"the published dataset has another digest, {entry.digest}", err=True)
+        raise typer.Exit(1)
+
+
+def _replay(folder: Path, n_episodes: int) -> None:
+    """Simulates some episodes again."""
+    from swarmdata.dataset import Dataset
+    from swarmdata.replaying import replay
+
+    drifts = replay(Dataset.open(folder), n_episodes)
+    for each in drifts:
+        typer.echo(str(each), err=True)
+    if drifts:
+        raise typer.Exit(1)
+    typer.echo(f"simulated again, {n_episodes} episodes have the same bits")

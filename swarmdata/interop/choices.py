@@ -1,0 +1,84 @@
+"""Choices, what only the user knows about foreign data and no file says."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from swarmdata.errors import ConversionError
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Answers to what a format leaves open; None where an answer is only asked for when needed.
+
+    Attributes:
+        time_limit: steps after which the environment cuts an episode: an end at exactly this step
+            is a truncation, whatever its flag says. 0: there is no such limit, the flags are right.
+        episode_length: the same number of steps in every episode, where the data has no usable
+            flags at all.
+        final: what to do where the observation after an episode's last action was not stored.
+            `repeat` copies the last one that was. `cut` does so only for terminated episodes, where
+            no learner reads it, and leaves out the last step of truncated ones.
+        unfinished: what to do with rows behind the last end: `truncate` makes an episode of them,
+            `drop` leaves them out.
+        n_agents: of data that concatenates the agents' columns.
+        action_low: least value of every action, for the recorded spaces; None: not bounded.
+        action_high: greatest value of every action.
+        agents: names, in order; by default `agent_0` and on.
+    """
+
+    time_limit: int | None = None
+    episode_length: int | None = None
+    final: Literal["repeat", "cut"] | None = None
+    unfinished: Literal["truncate", "drop"] | None = None
+    n_agents: int | None = None
+    action_low: float | None = None
+    action_high: float | None = None
+    agents: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            ConversionError: a number is out of range, or two answers contradict each other.
+        """
+        problems = []
+        if self.time_limit is not None and self.time_limit < 0:
+            problems.append(f"time_limit is {self.time_limit}, expected 0 (none) or more")
+        for name in ("episode_length", "n_agents"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                problems.append(f"{name} is {value}, expected at least 1")
+        if self.final not in (None, "repeat", "cut"):
+            problems.append(f"final is {self.final!r}, expected 'repeat' or 'cut'")
+        if self.unfinished not in (None, "truncate", "drop"):
+            problems.append(f"unfinished is {self.unfinished!r}, expected 'truncate' or 'drop'")
+        if self.agents is not None and len(set(self.agents)) != len(self.agents):
+            problems.append(f"agents are {self.agents}, expected different names")
+        if (
+            self.action_low is not None
+            and self.action_high is not None
+            and self.action_low > self.action_high
+        ):
+            problems.append(f"action_low {self.action_low} is above action_high {self.action_high}")
+        if problems:
+            raise ConversionError("; ".join(problems))
+
+    @classmethod
+    def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
+        """Choices from the command line, where agents are a number or names with commas.
+
+        Raises:
+            ConversionError: an answer is out of range.
+        """
+        n_agents, names = None, None
+        if agents is not None and agents.isdecimal():
+            n_agents = int(agents)
+        elif agents is not None:
+            names = tuple(agents.split(","))
+        return cls(n_agents=n_agents, agents=names, **answers)
+
+    def answered(self) -> dict[str, str]:
+        """The answers that were given, for the record."""
+        names = ("time_limit", "episode_length", "final", "unfinished")
+        values = {name: getattr(self, name) for name in names}
+        return {name: str(value) for name, value in values.items() if value is not None}

@@ -1,0 +1,219 @@
+"""Cuts flat timelines of foreign data into episodes, and refuses to guess where they end."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.fields import NEXT, STATE_ARRAYS
+from swarmdata.types import Bool
+
+Read = Callable[[slice], Mapping[str, NDArray[Any]]]
+"""Gives the rows of a slice by the names of an episode's fields, agents apart; those of `Timeline`.
+
+An array over states may come with its `NEXT` twin; without it the last state is not known."""
+
+End = Literal["termination", "truncation"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timeline:
+    """Consecutive steps of several episodes, one row per step.
+
+    Attributes:
+        name: what it is, for errors: a file, or a row of one.
+        terminals: whose episode ended in a step, [n, N].
+        truncations: whose was cut in a step, [n, N]; None: the format did not say.
+        read: gives the arrays of some rows.
+        has_next: whether `read` gives what was observed after each step.
+    """
+
+    name: str
+    terminals: Bool
+    truncations: Bool | None
+    read: Read
+    has_next: bool
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.terminals)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Rows of one episode, and how it ended."""
+
+    start: int
+    stop: int
+    end: End
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return self.stop - self.start
+
+
+def spans_of(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
+    """Finds the episodes of each timeline, by flags and by what the user said.
+
+    Raises:
+        ConversionError: the data does not say where its episodes end, or why.
+    """
+    found = [_spans(timeline, choices) for timeline in timelines]
+    for timeline, spans in zip(timelines, found, strict=True):
+        if not spans:
+            raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
+    _refuse_hidden_limit(timelines, found, choices)
+    return found
+
+
+def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
+    terminated: Bool = np.asarray(timeline.terminals.all(axis=1))
+    ended: Bool = terminated
+    if timeline.truncations is not None:
+        ended = np.asarray((timeline.terminals | timeline.truncations).all(axis=1))
+    elif choices.time_limit is None and choices.episode_length is None:
+        raise ConversionError(
+            f"{timeline.name} does not say which episodes a time limit cut, so ends cannot be told "
+            "from cuts. Pass time_limit=STEPS, time_limit=0 if there is no limit, or "
+            "episode_length=STEPS if all episodes have the same length."
+        )
+    ends = _ends(timeline, ended, choices)
+    starts = [0, *ends[:-1]]
+    spans = [
+        Span(start, stop, _reason(bool(terminated[stop - 1]), stop - start, choices))
+        for start, stop in zip(starts, ends, strict=True)
+        if stop > start
+    ]
+    tail = len(timeline) - (ends[-1] if ends else 0)
+    return spans + _tail(timeline, len(timeline) - tail, choices)
+
+
+def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
+    """Rows after the last of each episode."""
+    n, length = len(timeline), choices.episode_length
+    flagged = (np.flatnonzero(ended) + 1).tolist()
+    if length is not None:
+        inside = [end for end in flagged if end % length]
+        if inside:
+            raise ConversionError(
+                f"{timeline.name} has an end at row {inside[0] - 1}, which is inside an episode of "
+                f"episode_length={length} steps. Pass the right length, or none to use the flags."
+            )
+        return list(range(length, n + 1, length))
+    if timeline.truncations is not None or not choices.time_limit:
+        return flagged
+    ends: list[int] = []  # no flags for cuts: the limit is counted
+    for stop in [*flagged, n]:
+        start = ends[-1] if ends else 0
+        ends += range(start + choices.time_limit, stop + 1, choices.time_limit)
+        if stop in flagged and (not ends or ends[-1] < stop):
+            ends.append(stop)
+    return ends
+
+
+def _reason(terminated: bool, length: int, choices: Choices) -> End:
+    """A flag of a termination counts, but not at the limit, where it is that of the limit."""
+    if terminated and length != choices.time_limit:
+        return "termination"
+    return "truncation"
+
+
+def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
+    left = len(timeline) - start
+    if not left or choices.unfinished == "drop":
+        return []
+    if choices.unfinished == "truncate":
+        return [Span(start, len(timeline), "truncation")]
+    raise ConversionError(
+        f"{timeline.name} has {left} rows from row {start} on without an end for all agents, "
+        "expected the last row to end an episode. Pass unfinished='truncate' to keep them as a "
+        "truncated episode, unfinished='drop' to leave them out, or episode_length=STEPS if the "
+        "flags mean nothing."
+    )
+
+
+def _refuse_hidden_limit(
+    timelines: Sequence[Timeline], found: Sequence[Sequence[Span]], choices: Choices
+) -> None:
+    """Refuses data in which a time limit was probably written as a termination.
+
+    OMAR's particle data and OG-MARL's older wrappers do so; a learner would then take the value
+    behind the limit for zero.
+    """
+    if choices.time_limit is not None or choices.episode_length is not None:
+        return
+    spans = [span for each in found for span in each]
+    lengths = {len(span) for span in spans}
+    if len(spans) > 1 and len(lengths) == 1 and {span.end for span in spans} == {"termination"}:
+        (length,) = lengths
+        raise ConversionError(
+            f"all {len(spans)} episodes of {timelines[0].name} terminate after exactly {length} "
+            f"steps, as if a time limit had been stored as a termination. Pass time_limit={length} "
+            "if there is this limit, or time_limit=0 if the task ends then."
+        )
+
+
+def pieces(
+    timeline: Timeline, spans: Sequence[Span], choices: Choices
+) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
+    """Yields the arrays of each episode, states with T + 1 rows, and its span.
+
+    Raises:
+        ConversionError: states that do not continue each other inside an episode, or states after
+            the last step that are not there and no choice about them.
+    """
+    for span in spans:
+        kept = span
+        if not timeline.has_next and choices.final is None:
+            raise ConversionError(
+                f"{timeline.name} lacks the observation after the last action of each episode. "
+                "Pass final='repeat' to repeat the one before it, or final='cut' to do so only "
+                "where the episode terminated and to leave out the last step of truncated ones."
+            )
+        if not timeline.has_next and choices.final == "cut" and span.end == "truncation":
+            if len(span) == 1:
+                continue
+            kept = Span(span.start, span.stop - 1, span.end)
+        rows = timeline.read(slice(span.start, span.stop))
+        yield _with_last_state(timeline, dict(rows), kept), kept
+
+
+def _with_last_state(
+    timeline: Timeline, rows: dict[str, NDArray[Any]], span: Span
+) -> dict[str, NDArray[Any]]:
+    n = len(span)
+    after = {name: rows.pop(NEXT + name) for name in STATE_ARRAYS if NEXT + name in rows}
+    whole = {}
+    for name, values in rows.items():
+        if name not in STATE_ARRAYS:
+            whole[name] = values[:n]
+        elif name in after:
+            _check_continues(timeline, name, values, after[name], span)
+            whole[name] = np.concatenate([values[:n], after[name][n - 1 : n]])
+        else:
+            last = values[n : n + 1] if len(values) > n else values[n - 1 :]
+            whole[name] = np.concatenate([values[:n], last])
+    return whole
+
+
+def _check_continues(
+    timeline: Timeline, name: str, before: NDArray[Any], after: NDArray[Any], span: Span
+) -> None:
+    """What a step reached is where the next one starts, or the rows do not belong together."""
+    same = rows_equal(after[: len(span) - 1], before[1 : len(span)])
+    if not same.all():
+        row = span.start + int(np.argmin(same))
+        raise ConversionError(
+            f"{timeline.name}: {NEXT}{name} of row {row} differs from {name} of row {row + 1}, "
+            "though both are of one episode. Its rows are shuffled, or an episode ends there: pass "
+            "time_limit or episode_length."
+        )
+
+
+def rows_equal(a: NDArray[Any], b: NDArray[Any]) -> Bool:
+    """Which rows of two arrays of the same shape are the same, [n]."""
+    return np.asarray((a == b).all(axis=tuple(range(1, a.ndim))))

@@ -1,0 +1,98 @@
+"""The facts that a dataset holds, by name, so that each format can say which of them it keeps."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.dataset import Dataset
+from swarmdata.types import (
+    OPTIONAL_STATE_FIELDS,
+    OPTIONAL_STEP_FIELDS,
+    STATE_FIELDS,
+    STEP_FIELDS,
+)
+
+STATE_ARRAYS = (*STATE_FIELDS, *OPTIONAL_STATE_FIELDS)
+"""Arrays of an episode with T + 1 rows."""
+
+STEP_ARRAYS = (*STEP_FIELDS, *OPTIONAL_STEP_FIELDS)
+"""Arrays of an episode with T rows."""
+
+TIME_ARRAYS = (*STATE_ARRAYS, *STEP_ARRAYS)
+"""Both."""
+
+EPISODE_FACTS = ("layout", "seed", "policy", "end_reason", "split")
+"""One value per episode."""
+
+FACTS = (*TIME_ARRAYS, *EPISODE_FACTS, "spec")
+"""All that a dataset holds; what is computed from it (returns, statistics) is not listed."""
+
+NEXT = "next_"
+"""Prefix of the state reached by a step, where a format has one row per step."""
+
+Arrays = Mapping[str, NDArray[Any]]
+
+BLOCK_BYTES = 32 << 20
+"""About how much of a dataset is in memory at a time."""
+
+
+def present(dataset: Dataset) -> tuple[str, ...]:
+    """Names of the arrays over time that a dataset has, those without elements left out."""
+    arrays = dataset.stored.arrays
+    return tuple(
+        name for name in (*STATE_ARRAYS, *STEP_ARRAYS) if name in arrays and arrays[name].size
+    )
+
+
+def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+    """Shape of one row, and dtype, of each array that `blocks` yields, by name."""
+    shapes = {}
+    for name in present(dataset):
+        array = dataset.stored.arrays[name]
+        shapes[name] = (array.shape[1:], array.dtype)
+        if name in STATE_ARRAYS:
+            shapes[NEXT + name] = shapes[name]
+    return shapes
+
+
+def blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
+    """Yields the steps of a view, some whole episodes at a time, one row per step.
+
+    Yields:
+        number of the block's first step in the view, and its arrays by name [n, ...]; an array
+        over states is there twice, before and (with `NEXT`) after each step.
+    """
+    names = present(dataset)
+    first = 0
+    for group in _groups(dataset):
+        columns: dict[str, list[NDArray[Any]]] = {}
+        for index in group:
+            episode = dataset[index]
+            for name in names:
+                values = getattr(episode, name)
+                if name in STATE_ARRAYS:
+                    columns.setdefault(name, []).append(values[:-1])
+                    columns.setdefault(NEXT + name, []).append(values[1:])
+                else:
+                    columns.setdefault(name, []).append(values)
+        yield first, {name: np.concatenate(values) for name, values in columns.items()}
+        first += int(sum(len(values) for values in columns["actions"]))
+
+
+def _groups(dataset: Dataset) -> Iterator[Sequence[int]]:
+    """Consecutive episodes of a view of about `BLOCK_BYTES`."""
+    arrays, names = dataset.stored.arrays, present(dataset)
+    per_step = sum(2 * arrays[name].nbytes // len(arrays[name]) for name in names)
+    limit = max(1, BLOCK_BYTES // max(1, per_step))
+    group: list[int] = []
+    steps = 0
+    for index, length in enumerate(dataset.episodes.lengths):
+        group.append(index)
+        steps += int(length)
+        if steps >= limit:
+            yield group
+            group, steps = [], 0
+    if group:
+        yield group

@@ -1,0 +1,155 @@
+"""Turns a foreign file or folder into a dataset of this library."""
+
+import hashlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from swarmdata.cards.render import write_card
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError, DatasetNotFoundError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.fields import BLOCK_BYTES
+from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.interop.incoming import Incoming
+from swarmdata.locking import locked
+from swarmdata.origins import Recording
+from swarmdata.spec import Splits
+from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store.atomic import sync
+from swarmdata.types import Episode
+
+
+def import_dataset(
+    source: Path | str,
+    out: Path | str,
+    *,
+    format: str,
+    id: str,
+    choices: Choices | None = None,
+    splits: Literal["kept", "new"] = "kept",
+    rule: Splits | None = None,
+    seed: int = 0,
+    metadata: dict[str, str] | None = None,
+) -> Dataset:
+    """Converts foreign data to a dataset; nothing about the source changes.
+
+    Memory stays bounded by a few hundred megabytes and one episode, with the exceptions that a
+    format's file names. A killed conversion leaves nothing at `out`; run it again.
+
+    Args:
+        source: file or folder.
+        out: where the dataset appears, once it is whole.
+        format: one of `formats.FORMATS`.
+        id: of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
+            environment where the data does not.
+        choices: answers to what the data leaves open.
+        splits: `kept` takes those that an export of this library has; `new` draws new ones.
+        rule: of new splits.
+        seed: of new splits.
+        metadata: what shall be remembered: author, license, where it was downloaded.
+
+    Raises:
+        UnknownNameError: no such format.
+        DatasetNotFoundError: there is nothing at `source`.
+        ConversionError: the data is ambiguous or does not fit together.
+        MissingExtraError: the format's library is not installed.
+        BuildError: `out` is taken by something else, or no episode falls into the train split.
+    """
+    source, out = Path(source), Path(out)
+    if not source.exists():
+        raise DatasetNotFoundError(f"there is nothing at {source} to convert")
+    digest = source_digest(source)
+    task = id.partition("-")[0]
+    found = find_format(format)
+    if found.read is None:
+        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
+        raise ConversionError(
+            f"{found.title} can only be written, got format={format!r}. Formats to read: "
+            f"{', '.join(known)}."
+        )
+    with found.read(source, task, choices or Choices()) as incoming:
+        recording = Recording(
+            id=id,
+            spec=incoming.spec,
+            policies=incoming.policies,
+            seed=seed,
+            splits=rule or Splits(),
+            source=format,
+            source_sha256=digest,
+            metadata={**incoming.metadata, **(metadata or {})},
+        )
+        with locked(out):
+            _store(out, recording, incoming, splits == "kept")
+    return Dataset.open(out)
+
+
+def source_digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, of the lines `<sha256>  <path>` of its files, sorted."""
+    if path.is_file():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    files = sorted(each for each in path.rglob("*") if each.is_file())
+    lines = [f"{source_digest(each)}  {each.relative_to(path).as_posix()}\n" for each in files]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: bool) -> None:
+    if out.exists():  # finished, or of something else, which is an error
+        assemble(out, recipe=recording, parts={}, order=[])
+        write_card(out)
+        return
+    build = out.parent / f"{out.name}.build"
+    if build.exists():
+        shutil.rmtree(build)  # of a killed conversion; only the lock's holder is here
+    build.mkdir()
+    try:
+        parts, order = _write_parts(build, incoming.episodes)
+        codes = incoming.splits if keep_splits else None
+        if codes is not None and not (codes == SPLITS.index("train")).any():
+            raise ConversionError(
+                f"none of the {len(codes)} episodes of {recording.id} is of the train split, from "
+                "which normalization statistics come. Pass splits='new' to draw new splits."
+            )
+        assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
+        write_card(out)
+    finally:
+        shutil.rmtree(build)
+    sync(out.parent)
+
+
+def _write_parts(
+    build: Path, episodes: Iterator[Episode]
+) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
+    """Writes the episodes as parts of about `BLOCK_BYTES`; returns them and the order."""
+    parts: dict[int, list[Path]] = {}
+    held: dict[int, list[Episode]] = {}
+    counts: dict[int, int] = {}
+    order = []
+    size = 0
+
+    def flush() -> None:
+        for policy, group in held.items():
+            folders = parts.setdefault(policy, [])
+            folders.append(build / f"policy-{policy}-part-{len(folders):05d}")
+            write_part(folders[-1], group)
+        held.clear()
+
+    for episode in episodes:
+        held.setdefault(episode.policy, []).append(episode)
+        order.append((episode.policy, counts.get(episode.policy, 0)))
+        counts[episode.policy] = order[-1][1] + 1
+        size += _nbytes(episode)
+        if size >= BLOCK_BYTES:
+            flush()
+            size = 0
+    flush()
+    return parts, order
+
+
+def _nbytes(episode: Episode) -> int:
+    names = (*episode.optional, "observations", "states", "actions", "rewards", "sent", "delivered")
+    return int(sum(np.asarray(getattr(episode, name)).nbytes for name in names))

@@ -1,0 +1,278 @@
+"""Minari: a folder with one HDF5 group per episode, T + 1 observations and T of everything else.
+
+Minari has one agent, so observations and actions are Dict spaces with an entry per agent, each in
+its own structure, and the reward is the team's; what else we know is in `infos`. Images are stored
+without JPEG, which would change them. Write: as HDF5 only, because Minari 0.5.4's Arrow storage
+cuts episodes of more than 32,767 rows (its issue 351). Read: every storage, episode by episode, and
+an episode whose rows do not have the length that its metadata says is refused. `minari` loads the
+folder with `MINARI_DATASETS_PATH` set to its parent, or `minari.MinariDataset(FOLDER / "data")`.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.columns import agents_of, join_rows, split_rows
+from swarmdata.interop.fields import STATE_ARRAYS, TIME_ARRAYS, present
+from swarmdata.interop.formats import Format
+from swarmdata.interop.gymnasium_spaces import from_gymnasium, to_gymnasium
+from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
+from swarmdata.interop.note import Note, note_of, parse_note
+from swarmdata.origins import RecordedAgent, RecordedSpec
+from swarmdata.spaces import DictSpace, width
+from swarmdata.types import Episode
+
+NOTE = "swarmdata"
+
+KEPT = {
+    "observations": "observations",
+    "states": "infos/states",
+    "sent": "infos/sent",
+    "delivered": "infos/delivered",
+    "ages": "infos/message_ages",
+    "actions": "actions",
+    "log_probs": "infos/log_probs",
+    "rewards": "infos/agent_rewards",
+    "terminations": "terminations",
+    "truncations": "truncations",
+    "events": "infos/events",
+    "alive": "infos/alive",
+    "action_masks": "infos/action_masks",
+    "agent_terminations": "infos/agent_terminations",
+    "agent_truncations": "infos/agent_truncations",
+    "layout": "infos/layout",
+    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
+}
+LOST: dict[str, str] = {}
+
+_INFOS = {name: key.removeprefix("infos/") for name, key in KEPT.items() if "infos/" in key}
+
+
+def _library() -> Any:
+    try:
+        import minari  # noqa: PLC0415  (an extra)
+        from minari.dataset.minari_storage import MinariStorage  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingExtraError("minari", "minari", "the Minari format") from error
+    return minari, MinariStorage
+
+
+def write(dataset: Dataset, path: Path) -> None:
+    """Writes a view as a Minari dataset."""
+    minari, storage_type = _library()
+    from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  (an extra)
+
+    agents = agents_of(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    observation = DictSpace(spaces={agent.name: agent.observation for agent in agents})
+    action = DictSpace(spaces={agent.name: agent.action for agent in agents})
+    path.mkdir()
+    storage = storage_type.new(
+        path / "data",
+        observation_space=to_gymnasium(observation),
+        action_space=to_gymnasium(action),
+        data_format="hdf5",
+        jpeg_encoding=False,
+    )
+    names = present(dataset)
+    storage.update_episodes(
+        EpisodeBuffer(seed=np.uint64(episode.seed), **_buffers(episode, agents, names))
+        for episode in dataset
+    )
+    storage.update_metadata(
+        {
+            "dataset_id": dataset.id,
+            "minari_version": minari.__version__,
+            "algorithm_name": ", ".join(source.label for source in dataset.recipe.policies),
+            "description": f"{dataset!r}".removeprefix("<").partition(", at ")[0],
+            NOTE: note_of(dataset).to_json(),
+        }
+    )
+
+
+def _buffers(
+    episode: Episode, agents: tuple[RecordedAgent, ...], names: tuple[str, ...]
+) -> dict[str, Any]:
+    """The fields of an `EpisodeBuffer`."""
+    infos = {key: getattr(episode, name) for name, key in _INFOS.items() if name in names}
+    if episode.layout.size:
+        infos["layout"] = episode.layout
+    return {
+        "observations": {
+            agent.name: split_rows(agent.observation, episode.observations[:, k])
+            for k, agent in enumerate(agents)
+        },
+        "actions": {
+            agent.name: split_rows(agent.action, episode.actions[:, k])
+            for k, agent in enumerate(agents)
+        },
+        "rewards": episode.rewards.mean(axis=1, dtype=np.float64),
+        "terminations": episode.terminations,
+        "truncations": episode.truncations,
+        "infos": infos,
+    }
+
+
+@contextmanager
+def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+    """Opens the folder of a Minari dataset, or the `data` folder inside it.
+
+    Its Dict spaces are the agents where this library wrote it, or where `choices.agents` names
+    exactly their keys; else there is one agent.
+
+    Raises:
+        ConversionError: it is no such folder, or Minari cannot hold what it has.
+    """
+    minari, storage_type = _library()
+    folder = source / "data" if (source / "data").is_dir() else source
+    if not (folder / "metadata.json").is_file():
+        raise ConversionError(f"{source} has no data/metadata.json, so it is no Minari dataset")
+    text = storage_type.read_raw_metadata(folder).get(NOTE)
+    found = minari.MinariDataset(folder)
+    note = None if text is None else parse_note(text, source)
+    if note is not None and len(note.episodes.lengths) != len(found):
+        raise ConversionError(
+            f"{source} has {len(found)} episodes, its note of swarmdata says "
+            f"{len(note.episodes.lengths)}. It was changed after the export: remove the key "
+            f"{NOTE!r} of its metadata.json to convert it as foreign data."
+        )
+    if note is not None:
+        agents = agents_of(note.spec, _columns(found.observation_space, note))
+        metadata = {"exported_from": note.id, "exported_digest": note.digest}
+        episodes = _noted(source, found, note, agents)
+        yield Incoming(note.spec, note.policies, episodes, note.episodes.split_codes, metadata)
+        return
+    agents, is_team = _foreign_agents(found, choices)
+    spec = RecordedSpec(
+        task=task,
+        library=_library_of(found),
+        agents=agents,
+        state_size=sum(width(agent.observation) for agent in agents),
+        state_from="observations",
+    )
+    yield Incoming(spec, UNKNOWN, _foreign(source, found, agents, is_team))
+
+
+def _columns(space: Any, note: Note) -> int:
+    """Columns of an observation of the widest agent."""
+    return max(width(from_gymnasium(space[name])) for name in note.spec.agent_names)
+
+
+def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:
+    observation = from_gymnasium(found.observation_space)
+    action = from_gymnasium(found.action_space)
+    names = choices.agents
+    if names is None:
+        return (RecordedAgent(name="agent_0", observation=observation, action=action),), False
+    keys = [sorted(s.spaces) if isinstance(s, DictSpace) else None for s in (observation, action)]
+    if keys != [sorted(names)] * 2:
+        raise ConversionError(
+            f"agents are {names}, expected the keys of the Dict spaces of observations and actions "
+            f"({keys[0]}, {keys[1]})"
+        )
+    assert isinstance(observation, DictSpace)
+    assert isinstance(action, DictSpace)
+    return tuple(
+        RecordedAgent(name=n, observation=observation.spaces[n], action=action.spaces[n])
+        for n in names
+    ), True
+
+
+def _library_of(found: Any) -> str:
+    """The module of the environment, as far as its id says."""
+    spec = getattr(found, "env_spec", None)
+    return "" if spec is None else re.split(r"[:.]", str(spec.entry_point))[0]
+
+
+def _episodes(source: Path, found: Any) -> Iterator[Any]:
+    """Minari's episodes, each checked against its metadata."""
+    metadata = found.storage.get_episode_metadata(found.episode_indices)
+    for data, facts in zip(found.iterate_episodes(), metadata, strict=True):
+        if len(data) != int(facts["total_steps"]) or not len(data):
+            raise ConversionError(
+                f"{source}: episode {data.id} has {len(data)} steps, its metadata says "
+                f"{facts['total_steps']}. Minari's Arrow storage cuts long episodes; convert its "
+                "HDF5 form."
+            )
+        yield data
+
+
+def _joint(
+    data: Any, agents: tuple[RecordedAgent, ...], source: Path, is_team: bool
+) -> dict[str, NDArray[Any]]:
+    """Observations and actions of all agents."""
+    rows = {}
+    for field, space in (("observations", "observation"), ("actions", "action")):
+        values = getattr(data, field)
+        parts = []
+        for agent in agents:
+            where = f"{source}: {field} of {agent.name} in episode {data.id}"
+            own = values[agent.name] if is_team else values
+            parts.append(join_rows(getattr(agent, space), own, where))
+        rows[field] = stacked(parts)
+    if len(rows["observations"]) != len(data) + 1 or len(rows["actions"]) != len(data):
+        raise ConversionError(
+            f"{source}: episode {data.id} has {len(rows['observations'])} observations and "
+            f"{len(rows['actions'])} actions for {len(data)} steps, expected one observation more"
+        )
+    return rows
+
+
+def _noted(
+    source: Path, found: Any, note: Note, agents: tuple[RecordedAgent, ...]
+) -> Iterator[Episode]:
+    table = note.episodes
+    for k, data in enumerate(_episodes(source, found)):
+        rows = _joint(data, agents, source, is_team=True)
+        for name, key in _INFOS.items():
+            if name in TIME_ARRAYS and key in data.infos:
+                rows[name] = data.infos[key]
+        for name in ("terminations", "truncations"):
+            rows[name] = np.asarray(getattr(data, name), dtype=np.bool_)
+        _check_rows(source, data, rows)
+        yield episode_of(
+            rows,
+            seed=table.seeds[k],
+            policy=table.policy[k],
+            end=table.end_reason[k],
+            layout=data.infos.get("layout"),
+        )
+
+
+def _check_rows(source: Path, data: Any, rows: Mapping[str, NDArray[Any]]) -> None:
+    for name, values in rows.items():
+        expected = len(data) + (name in STATE_ARRAYS)
+        if len(values) != expected:
+            raise ConversionError(
+                f"{source}: {name} of episode {data.id} has {len(values)} rows, expected {expected}"
+            )
+
+
+def _foreign(
+    source: Path, found: Any, agents: tuple[RecordedAgent, ...], is_team: bool
+) -> Iterator[Episode]:
+    """Episodes of others; the reward is every agent's, and seeds are the numbers."""
+    for number, data in enumerate(_episodes(source, found)):
+        rows = _joint(data, agents, source, is_team)
+        widths = [width(agent.observation) for agent in agents]
+        seen = [rows["observations"][:, k, :n] for k, n in enumerate(widths)]
+        rows["states"] = np.concatenate(seen, axis=1)
+        rewards = np.asarray(data.rewards, dtype=np.float32).reshape(len(data), -1)
+        rows["rewards"] = np.broadcast_to(rewards, (len(data), len(agents))).copy()
+        ends = np.asarray(data.terminations, bool) | np.asarray(data.truncations, bool)
+        if ends[:-1].any() or not ends[-1]:
+            raise ConversionError(
+                f"{source}: episode {data.id} does not end exactly once, in its last row"
+            )
+        end = "termination" if data.terminations[-1] else "truncation"
+        yield episode_of(rows, seed=number, policy=0, end=end)
+
+
+FORMAT = Format("minari", "Minari", KEPT, LOST, read, write)

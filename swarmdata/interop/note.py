@@ -1,0 +1,89 @@
+"""Note, what travels with exported data: identity, spec, and the episode table.
+
+Other formats have attributes or files for such text. With it an import needs no guessing: episode
+boundaries, spaces, splits and policies are read, not inferred.
+"""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError, SpecError
+from swarmdata.frozen import Frozen
+from swarmdata.origins import AnySpec, Id, Sha256
+from swarmdata.spec import PolicySource
+from swarmdata.store import SPLITS
+from swarmdata.types import END_REASONS, Counts
+
+Index = Annotated[int, Field(ge=0)]
+Lengths = tuple[Annotated[int, Field(ge=1)], ...]
+
+
+class EpisodeColumns(Frozen):
+    """The episodes in the order of their rows; all columns have the same length."""
+
+    lengths: Lengths  # steps
+    seeds: tuple[Annotated[int, Field(ge=0, lt=1 << 64)], ...]
+    policy: tuple[Index, ...]  # into the policies
+    split: tuple[Annotated[int, Field(ge=0, lt=len(SPLITS))], ...]
+    end_reason: tuple[Annotated[int, Field(ge=0, lt=len(END_REASONS))], ...]
+
+    @model_validator(mode="after")
+    def _check_lengths(self) -> Self:
+        sizes = {name: len(values) for name, values in self if values is not None}
+        if len(set(sizes.values())) != 1:
+            raise ValueError(f"columns of different lengths: {sizes}")
+        return self
+
+    @property
+    def split_codes(self) -> Counts:
+        """Split of each episode, uint8 [n]."""
+        return np.array(self.split, dtype=np.uint8)
+
+
+class Note(Frozen):
+    """What a foreign format has no place for."""
+
+    swarmdata_note: Literal[1] = 1
+    id: Id  # of the dataset that was exported
+    digest: Sha256  # of that dataset, whole; the export may be a view of it
+    spec: AnySpec
+    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
+    episodes: EpisodeColumns
+
+
+def note_of(dataset: Dataset) -> Note:
+    """What is to be written beside an export of this view."""
+    table = dataset.episodes
+    return Note(
+        id=dataset.id,
+        digest=dataset.digest,
+        spec=dataset.spec,
+        policies=dataset.recipe.policies,
+        episodes=EpisodeColumns(
+            lengths=tuple(table.lengths.tolist()),
+            seeds=tuple(table.seeds.tolist()),
+            policy=tuple(table.policy.tolist()),
+            split=tuple(table.split.tolist()),
+            end_reason=tuple(table.end_reason.tolist()),
+        ),
+    )
+
+
+def parse_note(text: str | bytes, source: Path | str) -> Note:
+    """Reads a note.
+
+    Raises:
+        ConversionError: it is damaged.
+    """
+    try:
+        data: Any = json.loads(text)
+        return Note.parse(data, str(source))
+    except (SpecError, ValueError, RecursionError) as error:
+        raise ConversionError(
+            f"the note of swarmdata in {source} cannot be read: {error}. Export the dataset again."
+        ) from error

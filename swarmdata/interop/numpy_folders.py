@@ -1,0 +1,140 @@
+"""Folders of NumPy arrays, one file per agent and quantity, as OMAR and CFCQL have them. Read only.
+
+Pan et al. 2022, "Plan Better Amid Conservatism" (OMAR), `utils/buffer.py`, and Shao et al. 2023,
+"Counterfactual Conservative Q Learning" (CFCQL), `continuous/utils/buffer.py`: `obs_<i>.npy`,
+`acs_<i>.npy`, `rews_<i>.npy`, `next_obs_<i>.npy`, `dones_<i>.npy` for each agent i, and with
+MuJoCo `states_<i>.npy`, `next_states_<i>.npy`. Either one such folder, or a folder of several,
+such as `seed_0_data` to `seed_4_data`, which become the policies of the dataset. There is one flag,
+`dones`, so the user has to say what the time limit is.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.cutting import Timeline
+from swarmdata.interop.foreign import unnoted
+from swarmdata.interop.formats import Format
+from swarmdata.interop.incoming import Incoming, Shapes, stacked
+from swarmdata.spec import PolicySource
+
+QUANTITIES = ("obs", "acs", "rews", "next_obs", "dones")
+STATES = ("states", "next_states")
+
+Agents = Sequence[Mapping[str, NDArray[Any]]]
+
+
+@contextmanager
+def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+    """Opens a folder, or a folder of folders in the order of their names.
+
+    Raises:
+        ConversionError: files are missing or do not fit together, or the ends are ambiguous.
+    """
+    folders = [source] if (source / "obs_0.npy").exists() else _inner(source)
+    runs = {folder: _agents(folder) for folder in folders}
+    kinds = {folder: _shapes(agents) for folder, agents in runs.items()}
+    shapes = kinds[folders[0]]
+    if any(replace(each, choices=shapes.choices) != shapes for each in kinds.values()):
+        raise ConversionError(f"the folders of {source} have different shapes: {kinds}")
+    shapes = replace(shapes, choices=max(each.choices for each in kinds.values()))
+    timelines = [_timeline(folder, agents) for folder, agents in runs.items()]
+    sources = tuple(PolicySource(label=folder.name, name="external") for folder in folders)
+    yield unnoted(task, shapes, timelines, choices, sources if len(folders) > 1 else None)
+
+
+def _inner(source: Path) -> list[Path]:
+    found = sorted(path.parent for path in source.glob("*/obs_0.npy"))
+    if not found:
+        raise ConversionError(
+            f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
+            f"files {', '.join(f'{name}_<i>.npy' for name in QUANTITIES)}"
+        )
+    return sorted(found, key=lambda path: [int(k) for k in re.findall(r"\d+", path.name)])
+
+
+def _agents(folder: Path) -> Agents:
+    """Memory maps of every agent's arrays."""
+    n_agents = len(list(folder.glob("obs_*.npy")))
+    has_states = (folder / "states_0.npy").exists()
+    names = (*QUANTITIES, *STATES) if has_states else QUANTITIES
+    agents = [{name: _map(folder, name, agent) for name in names} for agent in range(n_agents)]
+    rows = {
+        f"{name}_{k}": len(values)
+        for k, agent in enumerate(agents)
+        for name, values in agent.items()
+    }
+    if len(set(rows.values())) != 1:
+        raise ConversionError(f"{folder} has arrays of different lengths: {rows}")
+    return agents
+
+
+def _map(folder: Path, name: str, agent: int) -> NDArray[Any]:
+    path = folder / f"{name}_{agent}.npy"
+    try:
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except FileNotFoundError as error:
+        raise ConversionError(f"{path} is absent, expected one for each obs_<i>.npy") from error
+    except (ValueError, EOFError) as error:
+        raise ConversionError(f"{path} is not a NumPy file of numbers: {error}") from error
+    if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
+        raise ConversionError(
+            f"{path} has shape {values.shape} and dtype {values.dtype}, expected rows of numbers"
+        )
+    return np.asarray(values)
+
+
+def _shapes(agents: Agents) -> Shapes:
+    is_discrete = all(agent["acs"].dtype.kind in "iu" for agent in agents)
+    return Shapes(
+        observations=tuple(_columns(agent["obs"]) for agent in agents),
+        actions=tuple(_columns(agent["acs"]) for agent in agents),
+        choices=max(int(agent["acs"].max()) for agent in agents) + 1 if is_discrete else 0,
+        states=_columns(agents[0]["states"]) if "states" in agents[0] else 0,
+    )
+
+
+def _columns(values: NDArray[Any]) -> int:
+    return 1 if values.ndim == 1 else int(values.shape[1])
+
+
+def _timeline(folder: Path, agents: Agents) -> Timeline:
+    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+        def joint(name: str) -> NDArray[np.float32]:
+            return stacked([_two(agent[name][window]) for agent in agents])
+
+        found = {
+            "observations": joint("obs"),
+            "next_observations": joint("next_obs"),
+            "actions": joint("acs"),
+            "rewards": joint("rews")[..., 0],
+        }
+        if "states" in agents[0]:  # every agent has the same
+            found["states"] = _two(agents[0]["states"][window]).astype(np.float32)
+            found["next_states"] = _two(agents[0]["next_states"][window]).astype(np.float32)
+        return found
+
+    dones = np.stack([_two(agent["dones"])[:, 0] != 0 for agent in agents], axis=1)
+    return Timeline(str(folder), dones, None, rows, has_next=True)
+
+
+def _two(values: NDArray[Any]) -> NDArray[Any]:
+    return values.reshape(len(values), -1)
+
+
+FORMAT = Format(
+    "numpy",
+    "NumPy folders (OMAR, CFCQL)",
+    kept={},
+    lost={},
+    read=read,
+    write=None,
+)

@@ -1,0 +1,157 @@
+"""Parquet for Hugging Face `datasets`: one row per step, lists of fixed length, a file per split.
+
+A folder with `data/<split>-00000-of-00001.parquet`, `episodes.parquet` and a README.md whose front
+matter names them, so that `datasets.load_dataset(FOLDER)`, the Hub's viewer, DuckDB and pandas read
+it. Rows are in the order of their episodes and steps, columns are named as our arrays are; every
+row also has what its step reached, so rows may be shuffled. Read: such folders, or one file with
+the columns observations, actions, rewards, terminations, truncations, and maybe next_observations,
+states, next_states; nested lists or flat ones.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
+from swarmdata.interop.formats import Format
+from swarmdata.interop.incoming import Incoming
+from swarmdata.interop.note import Note, note_of, parse_note
+from swarmdata.interop.noted import noted
+from swarmdata.interop.parquet_foreign import unnoted_file
+from swarmdata.interop.parquet_rows import Table, arrow
+from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
+from swarmdata.store import SPLITS
+from swarmdata.types import Int
+
+NOTE = "swarmdata.json"
+
+KEPT = {
+    **{name: name for name in TIME_ARRAYS},
+    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
+}
+LOST = {"layout": "it has rows over time only"}
+
+_GROUP_ROWS = 8192
+
+
+def write(dataset: Dataset, path: Path) -> None:
+    """Writes a view as a folder of Parquet files."""
+    (path / "data").mkdir(parents=True)
+    names = [name for name in SPLITS if len(dataset.split(name))]  # type: ignore[arg-type]
+    for name in names:
+        _write_split(dataset.split(name), path / _file(name))  # type: ignore[arg-type]
+    (path / FILE).write_bytes(parquet_bytes(episode_table(dataset)))
+    (path / NOTE).write_text(note_of(dataset).to_json(), encoding="utf-8")
+    configs = [
+        {
+            "config_name": "steps",
+            "default": True,
+            "data_files": [{"split": name, "path": _file(name)} for name in names],
+        },
+        {"config_name": "episodes", "data_files": [{"split": "episodes", "path": FILE}]},
+    ]
+    front = yaml.safe_dump({"pretty_name": dataset.id, "configs": configs}, sort_keys=False)
+    text = (
+        f"---\n{front}---\n\n# {dataset.id}\n\nConverted by swarmdata; digest {dataset.digest}.\n"
+    )
+    (path / "README.md").write_text(text, encoding="utf-8")
+
+
+def _file(split: str) -> str:
+    return f"data/{split}-00000-of-00001.parquet"
+
+
+def _write_split(dataset: Dataset, path: Path) -> None:
+    library = arrow()
+    shapes = row_shapes(dataset)
+    fields = {name: _list_type(shape, dtype) for name, (shape, dtype) in shapes.items()}
+    schema = library.schema({"episode": library.int64(), "step": library.int64(), **fields})
+    lengths = dataset.episodes.lengths
+    episodes = np.repeat(dataset.selection, lengths)
+    steps = np.arange(len(episodes)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    with library.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for first, arrays in blocks(dataset):
+            rows = slice(first, first + len(arrays["actions"]))
+            columns = {name: _column(arrays[name]) for name in shapes}
+            table = {"episode": episodes[rows], "step": steps[rows], **columns}
+            writer.write_table(library.table(table, schema), row_group_size=_GROUP_ROWS)
+
+
+def _list_type(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
+    library = arrow()
+    kind = library.from_numpy_dtype(dtype)
+    for size in reversed(shape):
+        kind = library.list_(kind, size)
+    return kind
+
+
+def _column(values: NDArray[Any]) -> Any:
+    library = arrow()
+    column = library.array(np.ascontiguousarray(values).reshape(-1))
+    for size in reversed(values.shape[1:]):
+        column = library.FixedSizeListArray.from_arrays(column, size)
+    return column
+
+
+@contextmanager
+def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+    """Opens a folder that this library wrote, or one Parquet file of steps.
+
+    Raises:
+        ConversionError: it is neither, lacks columns, or is ambiguous.
+    """
+    note = source / NOTE
+    if source.is_dir() and note.is_file():
+        yield _noted(source, parse_note(note.read_bytes(), note))
+    elif source.is_dir():
+        files = sorted(source.rglob("*.parquet"))
+        if len(files) != 1:
+            raise ConversionError(
+                f"{source} has no {NOTE} of an export and {len(files)} Parquet files, expected "
+                "one with all steps. Convert a single file."
+            )
+        yield unnoted_file(files[0], task, choices)
+    else:
+        yield unnoted_file(source, task, choices)
+
+
+def _noted(source: Path, note: Note) -> Incoming:
+    episodes = note.episodes
+    codes, lengths = np.array(episodes.split), np.array(episodes.lengths)
+    tables = {code: Table.open(source / _file(SPLITS[code])) for code in set(episodes.split)}
+    readers = {code: table.reader(_names(table)) for code, table in tables.items()}
+    starts = np.cumsum(lengths) - lengths
+    inside = _starts_in_split(codes, lengths)
+
+    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+        episode = int(np.searchsorted(starts, window.start, "right")) - 1
+        first = int(inside[episode])
+        return readers[int(codes[episode])](slice(first, first + window.stop - window.start))
+
+    return noted(note, rows, sum(table.n_rows for table in tables.values()), str(source))
+
+
+def _names(table: Table) -> list[str]:
+    """The columns that are arrays of ours."""
+    names = [name for name in TIME_ARRAYS if name in table.columns]
+    return names + [NEXT + name for name in names if name in STATE_ARRAYS]
+
+
+def _starts_in_split(codes: NDArray[Any], lengths: Int) -> Int:
+    """First row of each episode in the file of its split."""
+    starts = np.zeros(len(codes), dtype=np.int64)
+    for code in np.unique(codes):
+        chosen = codes == code
+        starts[chosen] = np.cumsum(lengths[chosen]) - lengths[chosen]
+    return starts
+
+
+FORMAT = Format("parquet", "Parquet (Hugging Face datasets)", KEPT, LOST, read, write)

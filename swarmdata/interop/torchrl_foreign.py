@@ -1,0 +1,187 @@
+"""TensorDicts that TorchRL, BenchMARL or somebody in their style collected."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.ahead import Ahead
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.cutting import Timeline
+from swarmdata.interop.foreign import unnoted
+from swarmdata.interop.incoming import Incoming, Shapes, stacked
+from swarmdata.types import Bool, Int
+
+_TRAJECTORY = ("collector", "traj_ids")
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Agents with tensors in common; `name` is empty for a single agent at the root."""
+
+    name: tuple[str, ...]
+    n_agents: int
+    n_columns: int  # of an observation
+    action_size: int
+
+
+def unnoted_rows(rows: Any, source: Path, task: str, choices: Choices) -> Incoming:
+    """Takes in transitions [n] or [B, T] that this library did not write.
+
+    Raises:
+        ConversionError: keys are missing, or ends are ambiguous.
+    """
+    if rows.batch_dims == 2:
+        rows = rows.reshape(-1) if _TRAJECTORY in _keys(rows) else _with_rows(rows)
+    if rows.batch_dims != 1:
+        raise ConversionError(f"{source} has batch size {tuple(rows.batch_size)}, expected [n]")
+    groups = _groups(rows, source)
+    is_discrete = all(_numpy(rows, (*g.name, "action"), 1).dtype.kind in "iu" for g in groups)
+    order, terminals, truncations = _ends(rows, groups, source, choices)
+    read = Ahead(_reader(rows, groups, order), len(order), _row_bytes(groups))
+    timeline = Timeline(str(source), terminals, truncations, read, has_next=True)
+    shapes = Shapes(
+        observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
+        actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
+        choices=_greatest(rows, groups) + 1 if is_discrete else 0,
+        states=rows["state"].shape[1:].numel() if ("state",) in _keys(rows) else 0,
+    )
+    return unnoted(task, shapes, [timeline], choices)
+
+
+def _with_rows(rows: Any) -> Any:
+    """Flattens [B, T], naming each of the B rows as a trajectory of its own."""
+    import torch  # noqa: PLC0415  (an extra)
+
+    n_rows, n_steps = rows.batch_size
+    flat = rows.reshape(-1)
+    flat[_TRAJECTORY] = torch.arange(n_rows).repeat_interleave(n_steps)
+    return flat
+
+
+def _keys(rows: Any) -> set[tuple[str, ...]]:
+    found = rows.keys(include_nested=True, leaves_only=True)
+    return {key if isinstance(key, tuple) else (key,) for key in found}
+
+
+def _numpy(rows: Any, key: tuple[str, ...], n: int | None = None) -> NDArray[Any]:
+    values: NDArray[Any] = rows[key][:n].numpy()
+    return values
+
+
+def _groups(rows: Any, source: Path) -> list[_Group]:
+    """Groups with observations and actions, in the order of their names; or a single agent."""
+    keys = _keys(rows)
+    names = sorted({key[:-1] for key in keys if key[-1] == "action" and key[0] != "next"})
+    if not names:
+        raise ConversionError(
+            f"{source} has keys {sorted(keys)}, expected for example ('agents', 'action')"
+        )
+    groups = []
+    for name in names:
+        needed = [(*name, "observation"), ("next", *name, "observation")]
+        absent = [key for key in needed if key not in keys]
+        if absent:
+            raise ConversionError(f"{source} lacks the keys {absent} of group {name}")
+        observation, action = rows[(*name, "observation")], rows[(*name, "action")]
+        n_agents = observation.shape[1] if name else 1
+        groups.append(
+            _Group(
+                name=name,
+                n_agents=n_agents,
+                n_columns=observation.shape[1:].numel() // n_agents,
+                action_size=action.shape[1:].numel() // n_agents,
+            )
+        )
+    return groups
+
+
+def _row_bytes(groups: Sequence[_Group]) -> int:
+    return sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
+
+
+def _greatest(rows: Any, groups: Sequence[_Group]) -> int:
+    return max(int(rows[(*group.name, "action")].max()) for group in groups)
+
+
+def _flags(rows: Any, groups: Sequence[_Group], name: str) -> Bool | None:
+    """Whose episode ended so in each row, [n, N]; the team's flag counts for every agent."""
+    columns = []
+    for group in groups:
+        keys = [("next", *group.name, name), ("next", name)]
+        key = next((key for key in keys if key in _keys(rows)), None)
+        if key is None:
+            return None
+        values = _numpy(rows, key).reshape(len(rows), -1) != 0
+        columns.append(np.broadcast_to(values, (len(rows), group.n_agents)))
+    return np.concatenate(columns, axis=1)
+
+
+def _ends(
+    rows: Any, groups: Sequence[_Group], source: Path, choices: Choices
+) -> tuple[Int, Bool, Bool | None]:
+    """The rows trajectory by trajectory, and their flags in that order."""
+    terminals = _flags(rows, groups, "terminated")
+    truncations = _flags(rows, groups, "truncated")
+    if terminals is None:
+        terminals, truncations = _flags(rows, groups, "done"), None
+    if terminals is None:
+        raise ConversionError(f"{source} has neither ('next', 'terminated') nor ('next', 'done')")
+    if _TRAJECTORY not in _keys(rows):
+        return np.arange(len(rows)), terminals, truncations
+    ids = _numpy(rows, _TRAJECTORY).reshape(-1)
+    order = np.argsort(ids, kind="stable")
+    ended = terminals if truncations is None else terminals | truncations
+    last = np.append(ids[order][1:] != ids[order][:-1], True)
+    open_ends = order[last & ~ended[order].all(axis=1)]
+    if len(open_ends) and choices.unfinished is None:
+        raise ConversionError(
+            f"{source} has {len(open_ends)} trajectories without an end, such as number "
+            f"{ids[open_ends[0]]}. Pass unfinished='truncate' to keep them as truncated episodes, "
+            "or unfinished='drop' to leave them out."
+        )
+    if choices.unfinished == "drop":
+        order = order[~np.isin(ids[order], ids[open_ends])]
+    elif len(open_ends):
+        truncations = np.zeros_like(terminals) if truncations is None else truncations.copy()
+        truncations[open_ends] = True
+    return order, terminals[order], None if truncations is None else truncations[order]
+
+
+def _reader(rows: Any, groups: Sequence[_Group], order: Int) -> Any:
+    keys = _keys(rows)
+    sizes = {g.name: (g.n_agents, g.n_columns, g.action_size) for g in groups}
+
+    def read(window: slice) -> Mapping[str, NDArray[Any]]:
+        index = order[window]
+
+        def joint(prefix: tuple[str, ...], name: str, last: int) -> NDArray[np.float32]:
+            agents = []
+            for group, size in sizes.items():
+                key = (*prefix, *group, name)
+                key = key if key in keys else (*prefix, name)  # one reward for the team
+                values = rows[key][index].numpy()
+                columns = size[last] if last else 1
+                values = values.reshape(len(index), -1, columns)
+                agents += list(
+                    np.broadcast_to(values, (len(index), size[0], columns)).swapaxes(0, 1)
+                )
+            return stacked(agents)
+
+        found = {
+            "observations": joint((), "observation", 1),
+            "next_observations": joint(("next",), "observation", 1),
+            "actions": joint((), "action", 2),
+            "rewards": joint(("next",), "reward", 0)[..., 0],
+        }
+        if {("state",), ("next", "state")} <= keys:
+            for name, key in (("states", ("state",)), ("next_states", ("next", "state"))):
+                values = rows[key][index].numpy()
+                found[name] = values.reshape(len(index), -1).astype(np.float32)
+        return found
+
+    return read

@@ -1,0 +1,84 @@
+"""The episode table as Parquet, one row per episode, for viewers, SQL and data frames."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import MissingExtraError
+from swarmdata.store import SPLITS, write_file
+from swarmdata.types import END_REASONS
+
+FILE = "episodes.parquet"
+"""The table of all episodes, beside the dataset's files."""
+
+COLUMNS = {
+    "episode": "number in stored order",
+    "start": "first row in the arrays with one row per step",
+    "length": "joint steps",
+    "seed": "of the episode",
+    "split": "train, validation or test",
+    "end_reason": "success, failure, horizon (cut), or ended (not told)",
+    "policy": "label of the behavior policy",
+    "policy_episode": "number in that policy's stream",
+    "team_return": "undiscounted sum of the mean reward over agents",
+    "success": "whether the task was solved",
+    "robot_collisions": "contacts between robots that began",
+    "obstacle_collisions": "contacts with obstacles or walls that began",
+}
+"""What each column says."""
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow  # noqa: PLC0415  (an extra)
+        import pyarrow.parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingExtraError("pyarrow", "parquet", "the Parquet episode table") from error
+    return pyarrow
+
+
+def episode_table(dataset: Dataset) -> Any:
+    """The episodes of a view as a `pyarrow.Table` with `COLUMNS`.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
+    table = dataset.episodes
+    labels = np.array([source.label for source in dataset.recipe.policies], dtype=object)
+    columns = {
+        "episode": dataset.selection,
+        "start": table.starts,
+        "length": table.lengths,
+        "seed": table.seeds,
+        "split": np.array(SPLITS, dtype=object)[table.split],
+        "end_reason": np.array(END_REASONS, dtype=object)[table.end_reason],
+        "policy": labels[table.policy],
+        "policy_episode": table.policy_episode,
+        "team_return": table.team_return,
+        "success": table.success,
+        "robot_collisions": table.robot_collisions,
+        "obstacle_collisions": table.obstacle_collisions,
+    }
+    return _arrow().table(columns)
+
+
+def parquet_bytes(table: Any) -> bytes:
+    """A `pyarrow.Table` as the bytes of a Parquet file."""
+    buffer = io.BytesIO()
+    _arrow().parquet.write_table(table, buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def write_episode_parquet(folder: Path) -> Path:
+    """Writes `episodes.parquet` beside a dataset's files, which stay as they are.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+        DatasetError: the dataset cannot be used.
+    """
+    path = folder / FILE
+    write_file(path, parquet_bytes(episode_table(Dataset.open(folder))))
+    return path

@@ -1,0 +1,78 @@
+"""The interface of a remote, and a release, one published dataset on it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Release:
+    """One published (id, version) somewhere.
+
+    Attributes:
+        id: with its version, such as `coop_nav-medium-v0`.
+        address: of exactly these files: `hf://org/coop_nav-medium@<commit>`, or the folder
+            `s3://bucket/prefix/coop_nav-medium-v0`.
+    """
+
+    id: str
+    address: str
+
+
+class Remote(Protocol):
+    """Datasets in one place; may be used from several threads at once."""
+
+    address: str
+    """Such as `hf://org`, `s3://bucket/prefix`, `file:///folder`, `https://host/folder`."""
+
+    def find(self, dataset_id: str) -> Release | None:
+        """Looks for an exact, versioned id; None: it is not there.
+
+        Raises:
+            HubError: the remote could not be asked.
+        """
+        ...
+
+    def ids(self) -> tuple[str, ...]:
+        """Every id there, sorted.
+
+        Raises:
+            HubError: the remote could not be asked.
+        """
+        ...
+
+    def read(self, release: Release, file: str, out: Path, size: int) -> None:
+        """Writes one file of a release to `out`, whose folder exists.
+
+        Nothing is at `out` until all of it has arrived. What was left of an earlier attempt may
+        be used, so the caller checks the content.
+
+        Args:
+            release: from `find` of the same remote.
+            file: its path in the dataset's folder.
+            out: where to.
+            size: most bytes to take, those of the manifest where it lists the file.
+
+        Raises:
+            AbsentFileError: the release has no such file.
+            HubError: it could not be had, or is larger.
+        """
+        ...
+
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
+        """Makes a finished dataset visible, all of it or nothing.
+
+        Publishing the same files again changes nothing and returns what is there.
+
+        Args:
+            folder: the dataset's.
+            dataset_id: its id.
+            beside: a folder of more files to publish with it, which nobody needs to load it: the
+                Hub's README.md, episode tables, Croissant.
+
+        Raises:
+            VersionTakenError: another dataset has this id there.
+            ConflictError: someone else published to the same place meanwhile.
+            HubError: the remote could not be asked, or is read only.
+        """
+        ...

@@ -1,0 +1,41 @@
+"""Pushing a dataset: through the gate, then to a remote, all of it or nothing."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from swarmdata.errors import GateError
+from swarmdata.remotes.interface import Release, Remote
+from swarmdata.store.manifest import read_manifest
+
+
+def push(
+    folder: Path,
+    remote: Remote,
+    gate: Callable[[Path], Sequence[str]],
+    beside: Path | None = None,
+) -> Release:
+    """Publishes a finished dataset and returns where it is.
+
+    A published version never changes. After an interruption, push again: nothing was visible, and
+    what the remote has received already is not sent twice where it can tell.
+
+    Args:
+        folder: the dataset's.
+        remote: where to.
+        gate: returns the reasons against publishing, none if it may be.
+        beside: a folder of more files to publish with it; see `Remote.publish`.
+
+    Raises:
+        GateError: there are reasons; the message lists all of them.
+        VersionTakenError: another dataset has this id and version there.
+        ConflictError: someone else published to the same place meanwhile.
+        HubError: the remote could not be asked, or is read only.
+        DatasetError: the manifest cannot be read.
+    """
+    reasons = tuple(gate(folder))
+    if reasons:
+        listed = "".join(f"\n- {reason}" for reason in reasons)
+        raise GateError(
+            f"{folder} may not be published to {remote.address}. Nothing was sent:{listed}"
+        )
+    return remote.publish(folder, read_manifest(folder).id, beside)

@@ -1,0 +1,142 @@
+"""All that is wrong with a stored dataset: each broken file, its first bad chunk with its rows."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import xxhash
+
+from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
+from swarmdata.store.layout import MANIFEST, Shard, array_file
+from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
+from swarmdata.store.reading import check_listing, links_in, open_store
+from swarmdata.store.shards import file_digest
+from swarmdata.store.verification import logical_digest, map_shard
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """One broken file.
+
+    Of an array's file, the first bad chunk is named where one is; a damaged shard index is no
+    chunk's.
+    """
+
+    file: str  # relative to the dataset's folder
+    problem: str  # in words
+    array: str | None = None
+    chunk: int | None = None  # the first bad one
+    rows: tuple[int, int] | None = None  # of that chunk, both included
+
+    def __str__(self) -> str:
+        """One line, without the folder."""
+        return f"{self.file}: {self.problem}"
+
+
+def find_damage(path: Path) -> tuple[Damage, ...]:
+    """Reads every byte of a dataset and lists every broken file.
+
+    Without a sound manifest there is nothing to hold the other files against, so only the manifest
+    is listed. The card is in no digest and is not looked at.
+
+    Args:
+        path: the dataset's folder.
+
+    Returns:
+        Damage in the order of the file names, empty if all is well.
+
+    Raises:
+        DatasetNotFoundError: there is no such folder.
+        FormatVersionError: written by a newer version; that is no damage.
+    """
+    if not path.is_dir():
+        raise DatasetNotFoundError(f"there is no dataset folder at {path}")
+    links = set(links_in(path))
+    damage = [Damage(link, "is a symbolic link, expected a plain file or folder") for link in links]
+    if MANIFEST not in links:
+        damage += _contents(path, links)
+    return tuple(sorted(damage, key=lambda each: each.file))
+
+
+def _contents(path: Path, links: set[str]) -> list[Damage]:
+    """What is wrong with the manifest, else with the files that it lists."""
+    try:
+        manifest = read_manifest(path)
+        check_listing(path, manifest)
+    except FormatVersionError:
+        raise
+    except DatasetError as error:
+        return [Damage(MANIFEST, without_hint(str(error), path))]
+    plain = [file for file in sorted(manifest.files) if not _is_below(file, links)]
+    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
+        found = pool.map(lambda file: _of_file(path, manifest, file), plain)
+        damage = [each for each in found if each is not None]
+    return damage if damage or links else _contradictions(path, manifest)
+
+
+def _is_below(file: str, links: set[str]) -> bool:
+    """Whether a file is a link or in a linked folder, and so not to be read."""
+    return any(file == link or file.startswith(f"{link}/") for link in links)
+
+
+def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:
+    """Compares one file with its entry."""
+    expected, target = manifest.files[file], path / file
+    try:
+        if not target.is_file():
+            return Damage(file, "is absent")
+        size = target.stat().st_size
+        if size == expected.size and file_digest(target) == expected.sha256:
+            return None
+        cut = "" if size == expected.size else f"has {size:,} bytes, expected {expected.size:,}"
+        for name, entry in manifest.arrays.items():
+            if file == array_file(name, len(entry.shape)):
+                return _of_array(target, file, name, entry, cut)
+        return Damage(file, cut or "was changed: its SHA-256 is not the one in the manifest")
+    except OSError as error:  # such as a bad sector: the file is lost, the others are looked at
+        return Damage(file, f"cannot be read: {error.strerror or error}")
+
+
+def _of_array(target: Path, file: str, name: str, entry: ArrayEntry, cut: str) -> Damage:
+    """Finds the bad chunks of an array's file that does not have its SHA-256."""
+    bad = _bad_chunks(target, entry)
+    if not bad:
+        return Damage(file, cut or "was changed in the shard index at its end", name)
+    first = bad[0]
+    rows = rows_of(entry.shard, first)
+    problem = (
+        f"{cut or 'was changed'}: {len(bad)} of {entry.shard.n_chunks} chunks are bad, the first "
+        f"is chunk {first} (rows {rows[0]} to {rows[1]} of {name!r})"
+    )
+    return Damage(file, problem, name, first, rows)
+
+
+def _bad_chunks(target: Path, entry: ArrayEntry) -> list[int]:
+    """Indices of the chunks that do not have their checksums, in order; one in memory at a time."""
+    with target.open("rb") as stream:
+        return [
+            index
+            for index, checksum in enumerate(entry.checksums)
+            if xxhash.xxh3_64_hexdigest(stream.read(entry.shard.chunk_bytes)) != checksum
+        ]
+
+
+def rows_of(shard: Shard, chunk: int) -> tuple[int, int]:
+    """First and last row of a chunk; the last chunk may be padded."""
+    first = chunk * shard.chunk_rows
+    return first, min(first + shard.chunk_rows, shard.shape[0]) - 1
+
+
+def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:
+    """Sound files that contradict each other, as only whoever signs a manifest can make them."""
+    try:
+        open_store(path, "none")
+    except DatasetError as error:
+        return [Damage(MANIFEST, without_hint(str(error), path))]
+    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
+    digest = logical_digest(manifest, raw)
+    if digest != manifest.digest:
+        problem = f"says the logical digest {manifest.digest}, the arrays have {digest}"
+        return [Damage(MANIFEST, problem)]
+    return []

@@ -1,0 +1,188 @@
+"""Kills a writer before its k-th change of the disk, for one k after another, and looks after each.
+
+    python -m tests.faults.kill_points OPERATION FOLDER STRIDE
+
+Prints one JSON object: how many changes the operation makes, and how many kills it survived. A
+child is forked for each k; an audit hook counts what it opens for writing, makes, renames and
+removes, and kills it. The parent then checks that nothing half-made is visible, does the operation
+again in another child, and compares every byte with that of an undisturbed one.
+"""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata import recipes
+from swarmdata.recipes import build_folder, finish
+from swarmdata.repairing import repair
+from swarmdata.resolving import obtain
+from swarmdata.store import open_store
+from tests.one_process import use_one_process
+from tests.tiny import TINY, Shelf, flip, make_tiny
+
+CHANGES = frozenset({"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate"})
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Something that changes the disk below a folder."""
+
+    prepare: Callable[[Path], None]
+    run: Callable[[Path], None]
+    check: Callable[[Path], None]  # after a kill, before it is run again
+
+
+def is_change(event: str, arguments: tuple[Any, ...]) -> bool:
+    """Whether an audit event is about to change the disk."""
+    if event != "open":
+        return event in CHANGES
+    return bool(arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
+
+
+def forked(work: Callable[[], None]) -> int:
+    """Runs something in a child and returns how it ended; standard error is left alone."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        except BaseException as error:
+            sys.stderr.write(f"{type(error).__name__}: {error}\n")
+            os._exit(1)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def killed_at(k: int, work: Callable[[], None]) -> bool:
+    """Runs something and kills it before its k-th change; False: it ended before."""
+    left = k
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        nonlocal left
+        if is_change(event, arguments):
+            left -= 1
+            if left < 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def run() -> None:
+        sys.addaudithook(hook)
+        work()
+
+    code = forked(run)
+    assert code in (0, -signal.SIGKILL), f"change {k}: the operation failed"
+    return code != 0
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, lock files excepted."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in files
+        if not path.name.endswith((".lock", ".owner"))
+    }
+
+
+def whole_or_absent(root: Path) -> None:
+    """What can be seen of a new dataset can be used."""
+    if (root / TINY.id).exists():
+        open_store(root / TINY.id, "full")
+
+
+def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
+    """Returns the number of changes, and how many of the kills were survived: all, or it raises."""
+    reference = root / "reference"
+    operation.prepare(reference)
+    assert forked(lambda: operation.run(reference)) == 0
+    expected = content(reference)
+    for k, n_kills in zip(range(0, 10**6, stride), range(10**6), strict=False):
+        place = root / f"kill-{k}"
+        operation.prepare(place)
+        if not killed_at(k, lambda place=place: operation.run(place)):  # type: ignore[misc]
+            return k, n_kills
+        operation.check(place)
+        assert forked(lambda place=place: operation.run(place)) == 0, k  # type: ignore[misc]
+        found = content(place)
+        assert found == expected, (k, sorted(found.keys() ^ expected.keys()))
+        shutil.rmtree(place)
+    raise AssertionError("the operation never ends")
+
+
+def operations(root: Path) -> dict[str, Operation]:
+    """Publishing a built dataset, repairing one, and fetching one."""
+    use_one_process(pytest.MonkeyPatch())
+    parts = make_parts(root / "parts")
+    dataset = make_tiny(root / "source" / TINY.id)
+    shelf = Shelf(root / "shelf", dataset)
+
+    def with_parts(place: Path) -> None:
+        place.mkdir()
+        shutil.copytree(parts, build_folder(place / TINY.id))
+
+    def damaged(place: Path) -> None:
+        shutil.copytree(dataset, place / TINY.id)
+        flip(place / TINY.id / "data.zarr/states/c.0.0", 30)
+        flip(place / TINY.id / "data.zarr/actions/c.0.0.0", 30)
+        (place / TINY.id / "card.md").unlink()
+
+    def others_are_whole(place: Path) -> None:
+        for name, found in content(place / TINY.id).items():
+            if name.endswith(("states/c.0.0", "actions/c.0.0.0", "card.md")):
+                continue
+            if ".tmp-" not in name:
+                assert found == (dataset / name).read_bytes(), name
+
+    return {
+        "publish": Operation(
+            with_parts, lambda place: finish(TINY, place / TINY.id, progress=False), whole_or_absent
+        ),
+        "repair": Operation(
+            damaged,
+            lambda place: _ignore(repair(place / TINY.id, remotes=[shelf.address], progress=False)),
+            others_are_whole,
+        ),
+        "fetch": Operation(
+            Path.mkdir,
+            lambda place: _ignore(
+                obtain(TINY, place / TINY.id, remotes=[shelf.address], progress=False)
+            ),
+            whole_or_absent,
+        ),
+    }
+
+
+def make_parts(folder: Path) -> Path:
+    """The finished parts of the tiny dataset."""
+    folder.mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recipes, "assemble", _stop)
+        with pytest.raises(InterruptedError):
+            make_tiny(folder / TINY.id)
+    return build_folder(folder / TINY.id)
+
+
+def _stop(*arguments: object, **options: object) -> Any:
+    raise InterruptedError
+
+
+def _ignore(result: object) -> None:
+    """Operations return nothing."""
+
+
+def main() -> None:
+    name, folder, stride = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+    warnings.simplefilter("error")
+    n_changes, n_kills = survived(operations(folder)[name], folder, stride)
+    print(json.dumps({"operation": name, "changes": n_changes, "kills": n_kills}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Loads the tiny dataset as any program would, and notes each build; for tests of many processes.
+
+    python -m tests.faults.load_one NOTES [hold]
+
+Every process that begins a build appends its id to the file NOTES. With `hold` it then waits, and
+does nothing until it is killed.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import swarmdata
+from swarmdata import catalog, recipes
+from swarmdata.spec import Recipe
+from tests.one_process import use_one_process
+from tests.tiny import TINY
+
+
+def main() -> None:
+    notes, holds = Path(sys.argv[1]), sys.argv[2:] == ["hold"]
+    make = recipes._make
+
+    def noted(recipe: Recipe, *arguments: object) -> None:
+        with notes.open("a") as file:
+            file.write(f"{os.getpid()}\n")
+        while holds:
+            time.sleep(0.05)
+        make(recipe, *arguments)  # type: ignore[arg-type]
+
+    patch = pytest.MonkeyPatch()
+    use_one_process(patch)
+    patch.setattr(recipes, "_make", noted)
+    patch.setattr(catalog, "find_recipe", lambda name: TINY)
+    dataset = swarmdata.load("coop_nav-tiny")
+    print(dataset.digest, dataset.source)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""Disks that are full, read-only, or have strange names: clean errors, and nothing half-written."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata.catalog import load
+from swarmdata.dataset import Dataset
+from swarmdata.errors import BuildError
+from swarmdata.recipes import build
+from swarmdata.repairing import examine, repair
+from swarmdata.store import read_manifest
+from tests.one_process import use_one_process
+from tests.tiny import TINY, flip, make_tiny
+
+ROOT = Path(__file__).parents[2]
+NAMESPACE = ["unshare", "--user", "--map-root-user", "--mount"]
+
+
+def has_namespaces() -> bool:
+    """Whether this machine lets a test mount something that nobody else sees."""
+    if shutil.which("unshare") is None:
+        return False
+    command = [*NAMESPACE, "mount", "-t", "tmpfs", "none", "/mnt"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+own_mounts = pytest.mark.skipif(
+    not has_namespaces(), reason="needs `unshare --user --mount`, which this machine refuses"
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_process() -> Iterator[None]:
+    """Everything is built in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return read_manifest(make_tiny(tmp_path_factory.mktemp("digest") / "d")).digest
+
+
+def in_namespace(trouble: str, folder: Path) -> dict[str, Any]:
+    found = subprocess.run(
+        [*NAMESPACE, sys.executable, "-m", "tests.faults.disk_trouble", trouble, str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])},
+    )
+    assert found.returncode == 0, found.stderr
+    result: dict[str, Any] = json.loads(found.stdout.splitlines()[-1])
+    return result
+
+
+@own_mounts
+def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: str) -> None:
+    """Row 07: in a part, and while the dataset is put together."""
+    found = in_namespace("full", tmp_path)
+
+    assert found["part"].startswith("DiskFullError: no space is left in")
+    assert "MB of it were written" in found["part"]
+    assert "Make room and run the same again" in found["part"]
+    assert found["left"] == [[".d.lock", "d.build"], ["recipe.json"]]
+    assert found["assembly"].startswith("DiskFullError")
+    assert found["left after assembly"] == [".d.lock", "d.build", "someone elses"]
+    assert found["made again"] == [], "finished parts are kept"
+    assert (found["digest"], found["damage"]) == (digest, [])
+    assert found["at the end"] == [".d.lock", "d"]
+
+
+@own_mounts
+def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> None:
+    """Row 27: without locks and writes; with a home and a package that are read-only as well."""
+    found = in_namespace("read_only", tmp_path)
+
+    assert found["digests"] == [digest, digest]
+    assert (found["source"], found["damage"]) == ("cache", [])
+    assert found["uncached"].startswith("BuildError: coop_nav-random-mini-v0 cannot be made")
+    assert "Read-only file system. Set SWARMDATA_CACHE" in found["uncached"]
+    fresh = found["without a place for kernels"]
+    assert fresh.startswith("0 <function load"), fresh
+    assert "set NUMBA_CACHE_DIR" in fresh
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["with spaces", "ünï-çødé 群", "[a]*?{b}", "'quoted\"", "n" * 200],
+    ids=["spaces", "unicode", "patterns", "quotes", "long"],
+)
+def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
+    """Row 31: a dataset may be anywhere."""
+    (tmp_path / name / f".tmp-{name}-{'0' * 32}").mkdir(parents=True)
+    folder = make_tiny(tmp_path / name / name)
+    assert load(folder, verify="full").digest == digest
+    assert {path.name for path in folder.parent.iterdir()} == {name, f".{name}.lock"}
+    flip(folder / "data.zarr" / "states" / "c.0.0", 9)
+    repair(folder, progress=False)
+    assert examine(folder) == ()
+
+
+def test_a_long_and_a_relative_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, digest: str
+) -> None:
+    """Row 31: nested as deep as the system allows, and from where one stands."""
+    deep = tmp_path
+    while len(str(deep)) < 3700:
+        deep = deep / ("d" * 100)
+    assert Dataset.open(make_tiny(deep / "d"), "full").digest == digest
+    monkeypatch.chdir(tmp_path)
+    assert load(make_tiny(Path("here"))).path == Path("here")
+    assert examine(Path("here")) == ()
+
+
+def test_a_folder_whose_name_is_no_text(tmp_path: Path, digest: str) -> None:
+    """Row 31: bytes that are not UTF-8; such folders come from old archives."""
+    folder = tmp_path / os.fsdecode(b"\xe9t\xe9") / "d"
+    assert load(make_tiny(folder), verify="full").digest == digest
+    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()"
+    found = subprocess.run(
+        [sys.executable, "-c", script, "verify", os.fsencode(folder)],
+        capture_output=True, check=False,
+        env={**os.environ, "PYTHONUTF8": "1"},
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
+    assert b"every file is as it was written" in found.stdout
+
+
+def test_a_name_that_is_too_long_is_one_error(tmp_path: Path) -> None:
+    """Row 31: the system's limit is 255 bytes for one name, temporary names included."""
+    with pytest.raises(BuildError, match="File name too long"):
+        build(TINY, tmp_path / ("n" * 255), progress=False)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,141 @@
+"""Machines without a network, and files of other versions of this package and of the physics."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmdata.cards.schema import changed_versions
+from swarmdata.dataset import Dataset
+from swarmdata.errors import FormatVersionError
+from swarmdata.registry import make_env
+from swarmdata.repairing import examine
+from swarmdata.replaying import replay
+from swarmdata.spec import TaskSpec
+from swarmdata.store import find_damage
+from tests.tiny import sign
+
+ROOT = Path(__file__).parents[2]
+NO_NETWORK = ["unshare", "--user", "--map-root-user", "--net"]
+GOLDEN = ROOT / "tests" / "golden" / "format_1.zip"
+"""A dataset of format 1 as it was first written; it is never written again."""
+
+SCRIPT = """
+import sys; sys.path[:] = {path!r}
+import socket, warnings
+asked = []
+def refuse(*arguments, **options):
+    asked.append(arguments)
+    raise OSError("no network in this test")
+if {patched!r}:
+    socket.socket.connect = socket.getaddrinfo = socket.create_connection = refuse
+import swarmdata
+from swarmdata.errors import SwarmdataError
+for name in sys.argv[1:]:
+    try:
+        print(swarmdata.load(name, progress=False).source)
+    except SwarmdataError as error:
+        print(type(error).__name__, error)
+print(len(asked), "requests")
+"""
+
+
+def has_networks() -> bool:
+    """Whether a test may run in a network of its own, which has no way out."""
+    if shutil.which("unshare") is None:
+        return False
+    return subprocess.run([*NO_NETWORK, "true"], capture_output=True, check=False).returncode == 0
+
+
+def load_without_network(*names: str, **variables: str) -> list[str]:
+    """Runs `load` where nothing can be reached: in an empty network, or with sockets refused."""
+    isolated = has_networks()
+    script = SCRIPT.format(path=sys.path, patched=not isolated)
+    found = subprocess.run(
+        [*(NO_NETWORK if isolated else []), sys.executable, "-c", script, *names],
+        capture_output=True, text=True, check=False, timeout=120,
+        env={**os.environ, "SWARMDATA_REMOTES": "hf://swarmdata-test", **variables},
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
+    return found.stdout.splitlines()
+
+
+@pytest.mark.parametrize("variable", ["HF_HUB_OFFLINE", "SWARMDATA_OFFLINE"])
+def test_offline_a_warm_cache_works_and_a_cold_one_says_what_to_run(
+    cache_folder: Path, record: Callable[..., Path], variable: str
+) -> None:
+    """Row 28: without a single request."""
+    place = cache_folder / "datasets" / "coop_nav-small-v0"
+    place.parent.mkdir()
+    record(place, TaskSpec(horizon=20), ("random",))
+    warm, also, cold, address, asked = load_without_network(
+        "coop_nav-small", "coop_nav-small-v0", "lab-nowhere", "hf://lab/run@v1", **{variable: "1"}
+    )
+    assert (warm, also, asked) == ("cache", "cache", "0 requests")
+    assert cold.startswith("UnknownNameError")
+    assert "swarmdata pull lab-nowhere --from hf://" in cold
+    assert address.startswith("DatasetNotFoundError")
+    assert "swarmdata pull hf://lab/run@v1" in address
+
+
+def test_a_pinned_dataset_in_the_cache_needs_no_network(
+    cache_folder: Path, record: Callable[..., Path]
+) -> None:
+    """Row 28: also where nobody said that there is none."""
+    record(cache_folder / "datasets" / "coop_nav-small-v0", TaskSpec(horizon=20), ("random",))
+    assert load_without_network("coop_nav-small-v0") == ["cache", "0 requests"]
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    with zipfile.ZipFile(GOLDEN) as archive:
+        archive.extractall(tmp_path / "old")
+    return tmp_path / "old"
+
+
+def test_a_dataset_of_the_first_format_is_read(old: Path) -> None:
+    """Row 29: every byte and both digests, whatever has been added since."""
+    dataset = Dataset.open(old, "full")
+    assert dataset.digest == "82e55ab1d6ee776ac08e6ab8e8631b783cb20c638668f376c18685144c9772db"
+    assert (dataset.id, dataset.n_steps, len(dataset)) == ("coop_nav-tiny-v0", 80, 2)
+    assert find_damage(old) == ()
+
+
+def test_a_newer_format_says_upgrade_and_is_no_damage(old: Path) -> None:
+    """Row 29: nothing is repaired that is only newer."""
+    manifest = json.loads((old / "manifest.json").read_bytes())
+    sign(old, {**manifest, "format_version": 2, "arrays": {"a": "new form"}})
+    for work in (Dataset.open, examine):
+        with pytest.raises(FormatVersionError, match="pip install --upgrade swarmdata"):
+            work(old)
+
+
+def test_a_world_that_has_drifted_shows_in_a_replay(
+    tmp_path: Path, record: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 30: a physics step that is different in the last bit."""
+    from swarmdata import replaying
+
+    dataset = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("straight",)))
+    assert replay(dataset, 3) == ()
+    changed = dataset.task.with_updates(physics_dt=0.025)
+    monkeypatch.setattr(replaying, "make_env", lambda spec, n: make_env(changed, n))
+    drifts = replay(dataset, 3)
+    assert len(drifts) == 3
+    assert all("simulated here with the same versions" in str(each) for each in drifts)
+
+
+def test_versions_that_differ_are_named(tmp_path: Path, record: Callable[..., Path]) -> None:
+    """Row 30: the manifest says what the dataset was made with."""
+    made = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("random",)))
+    provenance = made.stored.manifest.provenance
+    assert {"pymunk", "numba", "numpy", "zarr", "python", "platform"} <= set(provenance)
+    assert changed_versions(provenance, {**provenance, "pymunk": "9"}) == (
+        f"pymunk 9 instead of {provenance['pymunk']}",
+    )

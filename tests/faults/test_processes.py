@@ -1,0 +1,175 @@
+"""Kills at any moment and many processes at once: nothing lost, nothing half-visible, one build."""
+
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ChecksumError
+from swarmdata.locking import locked
+from swarmdata.spec import TaskSpec
+
+ROOT = Path(__file__).parents[2]
+
+
+def start(*arguments: str | Path) -> "subprocess.Popen[str]":
+    """Starts one of the modules beside this file."""
+    module, *rest = map(str, arguments)
+    return subprocess.Popen(
+        [sys.executable, "-m", f"tests.faults.{module}", *rest],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])},
+    )
+
+
+def wait_for(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, "nothing happened for two minutes"
+        time.sleep(0.02)
+
+
+def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
+    process = start("kill_points", operation, folder, str(stride))
+    out, err = process.communicate(timeout=1200)
+    assert process.returncode == 0, err
+    found: dict[str, int] = json.loads(out.splitlines()[-1])
+    return found
+
+
+def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> None:
+    """Row 02: a few of the moments of publishing; the slow test takes more, and of more."""
+    found = kill_points("publish", tmp_path, 90)
+    assert found["kills"] >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("operation", "stride"), [("publish", 5), ("repair", 1), ("fetch", 4)])
+def test_kills_before_many_changes_of_the_disk_are_survived(
+    tmp_path: Path, operation: str, stride: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Row 02: what is visible is whole, and running again gives every byte."""
+    found = kill_points(operation, tmp_path, stride)
+    with capsys.disabled():
+        print(f"\n{operation}: {found['kills']} kills survived, {found['changes']} changes")
+    assert found["kills"] >= 30
+
+
+def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
+    """Row 26: who waits says for whom, and goes on at once when that one is killed."""
+    notes = tmp_path / "builds"
+    holder = start("load_one", notes, "hold")
+    wait_for(notes.exists, holder)
+    second = start("load_one", notes)
+    assert second.stderr is not None
+    message = second.stderr.readline()
+    holder.send_signal(signal.SIGKILL)
+    holder.communicate()
+    out, err = second.communicate(timeout=120)
+
+    assert f"in use by process {holder.pid} on" in message
+    assert second.returncode == 0, err
+    assert out.split()[1] == "rebuilt"
+    assert len(notes.read_text().split()) == 2, "the killed one had begun as well"
+    assert not list(cache_folder.rglob("*.owner"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_processes", [2, 8])
+def test_processes_that_load_one_uncached_id_make_one_build(
+    tmp_path: Path, n_processes: int
+) -> None:
+    """Rows 05, 26: one builds, the others wait; all have the same digest."""
+    notes = tmp_path / "builds"
+    processes = [start("load_one", notes) for _ in range(n_processes)]
+    results = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0] * n_processes, results
+    lines = [out.split() for out, _ in results]
+    assert len({digest for digest, _ in lines}) == 1
+    assert sorted(source for _, source in lines) == ["cache"] * (n_processes - 1) + ["rebuilt"]
+    assert len(notes.read_text().split()) == 1
+
+
+def test_a_free_lock_leaves_no_owner(tmp_path: Path) -> None:
+    """Row 05: and an error inside releases it."""
+
+    def fail() -> None:
+        with locked(tmp_path / "d"):
+            assert (tmp_path / ".d.owner").read_text().startswith(f"process {os.getpid()} on ")
+            raise ZeroDivisionError
+
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            fail()
+    assert [path.name for path in tmp_path.iterdir()] == [".d.lock"]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path]) -> Dataset:
+    out = tmp_path_factory.mktemp("shared") / "d"
+    return Dataset.open(record(out, TaskSpec(horizon=20), ("random", "straight")))
+
+
+def test_a_dataset_pickles_as_a_path(dataset: Dataset) -> None:
+    """Row 33: workers map the files, they do not receive the arrays."""
+    view = dataset.filter(policy="random")
+    content = pickle.dumps(view)
+    again = pickle.loads(content)
+    assert len(content) < 10_000
+    assert (again.digest, again.n_steps, len(again)) == (view.digest, view.n_steps, len(view))
+    np.testing.assert_array_equal(again[1].states, view[1].states)
+    assert not again.stored.arrays["states"].flags.writeable
+
+
+def test_a_pickled_view_keeps_what_was_computed(dataset: Dataset) -> None:
+    """Row 33: a re-observation is in memory only, so it is in the pickle."""
+    seen = dataset.reobserve("lidar-8", progress=False)
+    again = pickle.loads(pickle.dumps(seen))
+    assert again.view == seen.view
+    np.testing.assert_array_equal(again[0].observations, seen[0].observations)
+
+
+def test_a_dataset_replaced_after_pickling_is_refused(
+    tmp_path: Path, record: Callable[..., Path]
+) -> None:
+    """Row 33: two processes never see two datasets under one name."""
+    content = pickle.dumps(Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("random",))))
+    (tmp_path / "d").rename(tmp_path / "old")
+    record(tmp_path / "e", TaskSpec(horizon=20), ("straight",)).rename(tmp_path / "d")
+    with pytest.raises(ChecksumError, match="replaced meanwhile"):
+        pickle.loads(content)
+
+
+def _sum(dataset: Dataset, index: int) -> float:
+    return float(dataset[index].states.sum(dtype=np.float64))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, method: str) -> None:
+    """Row 33: two epochs in worker processes, no deadlock, no open files left."""
+    data = pytest.importorskip("torch.utils.data", reason="DataLoader is torch's")
+    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 (a count, no paths)
+    for _ in range(2):
+        loader = data.DataLoader(
+            dataset, batch_size=None, num_workers=2,
+            multiprocessing_context=multiprocessing.get_context(method),
+        )  # fmt: skip
+        sums = [float(episode.states.sum(dtype=np.float64)) for episode in loader]
+        assert sums == [_sum(dataset, index) for index in range(len(dataset))]
+        del loader
+    assert len(os.listdir("/proc/self/fd")) <= before + 2  # noqa: PTH208

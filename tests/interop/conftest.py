@@ -1,0 +1,170 @@
+"""Datasets to convert, and the check that every format's round trip has to pass."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.fields import FACTS, TIME_ARRAYS
+from swarmdata.interop.formats import find_format
+from swarmdata.interop.importing import import_dataset
+from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.spaces import BoxSpace, DiscreteSpace
+from swarmdata.spec import PolicySource
+from swarmdata.store import assemble, write_part
+from swarmdata.testing.synthetic import make_dataset, make_episode
+from swarmdata.types import END_REASONS, Episode
+
+AGENTS = (
+    RecordedAgent(
+        name="adversary_0", observation=BoxSpace(shape=(5,), dtype="float32"),
+        action=DiscreteSpace(n=5),
+    ),
+    RecordedAgent(
+        name="agent_0", observation=BoxSpace(shape=(3,), dtype="float64"),
+        action=BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=1.0),
+    ),
+)  # fmt: skip
+SPEC = RecordedSpec(task="tag_v3", agents=AGENTS, state_size=3, state_from="environment")
+POLICIES = (PolicySource(label="mine", name="external"),)
+RECORDING = Recording(id="tag_v3-mine-v0", spec=SPEC, policies=POLICIES, source="recorder")
+
+
+def recorded_episode(length: int, seed: int) -> Episode:
+    """Two different agents, the first of which leaves halfway; every second episode is cut."""
+    episode = make_episode(length, seed, n_values=0, n_obstacles=0)
+    steps = np.arange(length)
+    last, leaves = steps == length - 1, steps == length // 2
+    is_cut = bool(seed % 2)
+    alive = np.ones((length + 1, 2), dtype=np.bool_)
+    alive[1:, 0] = ~np.logical_or.accumulate(leaves)
+    observations, actions = episode.observations.copy(), episode.actions.copy()
+    observations[:, 1, 3:] = 0
+    observations[:, 0] *= alive[:, :1]
+    actions[:, 0, 0] = (steps + seed) % 5 * alive[:-1, 0]
+    actions[:, 0, 1] = 0
+    masks = np.ones((length + 1, 2, 5), dtype=np.bool_)
+    masks[:, 0, seed % 5] = False
+    return replace(
+        episode,
+        observations=observations,
+        actions=actions,
+        rewards=episode.rewards * alive[:-1],
+        events=episode.events[..., :0],
+        log_probs=episode.log_probs[:, :0],
+        end_reason=END_REASONS.index("horizon" if is_cut else "ended"),
+        terminations=last & (not is_cut),
+        truncations=last & is_cut,
+        alive=alive,
+        action_masks=masks,
+        agent_terminations=np.stack([leaves, last & (not is_cut)], 1),
+        agent_truncations=np.stack([np.zeros_like(last), last & is_cut], 1),
+    )
+
+
+def write_recording(folder: Path, lengths: list[int]) -> Dataset:
+    episodes = [recorded_episode(length, seed) for seed, length in enumerate(lengths)]
+    write_part(folder / "part", episodes)
+    assemble(
+        folder / "recorded",
+        recipe=RECORDING,
+        parts={0: [folder / "part"]},
+        order=[(0, k) for k in range(len(episodes))],
+        splits=np.array([k % 3 for k in range(len(episodes))], dtype=np.uint8),
+    )
+    return Dataset.open(folder / "recorded")
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """A recording of different agents, one of which leaves, with masks of actions."""
+    return write_recording(tmp_path_factory.mktemp("recorded"), [3, 5, 2, 4, 6, 2, 3])
+
+
+@pytest.fixture(scope="session")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """A dataset of a task of this library, by two policies, with messages and obstacles."""
+    folder = tmp_path_factory.mktemp("ours") / "ours"
+    make_dataset(folder, [[4, 3, 5, 2, 4, 3] * 2, [2, 4, 3, 6] * 3], n_steps=40)
+    return Dataset.open(folder)
+
+
+def fact(dataset: Dataset, index: int, name: str) -> Any:
+    """One fact of one episode."""
+    if name == "split":
+        return dataset.episodes.split[index]
+    return dataset.spec if name == "spec" else getattr(dataset[index], name)
+
+
+def assert_kept(before: Dataset, after: Dataset, kept: set[str]) -> None:
+    """Every fact that a format keeps is the same, bit for bit, of every episode."""
+    assert len(after) == len(before)
+    for index in range(len(before)):
+        for name in kept:
+            expected, got = fact(before, index, name), fact(after, index, name)
+            if name in TIME_ARRAYS and expected is not None and not expected.size:
+                assert not got.size, name
+                continue
+            if isinstance(expected, np.ndarray):
+                assert got.dtype == expected.dtype, name
+            np.testing.assert_array_equal(got, expected, err_msg=f"{name} of episode {index}")
+
+
+RoundTrip = Callable[[Dataset, str], Dataset]
+
+
+@pytest.fixture
+def round_trip(tmp_path: Path) -> RoundTrip:
+    """Converts there and back, and checks what the format promises to keep."""
+
+    def run(dataset: Dataset, name: str) -> Dataset:
+        kind = find_format(name)
+        assert set(kind.kept) | set(kind.lost) == set(FACTS)
+        assert not set(kind.kept) & set(kind.lost)
+        path = export_dataset(dataset, tmp_path / f"{name}.there", format=name)
+        back = import_dataset(
+            path, tmp_path / f"{name}.back", format=name, id="tag_v3-back-v0", splits="kept"
+        )
+        back = Dataset.open(back.path, verify="full")
+        assert_kept(dataset, back, set(kind.kept))
+        assert isinstance(back.recipe, Recording)
+        assert back.recipe.source == name
+        return back
+
+    return run
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a reader gave, without a dataset being written."""
+
+    spec: Any
+    metadata: Mapping[str, str]
+    episodes: list[Episode]
+
+    @property
+    def lengths(self) -> list[int]:
+        return [len(episode) for episode in self.episodes]
+
+    @property
+    def ends(self) -> list[str]:
+        return [END_REASONS[episode.end_reason] for episode in self.episodes]
+
+
+@pytest.fixture
+def take_in() -> Callable[..., Taken]:
+    """Reads foreign data with some choices."""
+
+    def take(path: Path, name: str, **answers: Any) -> Taken:
+        read = find_format(name).read
+        assert read is not None
+        with read(path, "maze", Choices(**answers)) as incoming:
+            return Taken(incoming.spec, incoming.metadata, list(incoming.episodes))
+
+    return take

@@ -1,0 +1,279 @@
+"""D4RL-style HDF5: what a plain h5py reader finds, there and back, and what is refused."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.d4rl import read
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.testing.synthetic import make_dataset
+from swarmdata.types import END_REASONS, Episode
+
+RoundTrip = Callable[[Dataset, str], Dataset]
+
+
+def read_all(path: Path) -> dict[str, Any]:
+    """As D4RL's `get_dataset` does: every array by its path."""
+    found: dict[str, Any] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
+    back = round_trip(ours, "d4rl")
+    assert back.recipe.policies == ours.recipe.policies
+    assert back.statistics.reward_mean == ours.statistics.reward_mean
+
+
+def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(recorded, "d4rl")
+
+
+def test_a_view_survives(ours: Dataset, round_trip: RoundTrip) -> None:
+    view = ours.filter(policy="tag-1", split="train")
+    assert 0 < len(view) < len(ours)
+    round_trip(view, "d4rl")
+
+
+def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> None:
+    found = read_all(export_dataset(ours, tmp_path / "x.hdf5", format="d4rl"))
+    expected = ours.transitions()
+    n = ours.n_steps
+    assert found["observations"].shape == (n, 10)
+    for name in ("observations", "next_observations", "actions"):
+        np.testing.assert_array_equal(found[name], expected[name].reshape(n, -1))
+    np.testing.assert_array_equal(found["terminals"], expected["terminations"])
+    np.testing.assert_array_equal(found["timeouts"], expected["truncations"])
+    np.testing.assert_allclose(found["rewards"], expected["rewards"].mean(1), rtol=1e-6)
+    # features 0 and 1 are the seed and the time: each action is beside what it answered
+    seeds = np.repeat(ours.episodes.seeds, ours.episodes.lengths)
+    times = np.concatenate([np.arange(k) for k in ours.episodes.lengths])
+    np.testing.assert_array_equal(found["observations"][:, 0], seeds)
+    np.testing.assert_array_equal(found["observations"][:, 1], times)
+    np.testing.assert_array_equal(found["next_observations"][:, 1], times + 1)
+
+
+Lengths = st.lists(st.integers(1, 7), min_size=2, max_size=12)
+
+
+def write_foreign(path: Path, **arrays: Any) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+    return path
+
+
+def timeline(lengths: list[int], cut: list[bool]) -> dict[str, Any]:
+    """One agent's rows: observation (episode, time), action time, reward of both."""
+    episode = np.repeat(np.arange(len(lengths)), lengths)
+    time = np.concatenate([np.arange(n) for n in lengths])
+    last = np.concatenate([np.arange(n) == n - 1 for n in lengths])
+    is_cut = np.repeat(cut, lengths)
+    return {
+        "observations": np.stack([episode, time], 1).astype(np.float32),
+        "next_observations": np.stack([episode, time + 1], 1).astype(np.float32),
+        "actions": np.stack([time, episode], 1).astype(np.float32),
+        "rewards": (100 * episode + time).astype(np.float32),
+        "terminals": last & ~is_cut,
+        "timeouts": last & is_cut,
+    }
+
+
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
+
+
+def check_alignment(dataset: Iterable[Episode], with_next: bool) -> None:
+    """In every episode, action and reward are beside the observation of the same step."""
+    for episode in dataset:
+        t = np.arange(len(episode))
+        number = episode.observations[0, 0, 0]
+        assert (episode.observations[:, 0, 0] == number).all(), "another episode's rows"
+        np.testing.assert_array_equal(episode.observations[:-1, 0, 1], t)
+        np.testing.assert_array_equal(episode.actions[:, 0, 0], t)
+        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
+        if with_next:
+            assert episode.observations[-1, 0, 1] == len(episode)
+
+
+@given(lengths=Lengths, data=st.data())
+def test_foreign_files_are_cut_where_their_flags_say(
+    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], data: st.DataObject
+) -> None:
+    cut = data.draw(st.lists(st.booleans(), min_size=len(lengths), max_size=len(lengths)))
+    path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **timeline(lengths, cut))
+    with read(path, "maze", Choices(time_limit=0)) as incoming:
+        episodes = list(incoming.episodes)
+    assert [len(episode) for episode in episodes] == lengths
+    names = [END_REASONS[episode.end_reason] for episode in episodes]
+    assert names == ["horizon" if each else "ended" for each in cut]
+    assert [episode.seed for episode in episodes] == list(range(len(lengths)))
+    check_alignment(episodes, with_next=True)
+
+
+@given(lengths=Lengths, limit=st.integers(1, 8))
+def test_a_counted_limit_cuts_what_has_no_flag(
+    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], limit: int
+) -> None:
+    """Without timeouts, an episode ends at its terminal or after `limit` steps."""
+    lengths = [min(length, limit) for length in lengths]
+    arrays = timeline(lengths, [length == limit for length in lengths])
+    del arrays["timeouts"]
+    path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **arrays)
+    with read(path, "maze", Choices(time_limit=limit)) as incoming:
+        episodes = list(incoming.episodes)
+    assert [len(episode) for episode in episodes] == lengths
+    names = [END_REASONS[episode.end_reason] for episode in episodes]
+    assert names == ["horizon" if length == limit else "ended" for length in lengths]
+    check_alignment(episodes, with_next=True)
+
+
+def test_the_last_observation_is_asked_for(tmp_path: Path, take_in: TakeIn) -> None:
+    lengths, cut = [3, 5] * 15, [False, True] * 15
+    arrays = timeline(lengths, cut)
+    del arrays["next_observations"]
+    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    with pytest.raises(ConversionError, match="lacks the observation after the last action"):
+        take_in(path, "d4rl")
+    repeated = take_in(path, "d4rl", final="repeat")
+    assert repeated.lengths == lengths
+    check_alignment(repeated.episodes, with_next=False)
+    shorter = take_in(path, "d4rl", final="cut")
+    assert shorter.lengths == [3, 4] * 15
+    check_alignment(shorter.episodes, with_next=False)
+    for episode in shorter.episodes:
+        if END_REASONS[episode.end_reason] == "horizon":
+            assert episode.observations[-1, 0, 1] == len(episode), "a true last observation"
+    assert shorter.metadata["final"] == "cut"
+
+
+def test_no_timeouts_is_ambiguous(tmp_path: Path, take_in: TakeIn) -> None:
+    arrays = timeline([4] * 25 + [2], [True] * 25 + [False])
+    del arrays["timeouts"]
+    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    with pytest.raises(ConversionError, match="does not say which episodes a time limit cut"):
+        take_in(path, "d4rl")
+    dataset = take_in(path, "d4rl", time_limit=4)
+    assert dataset.lengths == [4] * 25 + [2]
+    assert dataset.ends == ["horizon"] * 25 + ["ended"]
+    check_alignment(dataset.episodes, with_next=True)
+
+
+def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: TakeIn) -> None:
+    path = write_foreign(tmp_path / "x.hdf5", **timeline([4] * 25, [False] * 25))
+    with pytest.raises(ConversionError, match="as if a time limit had been stored"):
+        take_in(path, "d4rl")
+    assert set(take_in(path, "d4rl", time_limit=4).ends) == {"horizon"}
+    assert set(take_in(path, "d4rl", time_limit=0).ends) == {"ended"}
+
+
+def test_an_open_end_is_asked_about(tmp_path: Path, take_in: TakeIn) -> None:
+    arrays = timeline([3] * 24 + [5, 4], [False] * 26)
+    arrays["terminals"][-1] = False
+    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    with pytest.raises(ConversionError, match="4 rows from row 77 on without an end"):
+        take_in(path, "d4rl")
+    kept = take_in(path, "d4rl", unfinished="truncate")
+    assert kept.lengths[-2:] == [5, 4]
+    assert kept.ends[-1] == "horizon"
+    dropped = take_in(path, "d4rl", unfinished="drop")
+    assert len(dropped.episodes) == 25
+    assert dropped.metadata["dropped_rows"] == "4"
+
+
+def test_a_lost_boundary_is_found_by_the_next_observation(tmp_path: Path, take_in: TakeIn) -> None:
+    arrays = timeline([3] * 24 + [5], [False] * 25)
+    arrays["terminals"][5] = False  # two episodes look like one
+    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    with pytest.raises(ConversionError, match=r"next_observations of row 5 differs .* of row 6"):
+        take_in(path, "d4rl")
+
+
+@pytest.mark.parametrize("axis", ["columns", "agents"])
+def test_several_agents(tmp_path: Path, take_in: TakeIn, axis: str) -> None:
+    arrays = timeline([3, 4] * 13, [False, True] * 13)
+    for name in ("observations", "next_observations", "actions"):
+        pair = np.stack([arrays[name], arrays[name]], 1)
+        arrays[name] = pair if axis == "agents" else pair.reshape(len(pair), -1)
+    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    dataset = take_in(path, "d4rl", n_agents=None if axis == "agents" else 2)
+    assert dataset.spec.n_agents == 2
+    assert dataset.episodes[0].observations.shape == (4, 2, 2)
+    check_alignment(dataset.episodes, with_next=True)
+
+
+def test_whole_number_actions_are_discrete(tmp_path: Path, take_in: TakeIn) -> None:
+    arrays = timeline([3, 4] * 13, [False, True] * 13)
+    arrays["actions"] = arrays["actions"][:, 0].astype(np.int64)
+    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl")
+    assert dataset.spec.agents[0].action.kind == "discrete"
+    assert dataset.spec.agents[0].action.n == 4
+    assert dataset.episodes[0].actions.shape == (3, 1, 1)
+
+
+def test_agents_that_end_early_are_masked(tmp_path: Path, take_in: TakeIn) -> None:
+    arrays = timeline([4] * 24 + [6], [False] * 25)
+    n = len(arrays["actions"])
+    for name in ("observations", "next_observations", "actions"):
+        arrays[name] = np.stack([arrays[name], arrays[name] + 1], 1)
+    last = arrays["terminals"].copy()
+    second = last.copy()
+    second[np.flatnonzero(last) - 1] = True  # and stays up until the team ends
+    arrays["terminals"] = np.stack([last, second], 1)
+    arrays["timeouts"] = np.zeros((n, 2), dtype=bool)
+    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl", time_limit=0)
+    episode = dataset.episodes[0]
+    assert episode.alive is not None
+    np.testing.assert_array_equal(episode.alive[:, 1], [True, True, True, False, False])
+    np.testing.assert_array_equal(episode.alive[:, 0], [True, True, True, True, False])
+    assert episode.agent_terminations is not None
+    np.testing.assert_array_equal(np.argmax(episode.agent_terminations, 0), [3, 2])
+    assert not episode.actions[3, 1].any()
+    assert not episode.rewards[3, 1]
+
+
+def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
+    path = export_dataset(ours, tmp_path / "x.hdf5", format="d4rl")
+    with h5py.File(path, "r+") as file:
+        file["terminals"][0] = True
+    with pytest.raises(ConversionError, match=r"rows 0 to \d+ does not end exactly once"):
+        import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-back-v0")
+    assert not (tmp_path / "back").exists()
+    assert not (tmp_path / "back.build").exists()
+
+
+def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
+    text = tmp_path / "text.hdf5"
+    text.write_text("no")
+    with pytest.raises(ConversionError, match="not an HDF5 file"):
+        take_in(text, "d4rl")
+    with pytest.raises(ConversionError, match="has no 'actions'"):
+        take_in(write_foreign(tmp_path / "x.hdf5", observations=np.zeros((2, 2))), "d4rl")
+    with pytest.raises(ConversionError, match="exists already"):
+        export_dataset(ours, text, format="d4rl")
+
+
+def test_a_view_without_train_episodes_needs_new_splits(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ours", [[3] * 30], n_steps=90)
+    view = Dataset.open(tmp_path / "ours").split("test")
+    path = export_dataset(view, tmp_path / "x.hdf5", format="d4rl")
+    with pytest.raises(ConversionError, match="Pass splits='new'"):
+        import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-back-v0")
+    back = import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-b-v0", splits="new")
+    assert len(back.split("train")) > 0
+    assert len(back) == len(view) == 6

@@ -1,0 +1,62 @@
+"""Importing is whole or not at all, and can be done again."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import BuildError, RecipeConflictError
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.incoming import episode_of
+from swarmdata.types import Episode
+
+
+@pytest.fixture(scope="module")
+def source(ours: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export_dataset(ours, tmp_path_factory.mktemp("source") / "x.hdf5", format="d4rl")
+
+
+def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = iter(range(100))
+
+    def interrupted(*arguments: object, **facts: object) -> Episode:
+        if next(count) == 5:
+            raise KeyboardInterrupt
+        return episode_of(*arguments, **facts)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("swarmdata.interop.noted.episode_of", interrupted)
+    monkeypatch.setattr("swarmdata.interop.importing.BLOCK_BYTES", 100)  # parts are written early
+    with pytest.raises(KeyboardInterrupt):
+        import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
+    assert {path.name for path in tmp_path.iterdir()} <= {".out.lock"}
+    monkeypatch.undo()
+    (tmp_path / "out.build").mkdir()  # as a killed process leaves it
+    (tmp_path / "out.build/policy-0-part-00000").mkdir()
+    made = import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
+    assert not (tmp_path / "out.build").exists()
+    assert import_dataset(
+        source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0"
+    ).digest == made.digest  # fmt: skip
+
+
+def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(RecipeConflictError, match="holds a dataset of recipe"):
+        import_dataset(source, ours.path, format="d4rl", id="coop_nav-back-v0")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(BuildError, match="not a finished dataset"):
+        import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
+
+
+def test_episodes_are_taken_one_by_one(source: Path, tmp_path: Path) -> None:
+    """Memory does not grow with the number of episodes: readers are lazy."""
+    from swarmdata.interop.choices import Choices
+    from swarmdata.interop.d4rl import read
+
+    with read(source, "task", Choices()) as incoming:
+        assert isinstance(incoming.episodes, Iterator)
+        first = next(incoming.episodes)
+    assert len(first) > 0

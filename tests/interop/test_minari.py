@@ -1,0 +1,126 @@
+"""Minari: its own library reads what we write, and we read what it wrote."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.types import END_REASONS
+
+minari = pytest.importorskip("minari", reason="the extra 'minari'")
+
+RoundTrip = Callable[[Dataset, str], Dataset]
+
+
+def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(ours, "minari")
+
+
+def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
+    back = round_trip(recorded, "minari")
+    assert back.spec == recorded.spec
+
+
+def test_minari_loads_it_by_name(
+    recorded: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export_dataset(recorded, tmp_path / "root" / recorded.id, format="minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "root"))
+    found = minari.load_dataset(recorded.id)
+    assert found.total_episodes == len(recorded)
+    assert found.total_steps == recorded.n_steps
+    for ours, theirs in zip(recorded, found.iterate_episodes(), strict=True):
+        assert len(theirs.observations["agent_0"]) == len(theirs.rewards) + 1
+        seen = theirs.observations["agent_0"]
+        assert seen.dtype == np.float64
+        assert found.observation_space["agent_0"].shape == (3,)
+        np.testing.assert_array_equal(seen, ours.observations[:, 1, :3])
+        np.testing.assert_array_equal(seen[:, 1], np.arange(len(seen)))  # feature 1 is the time
+        np.testing.assert_array_equal(theirs.actions["adversary_0"], ours.actions[:, 0, 0])
+        assert all(
+            found.action_space["adversary_0"].contains(a) for a in theirs.actions["adversary_0"]
+        )
+        np.testing.assert_allclose(theirs.rewards, ours.rewards.mean(1), rtol=1e-6)
+        np.testing.assert_array_equal(theirs.truncations, ours.truncations)
+
+
+def write_theirs(folder: Path, episodes: list[dict[str, Any]]) -> Path:
+    """What Minari itself writes for one agent with a Dict observation."""
+    from gymnasium.spaces import Box, Dict, Discrete
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    space = Dict({"goal": Box(-1, 1, (2,)), "position": Box(-np.inf, np.inf, (3,))})
+    storage = MinariStorage.new(folder, observation_space=space, action_space=Discrete(4, start=1))
+    storage.update_episodes(EpisodeBuffer(**each) for each in episodes)
+    storage.update_metadata({"dataset_id": "maze/x-v0", "minari_version": minari.__version__})
+    return folder
+
+
+def their_episode(number: int, length: int, is_cut: bool) -> dict[str, Any]:
+    time = np.arange(length + 1)
+    last = np.arange(length) == length - 1
+    return {
+        "observations": {
+            "goal": np.full((length + 1, 2), 0.5, np.float32),
+            "position": np.stack([time, np.full_like(time, number), time], 1).astype(np.float32),
+        },
+        "actions": time[:-1] % 4 + 1,
+        "rewards": 100.0 * number + time[:-1],
+        "terminations": last & (not is_cut),
+        "truncations": last & is_cut,
+    }
+
+
+def test_theirs_is_read_aligned(tmp_path: Path) -> None:
+    lengths = [3, 5, 1, 4] * 7
+    made = [their_episode(k, n, bool(k % 2)) for k, n in enumerate(lengths)]
+    source = write_theirs(tmp_path / "maze", made)
+    dataset = import_dataset(source, tmp_path / "out", format="minari", id="maze-theirs-v0")
+    assert dataset.episodes.lengths.tolist() == lengths
+    assert dataset.spec.agents[0].action.start == 1  # type: ignore[union-attr]
+    for number, episode in enumerate(dataset):
+        t = np.arange(len(episode))
+        np.testing.assert_array_equal(episode.observations[:, 0, 2], np.arange(len(t) + 1))
+        np.testing.assert_array_equal(episode.observations[:, 0, 3], number)
+        np.testing.assert_array_equal(episode.actions[:, 0, 0], t % 4 + 1)
+        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
+        assert END_REASONS[episode.end_reason] == ("horizon" if number % 2 else "ended")
+
+
+def test_a_dict_of_agents_is_a_team_if_told(recorded: Dataset, tmp_path: Path) -> None:
+    path = export_dataset(recorded, tmp_path / "x", format="minari")
+    text = (path / "data/metadata.json").read_text()
+    assert '"swarmdata"' in text
+    (path / "data/metadata.json").write_text(text.replace('"swarmdata"', '"other"'))
+    with pytest.raises(ConversionError, match=r"expected the keys of the Dict spaces"):
+        import_dataset(
+            path, tmp_path / "no", format="minari", id="tag-b-v0",
+            choices=Choices(agents=("a", "b")),
+        )  # fmt: skip
+    choices = Choices(agents=("adversary_0", "agent_0"))
+    back = import_dataset(
+        path, tmp_path / "out", format="minari", id="tag-b-v0", choices=choices, splits="new"
+    )
+    for got, expected in zip(back, recorded, strict=True):
+        np.testing.assert_array_equal(got.observations, expected.observations)
+        np.testing.assert_array_equal(got.actions, expected.actions)
+
+
+def test_cut_episodes_are_refused(tmp_path: Path) -> None:
+    import h5py
+
+    source = write_theirs(tmp_path / "maze", [their_episode(k, 4, False) for k in range(25)])
+    with h5py.File(source / "main_data.hdf5", "r+") as file:
+        file["episode_3"].attrs["total_steps"] = 40_000
+    with pytest.raises(ConversionError, match="episode 3 has 4 steps, its metadata says 40000"):
+        import_dataset(source, tmp_path / "out", format="minari", id="maze-theirs-v0")
+    with pytest.raises(ConversionError, match="is no Minari dataset"):
+        import_dataset(tmp_path, tmp_path / "out", format="minari", id="maze-theirs-v0")

@@ -1,0 +1,147 @@
+"""Every format: any view survives there and back in what its table promises."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.fields import FACTS, TIME_ARRAYS
+from swarmdata.interop.formats import FORMATS, all_formats, find_format
+from swarmdata.interop.importing import import_dataset, source_digest
+from swarmdata.interop.incoming import Incoming
+from swarmdata.interop.losses import reasons, table
+from swarmdata.interop.note import note_of, parse_note
+
+GOLDEN = Path(__file__).parents[1] / "golden/formats.md"
+NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
+SLOW = ("torchrl", "vault")
+WRITTEN = [
+    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+    for name in FORMATS
+    if find_format(name).read is not None and find_format(name).write is not None
+]
+
+
+@contextmanager
+def there_and_back(view: Dataset, name: str, path: Path) -> Iterator[Incoming]:
+    kind = find_format(name)
+    assert kind.read is not None
+    with kind.read(export_dataset(view, path, format=name), "task", Choices()) as incoming:
+        yield incoming
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+@given(data=st.data())
+@settings(max_examples=4)
+def test_any_view_survives(
+    name: str,
+    data: st.DataObject,
+    ours: Dataset,
+    recorded: Dataset,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
+    whole = data.draw(st.sampled_from((ours, recorded)))
+    chosen = data.draw(st.sets(st.integers(0, len(whole) - 1), min_size=1))
+    view = replace(whole, selection=whole.selection[sorted(chosen)])
+    block = data.draw(st.sampled_from((1, 500, 1 << 20)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swarmdata.interop.fields.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.ahead.BLOCK_BYTES", block)
+        path = tmp_path_factory.mktemp("any") / "x"
+        with there_and_back(view, name, path) as incoming:
+            episodes = list(incoming.episodes)
+    kept = [fact for fact in find_format(name).kept if fact not in ("split", "spec")]
+    assert incoming.spec == whole.spec
+    assert incoming.splits is not None
+    np.testing.assert_array_equal(incoming.splits, view.episodes.split)
+    for got, expected in zip(episodes, view, strict=True):
+        for fact in kept:
+            mine, theirs = getattr(expected, fact), getattr(got, fact)
+            if fact in TIME_ARRAYS and mine is not None and not mine.size:
+                assert not theirs.size
+            else:
+                np.testing.assert_array_equal(theirs, mine, err_msg=fact)
+
+
+def test_tables_name_every_fact_once() -> None:
+    for kind in all_formats():
+        assert FORMATS[kind.name].endswith(":FORMAT")
+        if kind.write is not None:
+            assert sorted([*kind.kept, *kind.lost]) == sorted(FACTS), kind.name
+
+
+def test_golden_table(update_golden: bool) -> None:
+    text = f"{table()}\n{reasons()}"
+    if update_golden:
+        GOLDEN.write_text(text, encoding="utf-8")
+    assert GOLDEN.read_text(encoding="utf-8") == text
+
+
+def test_notes_survive(ours: Dataset, recorded: Dataset) -> None:
+    for dataset in (ours, recorded):
+        note = note_of(dataset)
+        assert parse_note(note.to_json(), "x") == note
+    content = note.model_dump(mode="json")
+    for text in ("{", "[]", "{}", json.dumps(content | {"id": "no"})):
+        with pytest.raises(ConversionError, match="the note of swarmdata in x cannot be read"):
+            parse_note(text, "x")
+    content["episodes"]["seeds"] = [1]
+    with pytest.raises(ConversionError, match="columns of different lengths"):
+        parse_note(json.dumps(content), "x")
+
+
+def test_source_digests(tmp_path: Path) -> None:
+    (tmp_path / "a/b").mkdir(parents=True)
+    (tmp_path / "a/b/x").write_bytes(b"1")
+    first = source_digest(tmp_path / "a")
+    (tmp_path / "a/y").write_bytes(b"2")
+    second = source_digest(tmp_path / "a")
+    (tmp_path / "a/y").rename(tmp_path / "a/b/y")
+    assert len({first, second, source_digest(tmp_path / "a")}) == 3
+
+
+def test_wrong_requests(ours: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'minari'"):
+        export_dataset(ours, tmp_path / "x", format="minary")
+    with pytest.raises(DatasetNotFoundError, match="nothing at"):
+        import_dataset(tmp_path / "x", tmp_path / "y", format="d4rl", id="a-b-v0")
+    empty = replace(ours, selection=ours.selection[:0])
+    with pytest.raises(ConversionError, match="no episodes"):
+        export_dataset(empty, tmp_path / "x", format="d4rl")
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_choices() -> None:
+    for answers, problem in (
+        ({"time_limit": -1}, "time_limit is -1"),
+        ({"episode_length": 0}, "episode_length is 0"),
+        ({"final": "no"}, "final is 'no'"),
+        ({"unfinished": "no"}, "unfinished is 'no'"),
+        ({"agents": "a,a"}, "expected different names"),
+        ({"action_low": 2.0, "action_high": 1.0}, "is above action_high"),
+    ):
+        with pytest.raises(ConversionError, match=problem):
+            Choices.of(**answers)
+    assert Choices.of(agents="3").n_agents == 3
+    assert Choices.of(agents="a,b").agents == ("a", "b")
+
+
+def test_a_failed_export_leaves_nothing(
+    ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmdata.interop.d4rl.note_of", lambda dataset: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        export_dataset(ours, tmp_path / "x", format="d4rl")
+    assert not list(tmp_path.iterdir())

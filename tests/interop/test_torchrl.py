@@ -1,0 +1,178 @@
+"""TorchRL: its replay buffers sample what we write, and we read what they stored."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.types import END_REASONS
+
+pytest.importorskip("torchrl", reason="the extra 'torchrl'")
+torch = pytest.importorskip("torch", reason="the extra 'torch'")
+
+RoundTrip = Callable[[Dataset, str], Dataset]
+pytestmark = pytest.mark.slow  # importing TorchRL takes seconds
+
+
+def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(ours, "torchrl")
+
+
+def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(recorded, "torchrl")
+
+
+def test_keys_are_those_of_multi_agent_environments(ours: Dataset, tmp_path: Path) -> None:
+    from tensordict import TensorDict
+
+    rows = TensorDict.load_memmap(str(export_dataset(ours, tmp_path / "x", format="torchrl")))
+    expected = ours.transitions()
+    assert tuple(rows.batch_size) == (ours.n_steps,)
+    pairs = {
+        ("agents", "observation"): expected["observations"],
+        ("next", "agents", "observation"): expected["next_observations"],
+        ("agents", "action"): expected["actions"],
+        ("next", "agents", "reward"): expected["rewards"][..., None],
+        ("next", "terminated"): expected["terminations"][:, None],
+        ("next", "truncated"): expected["truncations"][:, None],
+        ("next", "done"): (expected["terminations"] | expected["truncations"])[:, None],
+        ("state",): expected["states"],
+        ("next", "state"): expected["next_states"],
+        ("collector", "traj_ids"): expected["episodes"],
+    }
+    for key, values in pairs.items():
+        np.testing.assert_array_equal(rows[key].numpy(), values, err_msg=str(key))
+
+
+def test_slices_of_a_buffer_stay_in_one_episode(ours: Dataset, tmp_path: Path) -> None:
+    from tensordict import TensorDict
+    from torchrl.data import LazyMemmapStorage, SliceSampler, TensorDictReplayBuffer
+
+    from swarmdata.interop.torchrl import replay_buffer
+
+    path = export_dataset(ours, tmp_path / "x", format="torchrl")
+    copied = TensorDictReplayBuffer(
+        storage=LazyMemmapStorage(ours.n_steps, scratch_dir=str(tmp_path / "scratch")),
+        sampler=SliceSampler(slice_len=2, traj_key=("collector", "traj_ids")),
+        batch_size=32,
+    )
+    copied.extend(TensorDict.load_memmap(str(path)))
+    for buffer in (copied, replay_buffer(path, 32, slice_length=2)):
+        sample = buffer.sample().reshape(16, 2)
+        seen = sample["agents", "observation"][:, :, 0]
+        assert (seen[:, 0, 0] == seen[:, 1, 0]).all(), "one episode"
+        assert (seen[:, 0, 1] + 1 == seen[:, 1, 1]).all(), "consecutive steps"
+        after = sample["next", "agents", "observation"][:, 0, 0]
+        assert (after == seen[:, 1]).all(), "what was reached is seen next"
+    assert replay_buffer(path, 7).sample().batch_size == torch.Size([7])
+
+
+def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
+    """As a collector of two groups gives them; observation and reward name episode and time."""
+    from tensordict import TensorDict
+
+    episode = torch.repeat_interleave(torch.arange(len(lengths)), torch.tensor(lengths))
+    time = torch.cat([torch.arange(n) for n in lengths])
+    last = torch.cat([torch.arange(n) == n - 1 for n in lengths])
+    is_cut = torch.repeat_interleave(torch.tensor(cut), torch.tensor(lengths))
+    n = len(time)
+
+    def seen(t: Any, columns: int) -> Any:
+        rows = torch.stack([episode, t, *[t] * (columns - 2)], 1).float()
+        return rows[:, None].repeat(1, n_agents, 1)
+
+    def group(columns: int) -> dict[str, Any]:
+        return {
+            "observation": seen(time, columns),
+            "action": time[:, None].repeat(1, n_agents) % 3,
+        }
+
+    def after(columns: int) -> dict[str, Any]:
+        reward = (100 * episode + time).float()[:, None, None].repeat(1, n_agents, 1)
+        return {"observation": seen(time + 1, columns), "reward": reward}
+
+    return TensorDict(
+        {
+            "adversary": group(2),
+            "agent": group(3),
+            "next": {
+                "adversary": after(2),
+                "agent": after(3),
+                "terminated": (last & ~is_cut)[:, None],
+                "truncated": (last & is_cut)[:, None],
+            },
+            "collector": {"traj_ids": episode},
+        },
+        [n],
+    )
+
+
+def check_theirs(dataset: Dataset, lengths: list[int], cut: list[bool]) -> None:
+    assert dataset.episodes.lengths.tolist() == lengths
+    for number, episode in enumerate(dataset):
+        t = np.arange(len(episode))
+        assert (episode.observations[:, :, 0] == number).all()
+        np.testing.assert_array_equal(episode.observations[:, 3, 1], np.arange(len(t) + 1))
+        np.testing.assert_array_equal(episode.actions[:, 2, 0], t % 3)
+        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
+        assert END_REASONS[episode.end_reason] == ("horizon" if cut[number] else "ended")
+
+
+def test_theirs_with_groups(tmp_path: Path) -> None:
+    lengths, cut = [3, 5, 1, 4] * 7, [False, True] * 14
+    their_rows(lengths, cut).memmap(str(tmp_path / "x"))
+    dataset = import_dataset(tmp_path / "x", tmp_path / "out", format="torchrl", id="tag-theirs-v0")
+    assert dataset.spec.n_agents == 4
+    assert dataset[0].observations.shape == (4, 4, 3)
+    check_theirs(dataset, lengths, cut)
+
+
+def test_a_dumped_buffer_of_interleaved_trajectories(tmp_path: Path) -> None:
+    """A buffer with room for more rows, filled by several environments in turn."""
+    from torchrl.data import LazyMemmapStorage, TensorDictReplayBuffer
+
+    lengths, cut = [4, 6] * 14, [False, True] * 14
+    rows = their_rows(lengths, cut)
+    halves = torch.cat([torch.arange(n) >= n // 2 for n in lengths])
+    parts = [torch.nonzero(~halves)[:, 0], torch.nonzero(halves)[:, 0]]
+    buffer = TensorDictReplayBuffer(
+        storage=LazyMemmapStorage(1000, scratch_dir=str(tmp_path / "scratch"))
+    )
+    for part in parts:
+        buffer.extend(rows[part])
+    buffer.dumps(str(tmp_path / "dumped"))
+    dataset = import_dataset(
+        tmp_path / "dumped", tmp_path / "out", format="torchrl", id="tag-theirs-v0"
+    )
+    check_theirs(dataset, lengths, cut)
+
+
+def test_open_trajectories_are_asked_about(tmp_path: Path) -> None:
+    lengths, cut = [3, 5] * 14, [False] * 28
+    rows = their_rows(lengths, cut)
+    rows["next", "terminated"][2] = False
+    rows.memmap(str(tmp_path / "x"))
+
+    def take_in(name: str, **answers: Any) -> Dataset:
+        return import_dataset(
+            tmp_path / "x", tmp_path / name, format="torchrl", id="tag-theirs-v0",
+            choices=Choices(**answers),
+        )  # fmt: skip
+
+    with pytest.raises(ConversionError, match="1 trajectories without an end, such as number 0"):
+        take_in("no")
+    check_theirs(take_in("kept", unfinished="truncate"), lengths, [True, *cut[1:]])
+    assert len(take_in("dropped", unfinished="drop")) == 27
+
+
+def test_other_folders_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    with pytest.raises(ConversionError, match="no memory-mapped TensorDict"):
+        import_dataset(tmp_path / "x", tmp_path / "out", format="torchrl", id="tag-b-v0")

@@ -1,0 +1,126 @@
+"""Vault: Flashbax reads what we write, and we read what it wrote, OG-MARL's keys included."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.types import END_REASONS
+
+jax = pytest.importorskip("jax", reason="the extra 'vault'")
+flashbax_vault = pytest.importorskip("flashbax.vault", reason="the extra 'vault'")
+
+RoundTrip = Callable[[Dataset, str], Dataset]
+pytestmark = pytest.mark.slow  # importing JAX takes seconds
+
+
+def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(ours, "vault")
+
+
+def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
+    round_trip(recorded, "vault")
+
+
+def test_flashbax_reads_it(recorded: Dataset, tmp_path: Path) -> None:
+    export_dataset(recorded, tmp_path / "vaults/tag.vlt/mine", format="vault")
+    vault = flashbax_vault.Vault("tag.vlt", rel_dir=str(tmp_path / "vaults"), vault_uid="mine")
+    experience = vault.read().experience
+    expected = recorded.transitions()
+    pairs = {"observations": "observations", "actions": "actions", "rewards": "rewards"}
+    for theirs, ours in pairs.items():
+        np.testing.assert_array_equal(experience[theirs][0], expected[ours])
+    np.testing.assert_array_equal(experience["infos"]["state"][0], expected["states"])
+    np.testing.assert_array_equal(
+        experience["infos"]["next_observations"][0], expected["next_observations"]
+    )
+    for theirs, ours in (("terminals", "terminations"), ("truncations", "truncations")):
+        for agent in range(2):
+            np.testing.assert_array_equal(experience[theirs][0, :, agent], expected[ours])
+
+
+def write_theirs(folder: Path, leaves: dict[str, Any], written: int) -> Path:
+    """Writes as OG-MARL does: a trajectory buffer's state through a vault."""
+    from flashbax.buffers.trajectory_buffer import TrajectoryBufferState
+
+    vault = flashbax_vault.Vault(
+        "3m.vlt", experience_structure=leaves, rel_dir=str(folder), vault_uid="Good"
+    )
+    state = TrajectoryBufferState(experience=leaves, current_index=written, is_full=False)
+    assert vault.write(state) == written
+    return folder / "3m.vlt/Good"
+
+
+def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> dict[str, Any]:
+    """Observation and reward name timeline, episode and time; a row more than is written."""
+    episode = np.repeat(np.arange(len(lengths)), lengths)
+    time = np.concatenate([np.arange(n) for n in lengths])
+    last = np.concatenate([np.arange(n) == n - 1 for n in lengths])
+    is_cut = np.repeat(cut, lengths)
+    rows = [np.stack([np.full_like(time, k), episode, time], 1) for k in range(n_timelines)]
+    observations = np.repeat(np.stack(rows)[:, :, None], 3, axis=2).astype(np.float32)
+    observations[:, :, 2, 2] = -np.inf  # OMAR's padding of smaller agents
+    flags = {"terminals": last & ~is_cut, "truncations": last & is_cut}
+    leaves: dict[str, Any] = {
+        "observations": observations,
+        "actions": np.repeat(np.stack([time % 4] * n_timelines)[..., None], 3, 2).astype(np.int32),
+        "rewards": np.repeat(np.stack([time] * n_timelines)[..., None], 3, 2).astype(np.float32),
+        **{k: np.repeat(np.stack([v] * n_timelines)[..., None], 3, 2) for k, v in flags.items()},
+        "infos": {
+            "state": np.stack(rows).astype(np.float32),
+            "legals": np.ones((n_timelines, len(time), 3, 6), dtype=np.float32),
+        },
+    }
+    return jax.tree.map(lambda x: np.concatenate([x, x[:, -1:]], 1), leaves)
+
+
+def take_in(path: Path, **answers: Any) -> Dataset:
+    out = path.parents[2] / "out"
+    return import_dataset(
+        path, out, format="vault", id="smac_3m-good-v0", choices=Choices(**answers)
+    )
+
+
+def test_theirs_is_cut_at_ends_of_all_agents(tmp_path: Path) -> None:
+    lengths, cut = [3, 5, 2, 4] * 4, [False, True, False, True] * 4
+    path = write_theirs(tmp_path / "v", their_leaves(lengths, cut), sum(lengths))
+    with pytest.raises(ConversionError, match="lacks the observation after the last action"):
+        take_in(path)
+    dataset = take_in(path, final="cut")
+    kept = [n - is_cut for n, is_cut in zip(lengths, cut, strict=True)]
+    assert dataset.episodes.lengths.tolist() == kept * 2, "both timelines, one after the other"
+    assert dataset.spec.agents[0].action.n == 6  # type: ignore[union-attr]
+    for index, episode in enumerate(dataset):
+        t = np.arange(len(episode))
+        timeline, number = divmod(index, len(lengths))
+        assert (episode.observations[:, 0, 0] == timeline).all()
+        assert (episode.observations[:, 0, 1] == number).all()
+        np.testing.assert_array_equal(episode.observations[:-1, 0, 2], t)
+        np.testing.assert_array_equal(episode.rewards[:, 1], t)
+        np.testing.assert_array_equal(episode.actions[:, 1, 0], t % 4)
+        assert not episode.observations[:, 2, 2].any(), "padding is zero"
+        assert END_REASONS[episode.end_reason] == ("horizon" if cut[number] else "ended")
+        assert episode.action_masks is not None
+        assert episode.action_masks.shape == (len(t) + 1, 3, 6)
+
+
+def test_a_limit_as_terminal_is_noticed(tmp_path: Path) -> None:
+    leaves = their_leaves([25] * 13, [False] * 13)
+    path = write_theirs(tmp_path / "v", leaves, 25 * 13)
+    with pytest.raises(ConversionError, match="terminate after exactly 25 steps"):
+        take_in(path, final="repeat")
+    dataset = take_in(path, final="repeat", time_limit=25)
+    assert {END_REASONS[code] for code in dataset.episodes.end_reason} == {"horizon"}
+
+
+def test_another_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    with pytest.raises(ConversionError, match="not the folder of a vault's uid"):
+        import_dataset(tmp_path / "x", tmp_path / "out", format="vault", id="smac_3m-good-v0")

@@ -1,0 +1,44 @@
+"""A crew that makes parts in the test's own process: quick, and it remembers what it made."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+
+from swarmdata import recipes
+from swarmdata.recipes import make_part
+from swarmdata.registry import make_env
+from swarmdata.spec import Recipe
+from swarmdata.store import write_part
+from swarmdata.workers import Job
+
+
+class OneProcessCrew:
+    """Makes parts in this process, and remembers which."""
+
+    made: list[str]
+
+    def __init__(self, entry: str, n_workers: int) -> None:
+        assert entry == "swarmdata.recipes:work"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        pass
+
+    def run(self, jobs: Iterable[Job], progress: Any) -> None:
+        for job in jobs:
+            recipe = Recipe.from_text(job.payload["recipe"])
+            env = make_env(recipe.spec, 16)
+            policy, part = job.payload["policy"], job.payload["part"]
+            episodes = make_part(recipe, policy, part, env, progress)
+            write_part(Path(job.payload["folder"]), episodes)
+            self.made.append(job.name)
+
+
+def use_one_process(patch: pytest.MonkeyPatch) -> None:
+    """Lets `build` make its parts in this process until the patch is undone."""
+    patch.setattr(OneProcessCrew, "made", [], raising=False)
+    patch.setattr(recipes, "Crew", OneProcessCrew)

@@ -1,0 +1,175 @@
+"""Faults that a test server injects into its answers."""
+
+import re
+import threading
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Self
+
+
+@dataclass
+class Fault:
+    """What happens to requests whose `METHOD /path` matches `pattern`.
+
+    Attributes:
+        pattern: a regular expression, searched for.
+        status: answered instead of the request being handled.
+        headers: of that answer.
+        cut: bytes of the body after which the connection ends.
+        corrupt: whether one bit of the body is flipped; its length stays.
+        drip: bytes sent at a time, with pauses of `pause` seconds.
+        stall: seconds without a byte in the middle of the body.
+        lose: whether the request is handled but its answer never sent.
+        skip: matching requests that are let through first.
+        times: matching requests that are hit after those.
+    """
+
+    pattern: str
+    status: int | None = None
+    headers: dict[str, str] = field(default_factory=dict)
+    cut: int | None = None
+    corrupt: bool = False
+    drip: int = 0
+    pause: float = 0.0
+    stall: float = 0.0
+    lose: bool = False
+    skip: int = 0
+    times: int = 1_000_000
+
+    def hits(self, request: str) -> bool:
+        """Counts a request; whether the fault happens to it."""
+        if not re.search(self.pattern, request):
+            return False
+        if self.skip:
+            self.skip -= 1
+            return False
+        if self.times <= 0:
+            return False
+        self.times -= 1
+        return True
+
+
+class FaultyServer(ThreadingHTTPServer):
+    """A server on 127.0.0.1 with a log of its requests and a list of faults."""
+
+    daemon_threads = True
+
+    def __init__(self, handler: type[BaseHTTPRequestHandler]) -> None:
+        super().__init__(("127.0.0.1", 0), handler)
+        self.faults: list[Fault] = []
+        self.log: list[str] = []
+        self.lock = threading.RLock()
+        self._thread = threading.Thread(target=self.serve_forever, daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Where it listens."""
+        return f"http://127.0.0.1:{self.server_port}"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.shutdown()
+        self.server_close()
+        self._thread.join()
+
+    def fault_of(self, request: str) -> Fault | None:
+        """Logs a request and returns what shall happen to it."""
+        with self.lock:
+            self.log.append(request)
+            return next((fault for fault in self.faults if fault.hits(request)), None)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that hangs up is no error of a test."""
+
+
+class FaultyHandler(BaseHTTPRequestHandler):
+    """Answers requests; a subclass says with what."""
+
+    protocol_version = "HTTP/1.1"
+    server: FaultyServer
+    fault: Fault | None = None
+
+    def log_message(self, *args: Any) -> None:
+        """Nothing on the terminal."""
+
+    def answer(self) -> None:
+        """Handles one request; for subclasses."""
+        raise NotImplementedError
+
+    def handle_request(self) -> None:
+        self.fault = self.server.fault_of(f"{self.command} {self.path}")
+        if self.fault is not None and self.fault.status is not None:
+            self.read_body()
+            self.send(self.fault.status, b'{"error": "injected"}', self.fault.headers)
+        else:
+            self.answer()
+
+    do_GET = do_HEAD = do_POST = do_PUT = do_DELETE = handle_request  # noqa: N815  # http.server's
+
+    def read_body(self) -> bytes:
+        """The request's body."""
+        length = self.headers.get("Content-Length")
+        if length is not None:
+            return self.rfile.read(int(length))
+        body = b""
+        if "chunked" in self.headers.get("Transfer-Encoding", ""):
+            while size := int(self.rfile.readline().strip(), 16):
+                body += self.rfile.read(size)
+                self.rfile.readline()
+            self.rfile.readline()
+        return body
+
+    def send(self, status: int, body: bytes = b"", headers: dict[str, str] | None = None) -> None:
+        """Sends an answer, with the fault of this request."""
+        fault = self.fault or Fault("")
+        if fault.lose:
+            self.hang_up()
+            return
+        self.send_response(status)
+        every = {"Content-Type": "application/json", "Content-Length": str(len(body))}
+        for name, value in {**every, **(headers or {})}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command == "HEAD":
+            return
+        if fault.corrupt and body:
+            middle = len(body) // 2
+            body = body[:middle] + bytes([body[middle] ^ 1]) + body[middle + 1 :]
+        if fault.cut is not None:
+            self.wfile.write(body[: fault.cut])
+            self.hang_up()
+            return
+        if fault.stall:
+            self.wfile.write(body[: len(body) // 2])
+            self.wfile.flush()
+            threading.Event().wait(fault.stall)
+            body = body[len(body) // 2 :]
+        step = fault.drip or max(1, len(body))
+        for start in range(0, len(body), step):
+            self.wfile.write(body[start : start + step])
+            if fault.drip:
+                self.wfile.flush()
+                threading.Event().wait(fault.pause)
+
+    def hang_up(self) -> None:
+        """Ends the connection at once."""
+        self.wfile.flush()
+        self.close_connection = True
+        self.connection.shutdown(2)
+
+    def send_file(self, data: bytes, headers: dict[str, str], *, ranges: bool = True) -> None:
+        """Sends a file, or the range of it that was asked for."""
+        asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
+        every = {"Content-Type": "application/octet-stream", **headers}
+        if asked is None or not ranges:
+            self.send(200, data, {**every, "Content-Length": str(len(data))})
+            return
+        first, last = int(asked[1]), int(asked[2] or len(data) - 1)
+        if first >= len(data):
+            self.send(416, b"", {"Content-Range": f"bytes */{len(data)}"})
+            return
+        span = {"Content-Range": f"bytes {first}-{min(last, len(data) - 1)}/{len(data)}"}
+        self.send(206, data[first : last + 1], {**every, **span})

@@ -1,0 +1,75 @@
+"""A dataset that is built in the test's own process in a moment, and remotes that hold it."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from swarmdata.errors import HubError
+from swarmdata.recipes import build
+from swarmdata.remotes.folders import FolderRemote
+from swarmdata.remotes.interface import Release
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.manifest import _ZEROS, _digest
+
+TINY = Recipe(
+    id="coop_nav-tiny-v0",
+    tier="random",
+    spec=TaskSpec(horizon=40),
+    policies=(
+        PolicySource(label="a", name="random"),
+        PolicySource(label="b", name="straight", share=2.0),
+    ),
+    seed=5,
+    n_steps=400,
+    part_episodes=4,
+)
+
+
+def make_tiny(out: Path, **changes: Any) -> Path:
+    """Builds the tiny dataset, or one with other fields; use it where `Crew` is replaced."""
+    return build(TINY.model_copy(update=changes), out, workers=1, progress=False)
+
+
+def sign(path: Path, content: dict[str, Any]) -> None:
+    """Writes a manifest with a right checksum, whatever it says."""
+    blank = json.dumps({**content, "checksum": "0" * 64}).encode()
+    signed = blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)))
+    (path / "manifest.json").write_bytes(signed)
+
+
+def flip(path: Path, byte: int, bit: int = 0) -> None:
+    """Changes one bit of a file in place."""
+    content = bytearray(path.read_bytes())
+    content[byte] ^= 1 << bit
+    path.write_bytes(content)
+
+
+class Shelf(FolderRemote):
+    """A folder of datasets that counts its requests and may be made to fail."""
+
+    def __init__(self, root: Path, *datasets: Path, fails: bool = False) -> None:
+        root.mkdir()
+        super().__init__(root.as_uri())
+        self.fails, self.requests = fails, 0
+        for dataset in datasets:
+            shutil.copytree(
+                dataset, root / json.loads((dataset / "manifest.json").read_bytes())["id"]
+            )
+
+    def find(self, dataset_id: str) -> Release | None:
+        self._asked()
+        return super().find(dataset_id)
+
+    def ids(self) -> tuple[str, ...]:
+        self._asked()
+        return super().ids()
+
+    def read(self, release: Release, file: str, out: Path, size: int) -> None:
+        self._asked()
+        super().read(release, file, out, size)
+
+    def _asked(self) -> None:
+        self.requests += 1
+        if self.fails:
+            raise HubError(f"{self.address} answered 503 four times.")
