@@ -85,6 +85,12 @@ def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[Policy]
     return train_offline("maddpg_bc", str(dataset), run, n_seeds=2, changes=changes, progress=False)
 
 
+def spec_of(dataset: swarmdata.Dataset) -> RecordedSpec:
+    """What was recorded."""
+    assert isinstance(dataset.spec, RecordedSpec)
+    return dataset.spec
+
+
 def play(policies: Sequence[Policy], spec: RecordedSpec, n_episodes: int = 30) -> list[float]:
     """Mean return of each policy in the environment, on seeds that no recorder draws."""
     seeds = foreign_evaluation_seeds(n_episodes)
@@ -109,14 +115,13 @@ def play_random(n_episodes: int = 30) -> float:
 def main(folder: Path, n_episodes: int = 200, n_updates: int = 1500) -> dict[str, float]:
     """Records, trains and plays; returns mean returns by name, and prints them."""
     dataset = record(folder / ID, n_episodes)
-    assert isinstance(dataset.spec, RecordedSpec)
     found = {"random actions": play_random()}
     for label in GAINS:
         found[f"recorded: {label}"] = float(
             dataset.filter(policy=label).episodes.team_return.mean()
         )
     policies = train(folder / ID, folder / "run", n_updates)
-    for index, mean in enumerate(play(policies, dataset.spec)):
+    for index, mean in enumerate(play(policies, spec_of(dataset))):
         found[f"learned: seed {index}"] = mean
     print(dataset)
     for name, mean in found.items():

@@ -90,6 +90,7 @@ def kill_while_recording(path: Path, n_kills: int) -> int:
 
 
 def test_kill_while_recording(tmp_path: Path) -> None:
+    """Row 01: what is lost is the part that was not on the disk yet."""
     path = tmp_path / "ds"
     survived = kill_while_recording(path, 2)
     with pytest.raises(DatasetError):
@@ -105,6 +106,7 @@ def test_kill_while_recording(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_kill_while_recording_many_times(tmp_path: Path) -> None:
+    """Row 01: the same, at many moments."""
     survived = kill_while_recording(tmp_path / "ds", 20)
     assert survived > 0
     check_whole(recover(tmp_path / "ds"))
@@ -122,6 +124,7 @@ def interrupted(path: Path, n_episodes: int) -> Path:
     "n_kills", [2, pytest.param(25, marks=pytest.mark.slow)], ids=["few", "many"]
 )
 def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
+    """Row 02: the recording is finished by whoever comes next, the same bytes."""
     whole = recover(interrupted(tmp_path / "whole", 60))
     path = interrupted(tmp_path / "ds", 60)
     for kill in range(n_kills):
@@ -139,6 +142,7 @@ def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
 
 
 def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
+    """Row 02: parts that are left over do no harm."""
     path = interrupted(tmp_path / "ds", 12)
     shutil.copytree(recording_folder(path), tmp_path / "kept")
     digest = recover(path).digest
@@ -155,6 +159,7 @@ def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
 
 
 def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> None:
+    """Row 01: finished episodes are written when the interpreter ends."""
     code = RECORD.format(id=ID, n=7).replace("recorder.close()", "raise SystemExit(3)")
     code = code.replace("episodes=2", "episodes=100")
     ended = subprocess.run(
@@ -169,6 +174,7 @@ def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> Non
 
 
 def test_a_damaged_part_is_named(tmp_path: Path) -> None:
+    """Row 09: of a recording that is not finished."""
     path = interrupted(tmp_path / "ds", 12)
     (part,) = recording_folder(path).glob("part-*")
     assert len(read_part_table(part)) == 12
