@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from swarmdata.behavior_policies.tiers import is_dataset
-from swarmdata.catalog import cache_folder, load
-from swarmdata.dataset import Dataset
+from swarmdata.catalog import load
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
@@ -47,9 +45,9 @@ def train_offline(
 
     Args:
         algorithm: registered offline algorithm.
-        dataset_id: of the catalog, built if it is not in the cache; or a recording's, in the cache;
-            or a dataset's folder. Policies for recordings of other environments are not evaluated
-            while they train: `record.evaluate_parallel` does it with the environment.
+        dataset_id: of a dataset, or its folder, as `load` takes it. Policies for recordings of
+            other environments are not evaluated while they train: `record.evaluate_parallel` does
+            it with the environment.
         out: the run's folder.
         n_seeds: how many.
         changes: settings of the algorithm as text.
@@ -65,7 +63,9 @@ def train_offline(
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
-    dataset = open_dataset(dataset_id, observation, communication, progress=progress)
+    dataset = load(
+        dataset_id, observation=observation, communication=communication, progress=progress
+    )
     spec = dataset.spec
     evaluation = None if isinstance(spec, RecordedSpec) else _evaluation(spec)
     return train(
@@ -79,31 +79,6 @@ def train_offline(
         device=device,
         progress=progress,
     )
-
-
-def open_dataset(
-    id_or_path: str,
-    observation: Source | None = None,
-    communication: Source | None = None,
-    *,
-    progress: bool = True,
-) -> Dataset:
-    """Opens a dataset's folder, one that lies in the cache, or one of the catalog.
-
-    Args:
-        id_or_path: its id, or its folder.
-        observation: what robots shall have sensed, None for what was recorded.
-        communication: what they shall have heard, the same.
-        progress: whether to show bars.
-
-    Raises:
-        UnknownNameError: no such dataset.
-        SpecError: other models of a recording of another environment.
-    """
-    for folder in (Path(id_or_path), cache_folder() / "datasets" / id_or_path):
-        if folder.is_dir() and not is_dataset(id_or_path):
-            return Dataset.open(folder).reobserve(observation, communication, progress=progress)
-    return load(id_or_path, observation=observation, communication=communication, progress=progress)
 
 
 def train_online(
