@@ -52,10 +52,10 @@ def shapes(subject: Subject) -> Remarks:
 def _task_sizes(spec: TaskSpec) -> dict[str, Shape]:
     env = make_env(spec, 1)
     n = spec.n_agents
-    seen = Observer(env.task, 1).allocate((), n)
-    heard = dict(zip(("observations", "sent", "delivered", "ages"), seen, strict=True))
+    observed = ("observations", "sent", "delivered", "ages")
+    arrays = Observer(env.task, 1).allocate((), n)
     return {
-        **{name: array.shape for name, array in heard.items()},
+        **{name: array.shape for name, array in zip(observed, arrays, strict=True)},
         "states": (env.state_size,),
         "actions": (n, env.action_size),
         "log_probs": (n,),
