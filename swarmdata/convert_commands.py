@@ -103,6 +103,7 @@ def _import(
 ) -> str:
     if name is None:
         raise typer.BadParameter("needed with --from", param_hint="--id")
+    from swarmdata.cards.render import write_card
     from swarmdata.interop.choices import Choices
     from swarmdata.interop.importing import import_dataset
 
@@ -116,6 +117,7 @@ def _import(
         splits=splits,
         metadata=metadata,
     )
+    write_card(made.path)
     return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 

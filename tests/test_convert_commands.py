@@ -1,5 +1,6 @@
 """`swarmdata convert`: there and back, and what it says when something is missing."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from swarmdata.cli import app
 from swarmdata.dataset import Dataset
+from swarmdata.spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
 
 
@@ -25,8 +27,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_there_and_back(folder: Path, tmp_path: Path) -> None:
-    there = tmp_path / "x.hdf5"
+def test_there_and_back(record: Callable[..., Path], tmp_path: Path) -> None:
+    folder, there = record(tmp_path / "ds", TaskSpec(horizon=50), ("random",)), tmp_path / "x.hdf5"
     assert run(folder, there, "--to", "d4rl").strip() == str(there)
     take = (there, tmp_path / "back", "--from", "d4rl", "--id", "coop_nav-back-v0")
     out = run(*take, "--note", "license=mit")
@@ -35,6 +37,7 @@ def test_there_and_back(folder: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         back.transitions()["observations"], ours.transitions()["observations"]
     )
+    assert "| license | mit |" in back.card
     assert back.recipe.metadata["license"] == "mit"  # type: ignore[union-attr]
 
 

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.choices import Choices
@@ -100,7 +99,6 @@ def source_digest(path: Path) -> str:
 def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: bool) -> None:
     if out.exists():  # finished, or of something else, which is an error
         assemble(out, recipe=recording, parts={}, order=[])
-        write_card(out)
         return
     build = out.parent / f"{out.name}.build"
     if build.exists():
@@ -115,7 +113,6 @@ def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: boo
                 "which normalization statistics come. Pass splits='new' to draw new splits."
             )
         assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
-        write_card(out)
     finally:
         shutil.rmtree(build)
     sync(out.parent)

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.columns import agents_of, join_rows, split_rows
 from swarmdata.interop.fields import STATE_ARRAYS, TIME_ARRAYS, present
 from swarmdata.interop.formats import Format
-from swarmdata.interop.gymnasium_spaces import from_gymnasium, to_gymnasium
 from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
 from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.origins import RecordedAgent, RecordedSpec
@@ -162,12 +162,12 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
 
 def _columns(space: Any, note: Note) -> int:
     """Columns of an observation of the widest agent."""
-    return max(width(from_gymnasium(space[name])) for name in note.spec.agent_names)
+    return max(width(space_of(space[name], f"space of {name}")) for name in note.spec.agent_names)
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:
-    observation = from_gymnasium(found.observation_space)
-    action = from_gymnasium(found.action_space)
+    observation = space_of(found.observation_space, "observation space")
+    action = space_of(found.action_space, "action space")
     names = choices.agents
     if names is None:
         return (RecordedAgent(name="agent_0", observation=observation, action=action),), False

@@ -1,6 +1,5 @@
 """A foreign environment as frozen data: its gymnasium spaces, its name, its library."""
 
-import math
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -8,67 +7,14 @@ from importlib.metadata import packages_distributions, version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmdata.errors import SpecError
+from swarmdata.gymnasium_spaces import space_of
 from swarmdata.origins import RecordedAgent
-from swarmdata.spaces import (
-    Bound,
-    BoxSpace,
-    DictSpace,
-    DiscreteSpace,
-    MultiBinarySpace,
-    MultiDiscreteSpace,
-    Space,
-    TupleSpace,
-)
+from swarmdata.spaces import DictSpace, Space
 
 MASK = "action_mask"
 """Key of a mask in an agent's info or observation (PettingZoo, "Action Masking")."""
-
-_KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
-
-
-def space_of(space: Any, where: str) -> Space:
-    """Describes a space of gymnasium, or of the older gym, which VMAS has; both by their names.
-
-    Args:
-        space: of an agent.
-        where: names it in errors, such as "action space of agent_0".
-
-    Raises:
-        SpecError: values of such a space cannot be stored as rows of numbers.
-    """
-    names = [kind.__name__ for kind in type(space).__mro__]
-    match next((name for name in names if name in _KINDS), None):
-        case "Box":
-            low, high = _bound(space.low), _bound(space.high)
-            return BoxSpace(shape=tuple(space.shape), dtype=str(space.dtype), low=low, high=high)
-        case "Discrete":
-            return DiscreteSpace(n=int(space.n), start=int(getattr(space, "start", 0)))
-        case "MultiDiscrete":
-            if np.any(getattr(space, "start", 0)):
-                raise SpecError(f"{where} is {space}: a MultiDiscrete must start at 0 to be stored")
-            return MultiDiscreteSpace(n=tuple(int(n) for n in np.ravel(space.nvec)))
-        case "MultiBinary":
-            return MultiBinarySpace(n=math.prod(space.shape or ()))
-        case "Dict":
-            parts = {str(k): space_of(s, f"{where}[{k!r}]") for k, s in space.spaces.items()}
-            return DictSpace(spaces=parts)
-        case "Tuple":
-            inner = enumerate(space.spaces)
-            return TupleSpace(spaces=tuple(space_of(s, f"{where}[{k}]") for k, s in inner))
-    raise SpecError(
-        f"{where} is {space}, expected Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple: "
-        "only values of a fixed number of numbers can be stored. Wrap the environment so that it "
-        "has one of these."
-    )
-
-
-def _bound(values: NDArray[Any]) -> Bound:
-    """One number where all are equal; None is infinite."""
-    each = [float(v) if np.isfinite(v) else None for v in np.ravel(values).tolist()]
-    return each[0] if len(set(each)) == 1 else tuple(each)
 
 
 def without_mask(space: Space) -> Space:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
+from swarmdata.gymnasium_spaces import space_of
 from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.record.describing import foreign_spec, recording_of
-from swarmdata.record.foreign import clean_name, library_version, space_of
+from swarmdata.record.foreign import clean_name, library_version
 from swarmdata.record.reading import SUCCESS
 from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
