@@ -47,7 +47,7 @@ def about_section(origin: Origin) -> str:
     said = origin.metadata
     rows = [(key, said.get(key) or "not given") for key in ASKED]
     rows += [(key, value) for key, value in sorted(said.items()) if key not in ASKED]
-    return "\n## About\n\n" + markdown.table(("", ""), [(k, _cell(v)) for k, v in rows])
+    return "\n## About\n\n" + markdown.table(("", ""), rows)
 
 
 def splits_section(table: EpisodeTable, origin: Origin) -> str:
@@ -114,11 +114,6 @@ def _episodes(numbers: tuple[int, ...]) -> str:
     if len(numbers) <= 6:
         return ", ".join(map(str, numbers))
     return f"{', '.join(map(str, numbers[:3]))}, … {numbers[-1]}"
-
-
-def _cell(text: str) -> str:
-    """Text of users as one cell of a table."""
-    return " ".join(text.replace("|", "\\|").split())
 
 
 def acting(table: EpisodeTable, origin: Origin) -> list[int]:

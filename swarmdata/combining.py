@@ -15,6 +15,7 @@ from swarmdata.origins import Edit, Parent
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
 from swarmdata.store.atomic import remove_leftovers
+from swarmdata.store.layout import CARD
 from swarmdata.types import Int
 
 MOST_POLICIES = 256
@@ -123,7 +124,10 @@ def _label(source: PolicySource, dataset: str, taken: Mapping[str, PolicySource]
 
 
 def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
-    """Writes what an edit describes; one process at a time, the others find it done."""
+    """Writes what an edit describes; one process at a time, the others find it done.
+
+    It gets a card if all of its parents have one.
+    """
     _, maps = merge_policies(views)
     pieces = [
         Piece(view.stored, _increasing(view), map_) for view, map_ in zip(views, maps, strict=True)
@@ -131,7 +135,8 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
     with locked(out):
         remove_leftovers(out.parent, out.name)
         write_dataset(out, edit, Selection(pieces))
-        write_card(out)
+        if all((view.path / CARD).exists() for view in views):
+            write_card(out)
     return Dataset.open(out, references=views[0].references)
 
 

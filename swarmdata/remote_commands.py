@@ -1,7 +1,6 @@
 """`swarmdata push`, `swarmdata pull` and `swarmdata remote ...`: datasets to and from hubs."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -28,9 +27,7 @@ def push(
     from swarmdata.remotes import push as push_to
 
     remote, folder = open_remote(address), _folder(dataset)
-    with TemporaryDirectory() as scratch:
-        write_beside(folder, Path(scratch))
-        release = push_to(folder, remote, lambda each: reasons_against(each, remote), Path(scratch))
+    release = push_to(folder, remote, lambda each: reasons_against(each, remote), write_beside)
     typer.echo(f"{release.id} is published at {release.address}")
 
 

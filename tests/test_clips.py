@@ -48,16 +48,16 @@ def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Recorded(list[Episode]):
-        spec = TaskSpec(horizon=20)
+        task = TaskSpec(horizon=20)
         id = "coop_nav-recorded-v0"
 
-    episode = play(Recorded.spec)
+    episode = play(Recorded.task)
     monkeypatch.setattr(reporting, "is_dataset", lambda _: True)
     monkeypatch.setattr(reporting, "load_dataset", lambda _: Recorded([episode]))
     seen = draw_target("x", tmp_path / "seen.png", 0, "coop_nav", "lidar", "lossy-40")
     plain = draw_target("x", tmp_path / "plain.png", 0, "coop_nav")
 
-    live = play(with_models(Recorded.spec, "lidar", "lossy-40"))
+    live = play(with_models(Recorded.task, "lidar", "lossy-40"))
     np.testing.assert_array_equal(seen.observations, live.observations)
     np.testing.assert_array_equal(plain.observations, episode.observations)
     assert (tmp_path / "seen.png").read_bytes() != (tmp_path / "plain.png").read_bytes()

@@ -85,7 +85,7 @@ def test_the_gate_is_shut(dataset: Path, address: str, tmp_path: Path) -> None:
             (bare / path.relative_to(dataset)).write_bytes(path.read_bytes())
     shown = run("push", str(bare), address, code=1)
     assert "GateError" in shown
-    assert "it has no card.md" in shown
+    assert "there is no card.md" in shown
     assert run("remote", "list", address) == ""
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from swarmdata.errors import GateError
 from swarmdata.remotes.interface import Release, Remote
@@ -12,7 +13,7 @@ def push(
     folder: Path,
     remote: Remote,
     gate: Callable[[Path], Sequence[str]],
-    beside: Path | None = None,
+    beside: Callable[[Path, Path], None] | None = None,
 ) -> Release:
     """Publishes a finished dataset and returns where it is.
 
@@ -23,7 +24,8 @@ def push(
         folder: the dataset's.
         remote: where to.
         gate: returns the reasons against publishing, none if it may be.
-        beside: a folder of more files to publish with it; see `Remote.publish`.
+        beside: writes more files to publish with it, of the dataset in the first folder into the
+            second; see `Remote.publish`.
 
     Raises:
         GateError: there are reasons; the message lists all of them.
@@ -38,4 +40,7 @@ def push(
         raise GateError(
             f"{folder} may not be published to {remote.address}. Nothing was sent:{listed}"
         )
-    return remote.publish(folder, read_manifest(folder).id, beside)
+    with TemporaryDirectory() as scratch:
+        if beside is not None:
+            beside(folder, Path(scratch))
+        return remote.publish(folder, read_manifest(folder).id, Path(scratch))

@@ -114,6 +114,7 @@ class WebRemote:
             with urlopen(request, timeout=self._timeout) as response:
                 yield response
         except HTTPError as error:
+            error.close()  # it is the answer, with an open connection
             raise _explained(error, url) from error
         except URLError as error:
             if isinstance(error.reason, ssl.SSLCertVerificationError):

@@ -19,6 +19,7 @@ from tests.remotes.conftest import (  # noqa: F401  # fixtures
     ID,
     NEXT,
     backoff,
+    beside,
     dataset,
     hub,
     impatient,
@@ -38,8 +39,8 @@ Served = tuple[FaultyServer, Remote, Release]
 
 
 @pytest.fixture
-def on_a_hub(hub: LoopbackHub, remote: HubRemote, dataset: Path) -> Served:
-    release = remote.publish(dataset, ID)
+def on_a_hub(hub: LoopbackHub, remote: HubRemote, dataset: Path, beside: Path) -> Served:
+    release = remote.publish(dataset, ID, beside)
     hub.log.clear()
     return hub, remote, release
 
@@ -73,7 +74,7 @@ def pattern(server: FaultyServer, file: str) -> str:
 
 def test_listing_with_hostile_names(on_a_hub: Served, hub: LoopbackHub, tmp_path: Path) -> None:
     """Row 17: a listing with a name that leads out, or that is there twice, is refused whole."""
-    hostile = ("../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "README.MD", "recipe.json")
+    hostile = ("../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "CARD.MD", "recipe.json")
     for name in hostile:
         hub.extra_names = [name]
         fresh = HubRemote("hf://org", backoff=Backoff(attempts=1))

@@ -46,6 +46,16 @@ def successor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def beside(tmp_path: Path) -> Path:
+    """What goes with a dataset: the README, whose tags a Hub finds it by."""
+    folder = tmp_path / "beside"
+    (folder / "more").mkdir(parents=True)
+    (folder / "README.md").write_text(CARD)
+    (folder / "more/table.parquet").write_bytes(b"PAR1")
+    return folder
+
+
+@pytest.fixture
 def backoff() -> Backoff:
     """Three attempts without waiting."""
     return Backoff(attempts=3, sleep=lambda seconds: None)

@@ -31,14 +31,17 @@ def test_round_trip(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path
     assert [path.name for path in pulled.parent.iterdir() if path.suffix != ".lock"] == [ID]
 
 
-def test_a_push_is_one_commit_and_a_tag(remote: HubRemote, hub: LoopbackHub, dataset: Path) -> None:
-    release = remote.publish(dataset, ID)
+def test_a_push_is_one_commit_and_a_tag(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, beside: Path
+) -> None:
+    release = remote.publish(dataset, ID, beside)
 
     repository = hub.repositories[NAME]
     assert repository.titles == ["initial commit", ID]
     assert repository.tags == {"v0": repository.branches["main"]}
     assert release == Release(ID, f"hf://org/coop_nav-synthetic@{repository.tags['v0']}")
     assert repository.main["card.md"].data == CARD.encode()
+    assert {"README.md", "more/table.parquet"} <= repository.main.keys()
     assert any(blob.sha256 for blob in repository.main.values())
     assert remote.ids() == (ID,)
 
@@ -56,14 +59,14 @@ def test_the_same_again_changes_nothing_and_another_is_refused(
 
 
 def test_a_next_version_replaces_the_data_and_nothing_else(
-    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path, beside: Path
 ) -> None:
-    first = remote.publish(dataset, ID)
+    first = remote.publish(dataset, ID, beside)
     repository = hub.repositories[NAME]
     old = repository.main["recipe.json"]
     repository.commit({**repository.main, "LICENSE": old, "data.zarr/stale": old}, "by hand")
 
-    second = remote.publish(successor, NEXT)
+    second = remote.publish(successor, NEXT, beside)
 
     assert "LICENSE" in repository.main
     assert "data.zarr/stale" not in repository.main
