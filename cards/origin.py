@@ -4,7 +4,7 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER
-from swarmdata.origins import Edit, Origin, RecordedSpec, Recording
+from swarmdata.origins import Edit, Origin, RecordedSpec, Recording, split_rule
 from swarmdata.spec import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
@@ -70,7 +70,12 @@ def _split_rule(origin: Origin) -> str:
             "Every episode has the split that it had in its parent. Normalization statistics come "
             "from train only.\n"
         )
-    rule = origin.splits
+    rule = split_rule(origin)
+    if rule is None:
+        return (
+            "Every episode has the split that it had in the source. Normalization statistics come "
+            "from train only.\n"
+        )
     text = (
         f"By episode and by policy: of every {rule.block} consecutive episodes of a policy, "
         f"{rule.validation} is for validation and {rule.test} for test. Normalization statistics "

@@ -86,7 +86,7 @@ class Recording(Frozen):
     spec: AnySpec
     policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]  # shares mean nothing
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
-    splits: Splits = Splits()
+    splits: Splits | None = Splits()  # None: each episode has the split that it had in the source
     source: str  # "recorder", or the format it was converted from
     source_sha256: Sha256 | None = None  # of the file that was converted
     metadata: dict[str, str] = Field(default_factory=dict)  # author, license, what users say
@@ -114,6 +114,11 @@ class Edit(Frozen):
 
 Origin = Recipe | Recording | Edit
 """What `recipe.json` holds."""
+
+
+def split_rule(origin: Origin) -> Splits | None:
+    """The rule by which a dataset's episodes are split; None where they brought their splits."""
+    return None if isinstance(origin, Edit) else origin.splits
 
 
 def task_of(origin: Origin, purpose: str) -> TaskSpec:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from swarmdata.audit import audit
 from swarmdata.cli import app
 from swarmdata.dataset import Dataset
 from swarmdata.spec import TaskSpec
@@ -38,6 +39,8 @@ def test_there_and_back(record: Callable[..., Path], tmp_path: Path) -> None:
         back.transitions()["observations"], ours.transitions()["observations"]
     )
     assert "| license | mit |" in back.card
+    assert "the split that it had in the source" in back.card
+    assert audit(back.path, progress=False).problems == ()
     assert back.recipe.metadata["license"] == "mit"  # type: ignore[union-attr]
 
 

@@ -16,6 +16,7 @@ from swarmdata.origins import (
     RecordedSpec,
     Recording,
     parse_origin,
+    split_rule,
     task_of,
 )
 from swarmdata.spaces import BoxSpace, DiscreteSpace
@@ -107,5 +108,7 @@ def test_an_origin_without_kind_is_a_recipe() -> None:
     ours = RECORDING.model_copy(update={"spec": TaskSpec()})
     assert parse_origin(json.loads(ours.to_json()), "recipe.json") == ours
     assert task_of(ours, "this") == TaskSpec()
+    assert split_rule(RECORDING) is not None
+    assert split_rule(RECORDING.model_copy(update={"splits": None})) is None
     with pytest.raises(SpecError, match="invalid Recipe in x"):
         parse_origin({"kind": "nothing"}, "x")

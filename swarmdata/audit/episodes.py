@@ -5,7 +5,7 @@ import numpy as np
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
-from swarmdata.origins import Edit
+from swarmdata.origins import split_rule
 from swarmdata.recipes import seeds_of
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import Recipe
@@ -216,8 +216,8 @@ def splits(subject: Subject) -> Remarks:
     Minari's splits are drawn when they are asked for and stored nowhere; D4RL has none.
     """
     origin, table = subject.origin, subject.table
-    if isinstance(origin, Edit):
-        yield note("the splits were inherited from the parents, and are compared with no rule")
+    if split_rule(origin) is None:
+        yield note("the episodes brought their splits, which are compared with no rule")
         return
     if (table.policy_episode < 0).any():
         return  # `order` says so

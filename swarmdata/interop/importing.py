@@ -71,18 +71,19 @@ def import_dataset(
             f"{', '.join(known)}."
         )
     with found.read(source, task, choices or Choices()) as incoming:
+        keeps = splits == "kept" and incoming.splits is not None
         recording = Recording(
             id=id,
             spec=incoming.spec,
             policies=incoming.policies,
             seed=seed,
-            splits=rule or Splits(),
+            splits=None if keeps else rule or Splits(),
             source=format,
             source_sha256=digest,
             metadata={**incoming.metadata, **(metadata or {})},
         )
         with locked(out):
-            _store(out, recording, incoming, splits == "kept")
+            _store(out, recording, incoming, keeps)
     return Dataset.open(out)
 
 

@@ -271,14 +271,15 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
     if SPLITS.index("train") not in split_codes(recording, order):
         raise BuildError(
             f"{recording.id} has {len(order)} episodes, none of which falls into the train split "
-            f"({_rule(recording.splits)}). Record more; the episodes are kept."
+            f"({_rule(recording)}). Record more; the episodes are kept."
         )
     optional = ["action_masks"] * session.masks
     optional += LEAVING if any(_agents_leave(folder) for folder in parts.values()) else ()
     return assemble(path, recipe=recording, parts=streams, order=order, optional=optional)
 
 
-def _rule(splits: Splits) -> str:
+def _rule(recording: Recording) -> str:
+    splits = recording.splits or Splits()
     return f"{splits.validation} + {splits.test} of every {splits.block} episodes are held out"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
-from swarmdata.origins import Edit, Origin
+from swarmdata.origins import Origin, split_rule
 from swarmdata.spec import Recipe
 from swarmdata.store.atomic import new_folder
 from swarmdata.store.layout import (
@@ -209,7 +209,7 @@ def _episode_table(
 
 
 def _splits(recipe: Origin, order: Order, splits: Counts | None) -> Counts:
-    if splits is None and not isinstance(recipe, Edit):
+    if splits is None and split_rule(recipe) is not None:
         return split_codes(recipe, order)
     if splits is None or len(splits) != len(order) or (splits >= len(SPLITS)).any():
         raise SchemaError(

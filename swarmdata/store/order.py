@@ -11,9 +11,9 @@ from fractions import Fraction
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.origins import Recording
+from swarmdata.origins import Edit, Origin, split_rule
 from swarmdata.seeding import STREAMS, derive
-from swarmdata.spec import Recipe
+from swarmdata.spec import Recipe, Splits
 from swarmdata.store.table import SPLITS
 from swarmdata.types import Counts, Int
 
@@ -74,7 +74,7 @@ def _weights(recipe: Recipe) -> list[int]:
     return [int(share * common) for share in shares]
 
 
-def split_codes(recipe: Recipe | Recording, order: Sequence[tuple[int, int]]) -> Counts:
+def split_codes(recipe: Origin, order: Sequence[tuple[int, int]]) -> Counts:
     """Returns the split of each episode, as index into `SPLITS`, [len(order)].
 
     In each block of `recipe.splits.block` consecutive episodes of one policy's stream, random
@@ -82,24 +82,25 @@ def split_codes(recipe: Recipe | Recording, order: Sequence[tuple[int, int]]) ->
     split when the dataset grows.
 
     Raises:
-        SpecError: the recipe leaves no episode of a block to train on.
+        SpecError: the recipe has no rule, or it leaves no episode of a block to train on.
     """
-    rule = recipe.splits
+    rule = split_rule(recipe)
+    if rule is None or isinstance(recipe, Edit):
+        raise SpecError(f"{recipe.id} has no rule of splits: its episodes brought theirs")
     if rule.validation + rule.test >= rule.block:
         raise SpecError(
             f"splits of {recipe.id}: validation ({rule.validation}) + test ({rule.test}) must be "
             f"less than block ({rule.block}), so that every block has train episodes"
         )
     blocks = {(policy, episode // rule.block) for policy, episode in order}
-    codes = {key: _block_codes(recipe, *key) for key in blocks}
+    codes = {key: _block_codes(recipe.seed, rule, *key) for key in blocks}
     return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)
 
 
-def _block_codes(recipe: Recipe | Recording, policy: int, block: int) -> Counts:
+def _block_codes(seed: int, rule: Splits, policy: int, block: int) -> Counts:
     """Splits of one block: the held-out positions are the head of a Fisher-Yates shuffle."""
-    rule = recipe.splits
     held_out = rule.validation + rule.test
-    key = derive(recipe.seed, STREAMS["split"], policy, block)
+    key = derive(seed, STREAMS["split"], policy, block)
     draws = derive(key, np.arange(held_out, dtype=np.uint64))
     positions = list(range(rule.block))
     for k in range(held_out):
