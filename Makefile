@@ -60,7 +60,7 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
 test: $(STAMPS)/test
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 check: $(STAMPS)/lint
 	$(BIN)/ruff check .
