@@ -30,10 +30,15 @@ def compare(results: Mapping[str, Sequence[EvalResult]], spec: TaskSpec) -> Tabl
     Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
     the headline spec: the loss shows.
     """
+    return results_table(results, spec, reference=reference_of(spec))
+
+
+def reference_of(spec: TaskSpec) -> Reference | None:
+    """The returns of no skill and of the expert in the world of a spec, None if not measured."""
     known = _references(spec)
     if known is None or known.no_skill is None or known.expert is None:
-        return results_table(results, spec)
-    return results_table(results, spec, reference=Reference(known.no_skill, known.expert))
+        return None
+    return Reference(known.no_skill, known.expert)
 
 
 def _references(spec: TaskSpec) -> TaskReferences | None:
