@@ -97,8 +97,8 @@ class Degradation:
             f"Only {self.part} {self.name} changes; everything else is as each policy was trained. "
             f"The same {self.n_episodes} evaluation seeds at every point; "
             f"{'; '.join(way for way in ways if way)}. Collisions are contacts that began, per "
-            "episode. Time to goal counts an unsolved episode as the horizon. The change is from what "
-            "the same policies achieve as trained, seed by seed and episode by episode."
+            "episode. Time to goal counts an unsolved episode as the horizon. The change is from "
+            "what the same policies achieve as trained, seed by seed and episode by episode."
         )
 
 

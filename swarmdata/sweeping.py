@@ -23,8 +23,8 @@ from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluate import evaluate, load, load_metadata, save
 from swarmdata.interfaces import Policy
-from swarmdata.models import is_same_world, models_of
 from swarmdata.metrics import Estimate, Reference, bootstrap, iqm, mean, normalized_score
+from swarmdata.models import is_same_world, models_of
 from swarmdata.registry import ONLINE_ALGORITHMS
 from swarmdata.report import Column, results_table
 from swarmdata.reporting import reference_of
