@@ -99,8 +99,10 @@ def _frame(axes: Any, column: Column) -> None:
     axes.set_title(column.header, loc="left", fontsize=10)
     if column.is_rate:
         axes.set_ylim(-2.0, 102.0)
-    elif column.key != "return":
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    elif column.key != "return":  # from 0, with room for a marker at the top
+        low, high = axes.get_ylim()
+        low = min(0.0, low)
+        axes.set_ylim(low, high + 0.05 * (high - low))
     axes.grid(axis="y", color=FAINT, lw=0.8)
     axes.set_axisbelow(True)
 
@@ -115,5 +117,5 @@ def _legend(drawing: Any, axes: Any, found: Degradation) -> None:
         labels.append("as trained")
     if not all(on_axis):
         handles.append(Line2D([], [], color=GRAY, lw=1.1, ls=(0, (1, 2))))
-        labels.append("as trained, without a limit")
+        labels.append("as trained, not on the axis")
     drawing.legend(handles, labels, loc="outside upper center", ncols=min(4, len(handles)))
