@@ -55,8 +55,8 @@ def test_csv_has_one_estimate_in_a_row() -> None:
     assert {row["value"] for row in rows if row["policy"] == "one"} == {"", "0.3"}
 
 
-@given(st.floats(0, 1), NUMBERS, NUMBERS, NUMBERS)
-def test_csv_keeps_every_bit(value: float, *numbers: float) -> None:
+@given(st.floats(0, 1), st.tuples(NUMBERS, NUMBERS, NUMBERS))
+def test_csv_keeps_every_bit(value: float, numbers: tuple[float, float, float]) -> None:
     estimates = (Estimate(*numbers), Estimate(0.0, 0.0, 0.0))
     line = Line("a", 1, (Point(value, True, estimates),))
     row = next(csv.DictReader(io.StringIO(to_csv([degradation(line)]))))
