@@ -8,8 +8,6 @@ PART-NAME.png                        a figure for each axis
 A sweep that was stopped goes on where it was: results that are there are read, not measured again.
 """
 
-import hashlib
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,26 +16,18 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from swarmdata import __version__
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.errors import SchemaError, SpecError
-from swarmdata.evaluate import evaluate, load, load_metadata, save
-from swarmdata.interfaces import Policy
-from swarmdata.metrics import Estimate, Reference, bootstrap, iqm, mean, normalized_score
-from swarmdata.models import is_same_world, models_of
-from swarmdata.registry import ONLINE_ALGORITHMS
-from swarmdata.report import Column, results_table
-from swarmdata.reporting import reference_of
-from swarmdata.seeding import evaluation_seeds
+from swarmdata.errors import SpecError
+from swarmdata.models import is_same_world
+from swarmdata.report import Column
 from swarmdata.spec import TaskSpec
 from swarmdata.sweep_axes import Axis, Course, course_of
+from swarmdata.sweep_estimates import estimates_of
+from swarmdata.sweep_files import measured, origin_of
 from swarmdata.sweep_plots import plot_degradation
 from swarmdata.sweep_tables import Degradation, Line, Point, to_csv
-from swarmdata.targets import Target, find_target, require, run_folders
+from swarmdata.targets import Target, find_target, require
 from swarmdata.types import EvalResult
-
-CHECKPOINT = "checkpoint.safetensors"
-"""Where an offline run keeps its policies."""
 
 TRAINED = "trained"
 """Start of the names of results with everything as in training."""
@@ -48,10 +38,10 @@ Results = dict[str, list[EvalResult]]
 
 @dataclass(frozen=True, eq=False)
 class _Team:
-    """What is swept: a target, what it is in results, and where each axis leads it."""
+    """What is swept, where it comes from, and where each axis leads it."""
 
     target: Target
-    metadata: dict[str, Any]
+    origin: dict[str, Any]  # where it comes from, as JSON values
     courses: tuple[Course, ...]  # one per axis
 
 
@@ -96,7 +86,7 @@ def sweep(
     _check_axes(axes)
     teams = _teams(names, axes, task)
     n_all = sum(len(team.target.policies) * len(_places(team, axes)) for team in teams)
-    measured: list[Results] = []
+    results: list[Results] = []
     with tqdm(total=n_all, unit="evaluation", disable=None if progress else True) as bar:
         for team in teams:
             folder = out / "results" / team.target.label
@@ -104,12 +94,14 @@ def sweep(
             found: Results = {}
             for place in _places(team, axes):
                 bar.set_description(f"{team.target.label} {place.name}", refresh=False)
+                said = {**team.origin, "sweep": _words(place)}
                 for index in range(len(team.target.policies)):
-                    result = _measured(team, index, place, folder, n_episodes)
+                    path = folder / f"{place.name}-{index}.json"
+                    result = measured(team.target, index, place.spec, path, n_episodes, said)
                     found.setdefault(place.name, []).append(result)
                     bar.update()
-            measured.append(found)
-    degradations = [_degradation(k, axes, teams, measured, n_episodes) for k in range(len(axes))]
+            results.append(found)
+    degradations = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
     _write(degradations, out)
     return degradations
 
@@ -133,7 +125,7 @@ def _teams(names: Sequence[str], axes: Sequence[Axis], task: str) -> list[_Team]
         target = find_target(name, task)
         _check_senses(target, name)
         courses = tuple(course_of(axis, name, target.spec) for axis in axes)
-        teams.append(_Team(target, _origin(target, name), courses))
+        teams.append(_Team(target, origin_of(target, name), courses))
     first = teams[0].target
     for other in (team.target for team in teams[1:]):
         if not is_same_world(first.spec, other.spec):
@@ -161,16 +153,6 @@ def _check_senses(target: Target, name: str) -> None:
         )
 
 
-def _origin(target: Target, name: str) -> dict[str, Any]:
-    """Where a team comes from, as JSON values; parameters of an offline run by their digest."""
-    run = target.metadata.get("run")
-    if run is None or run["algorithm"] in ONLINE_ALGORITHMS:  # online, frames and seeds tell all
-        return dict(target.metadata)
-    files = [folder / CHECKPOINT for folder in run_folders(Path(name))]
-    digests = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
-    return {**target.metadata, "checkpoints": digests}
-
-
 def _places(team: _Team, axes: Sequence[Axis]) -> list[_Place]:
     """As trained first, then along each axis; a point of an axis may be as trained."""
     places = [_Place(TRAINED, team.target.spec)]
@@ -181,6 +163,13 @@ def _places(team: _Team, axes: Sequence[Axis]) -> list[_Place]:
     return places
 
 
+def _words(place: _Place) -> dict[str, Any] | None:
+    """What a file says of its place on an axis."""
+    if place.axis is None:
+        return None
+    return {"part": place.axis.part, "parameter": place.axis.name, "value": place.value}
+
+
 def _name(axis: Axis, value: float) -> str:
     return f"{axis.part}-{axis.name}-{value}"
 
@@ -189,104 +178,24 @@ def _is_trained(value: float, spec: TaskSpec, course: Course, team: _Team) -> bo
     return value == course.trained or spec == team.target.spec
 
 
-def _measured(team: _Team, index: int, place: _Place, folder: Path, n_episodes: int) -> EvalResult:
-    """The result in the place's file; measured now, and written, if there is none."""
-    policy: Policy = team.target.policies[index]
-    metadata = {
-        **team.metadata,
-        "models": models_of(place.spec),
-        "index": index,
-        "sweep": _point_of(place),
-    }
-    path = folder / f"{place.name}-{index}.json"
-    if path.exists():
-        return _read(path, place.spec, metadata, n_episodes)
-    result = evaluate(
-        policy, place.spec, name=team.target.label, n_episodes=n_episodes, progress=False
-    )
-    save(result, path, metadata=metadata)
-    return result
-
-
-def _point_of(place: _Place) -> dict[str, Any] | None:
-    if place.axis is None:
-        return None
-    return {"part": place.axis.part, "parameter": place.axis.name, "value": place.value}
-
-
-def _read(path: Path, spec: TaskSpec, metadata: dict[str, Any], n_episodes: int) -> EvalResult:
-    """A result of an earlier start of the same sweep.
-
-    Raises:
-        SchemaError: it is another one's.
-    """
-    result, theirs = load(path), load_metadata(path)
-    ours = {**json.loads(json.dumps(metadata)), "code_version": __version__}
-    differs = [name for name in sorted(ours | theirs) if ours.get(name) != theirs.get(name)]
-    differs += ["spec"] * (result.spec_hash != spec.hash())
-    differs += ["episodes"] * (not np.array_equal(result.seeds, evaluation_seeds(n_episodes)))
-    if differs:
-        raise SchemaError(
-            f"{path} holds the result of another sweep, which differs in {', '.join(differs)} "
-            f"({len(result.seeds)} episodes there, {n_episodes} asked for). Choose another --out, "
-            "or delete that file to measure it again."
-        )
-    return result
-
-
 def _degradation(
     k: int,
     axes: Sequence[Axis],
     teams: Sequence[_Team],
-    measured: Sequence[Results],
+    results: Sequence[Results],
     n_episodes: int,
 ) -> Degradation:
     """What was measured along axis k."""
     axis = axes[k]
     lines: list[Line] = []
     columns: tuple[Column, ...] = ()
-    for team, found in zip(teams, measured, strict=True):
+    for team, found in zip(teams, results, strict=True):
         points = []
         for value, is_trained, name, spec in _along(axis, team, team.courses[k]):
-            columns, estimates = _estimates(found[name], found[TRAINED], spec, team.target.spec)
+            columns, estimates = estimates_of(found[name], found[TRAINED], spec, team.target.spec)
             points.append(Point(value, is_trained, estimates))
         lines.append(Line(team.target.label, len(team.target.policies), tuple(points)))
     return Degradation(axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls)
-
-
-def _estimates(
-    runs: Sequence[EvalResult], before: Sequence[EvalResult], spec: TaskSpec, trained: TaskSpec
-) -> tuple[tuple[Column, ...], tuple[Estimate, ...]]:
-    """The columns of `report.results_table`, and what changed since training."""
-    scale = reference_of(trained)
-    table = results_table({runs[0].policy: runs}, spec, reference=scale)
-    key = "return" if scale is None else "score"
-    column = Column(f"{key}_change", f"change of {key}", "", 1 if scale else 2)
-    estimates = (*table.rows[0].estimates, change_of(runs, before, scale))
-    return (*table.columns, column), estimates
-
-
-def change_of(
-    runs: Sequence[EvalResult], before: Sequence[EvalResult], scale: Reference | None
-) -> Estimate:
-    """The difference of scores, or of returns without a scale, with its 95 % interval.
-
-    Seed by seed and episode by episode: what differs between training seeds, or between episodes,
-    is not in it, so that the interval is narrower than those of the two scores.
-
-    Args:
-        runs: one result per policy.
-        before: of the same policies on the same evaluation seeds.
-        scale: of the score.
-    """
-    returns = [np.stack([each.metrics["return"] for each in side]) for side in (runs, before)]
-    if scale is not None:
-        returns = [normalized_score(side, scale) for side in returns]
-    gaps = returns[0] - returns[1]  # [runs, episodes]
-    generator = np.random.default_rng(0)
-    if len(gaps) > 1:
-        return bootstrap(iqm, gaps.mean(axis=1)[:, None], generator=generator)
-    return bootstrap(mean, gaps.T, generator=generator)
 
 
 def _along(

@@ -14,15 +14,16 @@ from hypothesis import strategies as st
 pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
-from swarmdata import sweeping
+from swarmdata import sweep_files, sweeping
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluate import evaluate, load, load_metadata
 from swarmdata.metrics import Reference, metrics_of
 from swarmdata.models import models_of
 from swarmdata.spec import TaskSpec
 from swarmdata.sweep_axes import Axis, parse_axis
+from swarmdata.sweep_estimates import change_of
 from swarmdata.sweep_tables import Degradation
-from swarmdata.sweeping import change_of, sweep
+from swarmdata.sweeping import sweep
 from swarmdata.targets import evaluate_target, find_target
 from swarmdata.training import train_offline
 from swarmdata.types import EvalResult
@@ -136,7 +137,7 @@ def test_a_stopped_sweep_goes_on_where_it_was(
         calls.append(options["name"])
         return evaluate(*arguments, **options)
 
-    monkeypatch.setattr(sweeping, "evaluate", counted)
+    monkeypatch.setattr(sweep_files, "evaluate", counted)
     with pytest.raises(KeyboardInterrupt):
         run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
     assert len(list(tmp_path.rglob("*.json"))) == 3
@@ -155,7 +156,7 @@ def test_more_axes_and_points_join_what_is_there(
     runs: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_sweep([runs / "talks"], [DROP], tmp_path)
-    monkeypatch.setattr(sweeping, "evaluate", None)  # nothing is left to measure
+    monkeypatch.setattr(sweep_files, "evaluate", None)  # nothing is left to measure
     (found,) = run_sweep([runs / "talks"], [parse_axis("drop=0.6,0", "communication")], tmp_path)
     assert [point.value for point in found.lines[0].points] == [0.6, 0.3, 0.0]
     assert found.falls
