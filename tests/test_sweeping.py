@@ -15,10 +15,11 @@ pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
 from swarmdata import sweep_files, sweeping
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import CheckpointError, SchemaError, SpecError
 from swarmdata.evaluate import evaluate, load, load_metadata
+from swarmdata.learn.run import read_run
 from swarmdata.metrics import Reference, metrics_of
-from swarmdata.models import models_of
+from swarmdata.models import models_of, with_models
 from swarmdata.spec import TaskSpec
 from swarmdata.sweep_axes import Axis, parse_axis
 from swarmdata.sweep_estimates import change_of
@@ -211,6 +212,35 @@ def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     (line,) = found.lines
     assert [point.value for point in line.points] == [None, 2.0, 1.0]
     assert line.trained.estimates[found.column("score_change")] == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_an_actor_critic_trained_on_another_view_is_swept_in_that_view(
+    runs: Path, tmp_path: Path
+) -> None:
+    models = {"observation": "lidar-8", "communication": "lossy-30"}
+    settings = {"n_updates": "3", "actor_hidden": "8", "critic_hidden": "8", "batch_size": "16"}
+    train_offline(
+        "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
+        progress=False, **models,
+    )  # fmt: skip
+    run, features = read_run(tmp_path / "seen"), 5 + 4 * 8 + 3 * (4 + 3)
+    assert run.spec == with_models(TaskSpec(horizon=12), **models)
+    assert run.observation_size == features
+    assert run.view is not None
+    with pytest.raises(CheckpointError, match="differs in: view is"):
+        train_offline(
+            "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
+            progress=False,
+        )  # fmt: skip
+
+    sight = parse_axis("range=2,1", "observation")
+    found = run_sweep([tmp_path / "seen"], [DROP, sight], tmp_path / "out")
+    assert [point.value for point in found[0].lines[0].points] == [0.0, 0.3, 0.6]
+    assert [(point.value, point.is_trained) for point in found[1].lines[0].points] == [
+        (2.0, True),
+        (1.0, False),
+    ]
 
 
 def result(returns: list[float]) -> EvalResult:
