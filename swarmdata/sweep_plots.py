@@ -98,7 +98,7 @@ def _shown(points: tuple[Point, ...], index: int, column: Column) -> Double:
 def _frame(axes: Any, column: Column) -> None:
     axes.set_title(column.header, loc="left", fontsize=10)
     if column.is_rate:
-        axes.set_ylim(-2.0, 102.0)
+        axes.set_ylim(-4.0, 104.0)  # room for markers at the ends
     elif column.key != "return":  # from 0, with room for a marker at the top
         low, high = axes.get_ylim()
         low = min(0.0, low)
