@@ -139,7 +139,7 @@ def profile_band(
     return Band(performance_profile(scores, thresholds), low, high)
 
 
-def thresholds_of(tables: Mapping[str, Double], n: int = 101) -> Double:
+def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
     """Thresholds from the lowest score to the highest, at least from 0 to 100, [n].
 
     Raises:
