@@ -118,6 +118,10 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
         assert each.iqm.low <= each.iqm.value <= each.iqm.high
         assert each.optimality_gap.value >= 100 - each.mean.value - 1e-9
     assert complete(gather([lone])).tables == {}
+    results = gather([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
+    assert list(complete(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
+    with pytest.raises(UnknownNameError, match="unknown dataset with results"):
+        complete(results, ["coop_nav-medum-v0"])
     with pytest.raises(SchemaError, match="no scores to draw a profile"):
         thresholds_of({})
 
