@@ -37,6 +37,8 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
 def test_one_case_is_the_table() -> None:
     assert list(shown_cases(gather([result("idle", None)]))) == ["table"]
     assert list(tables_of(gather([result("idle", None)]))) == ["table"]
+    one = tables_of(gather(grid({"bc": {MEDIUM: 1.0}}, 2)))
+    assert list(one) == ["scores", "aggregates", "table"]  # nobody to beat
     whole = shown_cases(gather([result(), result("idle", None)]))
     assert list(whole["table"].runs) == ["idle", "bc"]
 
