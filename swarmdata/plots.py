@@ -97,7 +97,15 @@ def plot_curves(
         for (label, curve), color in zip(curves.items(), colors(len(curves)), strict=True):
             values = factor * curve.values
             n_runs = f" ({len(values)} seeds)" if len(values) > 1 else ""
-            axes.plot(curve.progress, values.mean(0), color=color, lw=1.8, label=label + n_runs)
+            point = "o" if len(curve.progress) == 1 else None  # a line of one point is invisible
+            axes.plot(
+                curve.progress,
+                values.mean(0),
+                color=color,
+                lw=1.8,
+                marker=point,
+                label=label + n_runs,
+            )
             axes.fill_between(
                 curve.progress, values.min(0), values.max(0), color=color, alpha=0.18, lw=0
             )
