@@ -9,8 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.reporting import shown_cases, tables_of, write_report
 from swarmdata.result_files import save
 from swarmdata.results import gather
-from tests.measured import EXPERT, MEDIUM, grid, result
-from tests.test_result_files import foreign
+from tests.measured import EXPERT, MEDIUM, foreign, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 

@@ -14,8 +14,7 @@ from swarmdata.report import Table
 from swarmdata.results import gather
 from swarmdata.spec import TaskSpec
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
-from tests.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
-from tests.test_result_files import foreign
+from tests.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 
 QUICK = 40  # resamples
 
