@@ -4,26 +4,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.metrics import Estimate, Reference, bootstrap, iqm, mean, normalized_score
-from swarmdata.report import Column, results_table
-from swarmdata.reporting import reference_of
+from swarmdata.aggregate import mean_over_runs
+from swarmdata.metrics import Estimate, Reference, normalized_score
+from swarmdata.report import Column
+from swarmdata.result_files import Result
+from swarmdata.results import Case, reference_of
 from swarmdata.spec import TaskSpec
-from swarmdata.types import EvalResult
+from swarmdata.tables import case_table
 
 
 def estimates_of(
-    runs: Sequence[EvalResult], before: Sequence[EvalResult], spec: TaskSpec, trained: TaskSpec
+    runs: Sequence[Result], before: Sequence[Result], spec: TaskSpec, trained: TaskSpec
 ) -> tuple[tuple[Column, ...], tuple[Estimate, ...]]:
-    """Returns the columns of `report.results_table`, and what changed since training.
+    """Returns the columns of `tables.case_table`, and what changed since training.
 
     Args:
         runs: one result per policy of a team at the point.
         before: of the same policies as they were trained.
         spec: of the point.
-        trained: the spec that they were trained on, whose references make the score.
+        trained: the spec that they were trained on, whose references make the score: a point with
+            other sensors on the robots is in no world that has references of its own.
     """
     scale = reference_of(trained)
-    table = results_table({runs[0].policy: runs}, spec, reference=scale)
+    label = runs[0].provenance.label
+    table = case_table(Case(None, spec, scale, None, {label: tuple(runs)}))
     key = "return" if scale is None else "score"
     column = Column(f"{key}_change", f"change of {key}", "", 1 if scale else 2)
     estimates = (*table.rows[0].estimates, change_of(runs, before, scale))
@@ -31,7 +35,7 @@ def estimates_of(
 
 
 def change_of(
-    runs: Sequence[EvalResult], before: Sequence[EvalResult], scale: Reference | None
+    runs: Sequence[Result], before: Sequence[Result], scale: Reference | None
 ) -> Estimate:
     """The difference of scores, or of returns without a scale, with its 95 % interval.
 
@@ -43,11 +47,8 @@ def change_of(
         before: of the same policies on the same evaluation seeds.
         scale: of the score.
     """
-    returns = [np.stack([each.metrics["return"] for each in side]) for side in (runs, before)]
-    if scale is not None:
-        returns = [normalized_score(side, scale) for side in returns]
-    gaps = returns[0] - returns[1]  # [runs, episodes]
-    generator = np.random.default_rng(0)
-    if len(gaps) > 1:
-        return bootstrap(iqm, gaps.mean(axis=1)[:, None], generator=generator)
-    return bootstrap(mean, gaps.T, generator=generator)
+    sides = (
+        np.stack([each.evaluation.metrics["return"] for each in side]) for side in (runs, before)
+    )
+    after, then = (side if scale is None else normalized_score(side, scale) for side in sides)
+    return mean_over_runs(after - then)  # [runs, episodes]
