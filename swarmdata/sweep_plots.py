@@ -99,9 +99,9 @@ def _frame(axes: Any, column: Column) -> None:
     axes.set_title(column.header, loc="left", fontsize=10)
     if column.is_rate:
         axes.set_ylim(-4.0, 104.0)  # room for markers at the ends
-    elif column.key != "return":  # from 0, with room for a marker at the top
+    elif column.key != "return":  # 0 is always seen, with room for a marker at the top
         low, high = axes.get_ylim()
-        low = min(0.0, low)
+        low, high = min(0.0, low), max(0.0, high)
         axes.set_ylim(low, high + 0.05 * (high - low))
     axes.grid(axis="y", color=FAINT, lw=0.8)
     axes.set_axisbelow(True)

@@ -26,6 +26,10 @@ HEAD = (
 """Columns of the CSV; values in stored units, empty where undefined or unlimited."""
 
 
+FEW = 5
+"""Training seeds below which a bootstrap over them covers much less than it says: of two, half."""
+
+
 @dataclass(frozen=True, slots=True)
 class Point:
     """What one team achieved at one value of an axis."""
@@ -88,9 +92,11 @@ class Degradation:
 
     def _caption(self) -> str:
         several = any(line.n_runs > 1 for line in self.lines)
+        few = any(1 < line.n_runs < FEW for line in self.lines)
         single = any(line.n_runs == 1 for line in self.lines)
         ways = [
-            "interquartile mean over training seeds [95 % bootstrap over seeds]" * several,
+            "interquartile mean over training seeds [95 % bootstrap over seeds"
+            f"{', too narrow with so few' * few}]" * several,
             "of one policy, mean [95 % interval over episodes]" * single,
         ]
         return (

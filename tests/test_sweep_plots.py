@@ -1,6 +1,7 @@
 """The figure of a sweep: every team in every panel, and what it was trained with."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,17 @@ def test_a_training_without_a_place_on_the_axis_has_a_line_of_its_own(tmp_path: 
     assert "communication other" in texts
     assert "as trained, not on the axis" in texts
     assert "as trained" not in texts
+
+
+def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
+    team = line("bc", 2, 0.0, 0.5)
+    low = tuple(
+        replace(point, estimates=(Estimate(-40.0, -44.0, -36.0), *point.estimates[1:]))
+        for point in team.points
+    )
+    texts = said(draw(tmp_path / "x.svg", replace(team, points=low)))
+    assert "\N{MINUS SIGN}40" in texts
+    assert texts.count("0") == 1 + len(RATES)
 
 
 def test_the_same_sweep_is_the_same_file(tmp_path: Path) -> None:

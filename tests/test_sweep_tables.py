@@ -37,8 +37,10 @@ def test_markdown_says_what_changes_and_which_interval_is_meant() -> None:
     assert "| several, drop 0.3 (as trained) | 3 | 0.50 [0.00, 1.00] | 25.0 [-25.0, 75.0] |" in text
     assert "| one, as trained | 1 | 2.00 [1.50, 2.50] |" in text
     assert "| one, drop 0.3 | 1 | -0.50 [-1.00, 0.00] | – |" in text
-    assert "bootstrap over seeds" in text
+    assert "bootstrap over seeds, too narrow with so few]" in text
     assert "interval over episodes" in text
+    many = degradation(Line("many", 5, (point(0.3, 0.5, 0.25, is_trained=True),))).to_markdown()
+    assert "bootstrap over seeds]" in many
     assert "over episodes" not in degradation(MEASURED.lines[0]).to_markdown()
     assert "over seeds" not in degradation(MEASURED.lines[1]).to_markdown()
 
