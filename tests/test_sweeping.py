@@ -22,7 +22,7 @@ from swarmdata.metrics import Reference
 from swarmdata.models import with_models
 from swarmdata.result_files import Result
 from swarmdata.results import Case, read, reference_of
-from swarmdata.spec import Robot, TaskSpec
+from swarmdata.spec import Robot, Role, TaskSpec
 from swarmdata.sweep_axes import Axis, parse_axis
 from swarmdata.sweep_estimates import change_of, estimates_of
 from swarmdata.sweep_tables import Degradation
@@ -296,8 +296,8 @@ def test_a_change_is_paired(n_runs: int, seed: int, loss: float, span: float) ->
 
 @pytest.mark.parametrize("n_runs", [1, 3])
 def test_estimates_are_those_of_the_table_of_a_case_on_the_scale_of_training(n_runs: int) -> None:
-    short = Robot(sensor_range=0.5)
-    cut = SPEC.with_updates(team=tuple(r.with_updates(robot=short) for r in SPEC.team))
+    cut = SPEC.with_updates(team=(Role(robot=Robot(sensor_range=0.5)),))
+    assert reference_of(cut) is None
     runs = [result(index=k, spec=cut) for k in range(n_runs)]
     columns, estimates = estimates_of(runs, runs, cut, SPEC)
     table = case_table(Case(None, cut, reference_of(SPEC), None, {"bc": tuple(runs)}))
