@@ -34,6 +34,7 @@ in the others."""
 
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
+    "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
 }
 
