@@ -1,7 +1,7 @@
 """FACMAC+BC: a factored critic improves actors that stay close to the dataset's actions.
 
 FACMAC (Peng et al. 2021) with the imitation term and the weight lambda of TD3+BC (Fujimoto & Gu
-2021, eq. 3-5). With x = (state, all observations), mixers g and team reward r, the mean over agents:
+2021, eq. 3-5). With x = (state, all observations), mixers g and team reward r, the agents' mean:
 
     Q_j(o, a) = g_j(Q_1j(o_1, a_1), ..., Q_Nj(o_N, a_N); x)                          FACMAC eq. 4
     y         = r + gamma (1 - termination) min_j Q'_j(o', pi'(o') + clip(noise, -c, c))
@@ -18,8 +18,8 @@ Deviations from FACMAC:
 - Agents share one utility network and one actor, which see the agent's number, and nothing is
   recurrent.
 - `mixer` "free" is FACMAC's nonmonotonic factorization, "monotonic" that of QMIX, with which the
-  paper's main results were made. Mixers see x, not the state alone, which says nothing of obstacles.
-  They average where the paper's add up, so that values keep their scale in teams of any size.
+  paper's main results were made. Mixers see x: the state alone says nothing of obstacles. They
+  average where the paper's add up, so that values keep their scale in teams of any size.
 
 Those of `maddpg_bc`, for the reasons given there:
 - mean |Q_1| is taken as at least 1, one standard deviation of the returns-to-go.

@@ -16,8 +16,9 @@ Deviations:
   weighted squared error is the paper's weighted log-likelihood for a Gaussian of fixed deviation;
   the paper's Gaussian learns a deviation that does not depend on the state, and acts by its mean.
 - Critics and value network have LayerNorm. Inputs are normalized, rewards divided by the standard
-  deviation of the returns-to-go (the paper scales by the range of returns, to 1,000), so that beta
-  has another unit.
+  deviation of the returns-to-go. In that unit advantages have a deviation of 0.05 (measured on
+  `coop_nav-medium-replay-mini`, after 1,000 updates), so that the paper's beta of 3, for rewards
+  scaled to returns of 1,000, would weigh everything alike, between 0.85 and 1.2. It is 30.
 - The step size of all networks decays along a cosine; in the paper only the actor's.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
@@ -58,7 +59,7 @@ class IQLConfig:
     discount: float = 0.95
     polyak: float = 0.01
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
-    beta: float = 3.0  # see the deviations above
+    beta: float = 30.0  # see the deviations above
     max_weight: float = 100.0  # w*, as in the authors' code
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 

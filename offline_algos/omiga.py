@@ -5,11 +5,11 @@ value regularization", NeurIPS 2023. Names are those of the authors' code (`algo
 functions in brackets), from which the losses were read. With x = (state, all observations) and team
 reward r, the mean over agents:
 
-    Q(o, a) = sum_i w_i(x) Q_i(o_i, a_i) + b(x),   V(o) = sum_i w_i(x) V_i(o_i) + b(x),   w_i >= 0
-    L(Q, w, b) = (r + gamma (1 - termination) V'(o') - Q(o, a))^2                       [q_loss]
+    Q(o, a) = sum_i w_i(x) Q_i(o_i, a_i) + b(x),  V(o) = sum_i w_i(x) V_i(o_i) + b(x),  w_i >= 0
+    L(Q, w, b) = (r + gamma (1 - termination) V'(o') - Q(o, a))^2                  [q_loss]
     z_i        = w'_i(x) (Q'_i(o_i, a_i) - V_i(o_i)) / alpha
-    L(V_i)     = exp(z_i) + w'_i(x) V_i(o_i) / alpha                                    [v_loss]
-    L(pi)      = min(exp(z_i), w*) 1/A |pi(o_i, i) - a_i|^2, mean over i                [policy_loss]
+    L(V_i)     = exp(z_i) + w'_i(x) V_i(o_i) / alpha                               [v_loss]
+    L(pi)      = min(exp(z_i), w*) 1/A |pi(o_i, i) - a_i|^2, mean over i           [policy_loss]
 
 Primes are slow copies, which are constants in V_i's and the policy's losses. V_i is the soft
 maximum over the data's actions: L(V_i) is least where the mean of exp(z_i) is 1.
@@ -96,7 +96,11 @@ class OMIGA:
         device: torch.device | str = "cpu",
     ) -> None:
         self.config, self.n_updates = config, 0
-        n_agents, step_size, norm = sizes.n_agents, config.critic_step_size, config.max_gradient_norm
+        n_agents, step_size, norm = (
+            sizes.n_agents,
+            config.critic_step_size,
+            config.max_gradient_norm,
+        )
         self.actor = StackedActor(
             sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
         )
@@ -109,9 +113,7 @@ class OMIGA:
             step_size=step_size, max_norm=norm, n_critics=1, device=device,
         )  # fmt: skip
         shape = MLPShape(sizes.observation, config.critic_hidden, 1, layer_norm=True)
-        self.values = Team(
-            shape, n_agents, seeds, VALUE_STREAM, parameters="shared", device=device
-        )
+        self.values = Team(shape, n_agents, seeds, VALUE_STREAM, parameters="shared", device=device)
         self.target_values = self.values.network.clone()
         self.actor_adam = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
         self.value_adam = StackedAdam(self.values.network, len(seeds), step_size, norm)

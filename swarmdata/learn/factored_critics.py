@@ -31,7 +31,7 @@ class FactoredCritics:
     """J factored critics of each of K seeds, their targets, and their optimizers.
 
     Attributes:
-        utilities: the networks Q_i; rows are seed 0 critic 0, seed 0 critic 1, ..., seed 1 critic 0.
+        utilities: the networks Q_i; rows are seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
         target_utilities: their slow copies.
         target_mixer: that of the mixer; None if nothing of it is learned.
 

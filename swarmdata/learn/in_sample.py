@@ -1,4 +1,4 @@
-"""Losses of methods that ask nothing of actions that the data lack: expectiles and weighted cloning.
+"""Losses of methods that never value an action that the data lack: expectiles, weighted cloning.
 
 `expectile_loss` and `exponential_weights` are of implicit Q-learning (Kostrikov et al. 2022),
 `soft_value_loss` is OMIGA's (Wang et al. 2023).

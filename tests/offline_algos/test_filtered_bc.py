@@ -66,7 +66,9 @@ def test_the_run_says_what_was_kept_and_is_behavior_cloning_of_it(
 
     assert run.min_return is not None
     kept = replace(mixture, episodes=mixture.filter(min_return=run.min_return).episodes)
-    (same,) = train("bc", kept, tmp_path / "b", seeds=[3], config=BCConfig(n_updates=20, hidden=(8,)))
+    (same,) = train(
+        "bc", kept, tmp_path / "b", seeds=[3], config=BCConfig(n_updates=20, hidden=(8,))
+    )
     observations = mixture.transitions["observations"]
     expected = same.actions(observations)  # type: ignore[attr-defined]
     assert np.array_equal(policy.actions(observations), expected)  # type: ignore[attr-defined]
