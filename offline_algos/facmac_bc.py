@@ -50,7 +50,10 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.learn.targets import td_target, team_reward
 from swarmdata.types import Batch
 
-MIXERS = {"monotonic": MonotonicMixer, "free": FreeMixer}
+MIXERS: dict[str, type[MonotonicMixer] | type[FreeMixer]] = {
+    "monotonic": MonotonicMixer,
+    "free": FreeMixer,
+}
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,8 @@ def main(
     for seed in range(n_seeds):
         policy = train(dataset, seed, n_updates)
         result = evaluate(policy, dataset.task, name="mine", n_episodes=n_episodes)
-        score = dataset.normalized_score(result.metrics["return"]).mean()
-        print(f"seed {seed}: score {score:.1f}, success {result.metrics['success'].mean():.2f}")
+        means = {name: result.metrics[name].mean() for name in ("return", "success")}
+        print(f"seed {seed}: return {means['return']:.2f}, success {means['success']:.2f}")
         who = Provenance(label="mine", index=seed, seed=seed, algorithm="mine", updates=n_updates,
                          dataset=dataset.id, digest=dataset.digest)  # fmt: skip
         files.append(save(Result(result, who, dataset.task), out))
