@@ -18,8 +18,10 @@ Deviations from FACMAC:
 - Agents share one utility network and one actor, which see the agent's number, and nothing is
   recurrent.
 - `mixer` "free" is FACMAC's nonmonotonic factorization, "monotonic" that of QMIX, with which the
-  paper's main results were made. Mixers see x: the state alone says nothing of obstacles. They
-  average where the paper's add up, so that values keep their scale in teams of any size.
+  paper's main results were made. "free" is the default because B3C (Kim et al. 2026) found it the
+  better one offline in most tasks; the two were not compared here. Mixers see x: the state alone
+  says nothing of obstacles. They average where the paper's add up, so that values keep their scale
+  in teams of any size.
 
 Those of `maddpg_bc`, for the reasons given there:
 - mean |Q_1| is taken as at least 1, one standard deviation of the returns-to-go.
