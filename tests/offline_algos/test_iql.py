@@ -96,9 +96,7 @@ def test_a_large_beta_does_not_overflow() -> None:
 def test_it_improves_on_a_mixture(mixture: MemoryDataset) -> None:
     """Half of the data drive at the goal, the other half at random; cloning makes 0.045."""
     seeds = range(2)
-    config = IQLConfig(
-        n_updates=1500, actor_hidden=(32, 32), critic_hidden=(32, 32), discount=0.9, beta=10.0
-    )
+    config = IQLConfig(n_updates=1500, actor_hidden=(32, 32), critic_hidden=(32, 32), discount=0.9)
     samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
 
     def draw() -> Batch:
