@@ -34,6 +34,10 @@ in the others."""
 
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
+    "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
+    "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
+    "iql": "swarmdata.offline_algos.iql:IQL",
+    "omiga": "swarmdata.offline_algos.omiga:OMIGA",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
 }
 

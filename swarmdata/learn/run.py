@@ -49,6 +49,7 @@ class Run(Frozen):
     digest: str  # of the dataset
     view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
     n_episodes: Count  # of the view that was trained on
+    min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec
     spec_hash: str
     n_agents: Count

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
-from swarmdata.learn.data import Data, Sampler
+from swarmdata.learn.data import Data, Sampler, Selective
 from swarmdata.learn.run import (
     CHECKPOINT,
     CONFIG,
@@ -103,9 +103,10 @@ def train(
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
+    dataset, min_return = _select(dataset, config)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    run = _describe(algorithm, config, dataset, sizes, seeds, schedule, device)
+    run = _describe(algorithm, config, dataset, min_return, sizes, seeds, schedule, device)
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
@@ -129,6 +130,14 @@ def _check_actions(algorithm: str, dataset: Data) -> None:
         )
 
 
+def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
+    """Returns the episodes that the algorithm wants, and the least return that it asked for."""
+    if not isinstance(config, Selective):
+        return dataset, None
+    least = config.least_return(np.array([episode.team_return for episode in dataset]))
+    return dataset.filter(min_return=least), least
+
+
 @contextmanager
 def _threads(n_threads: int) -> Iterator[None]:
     before = torch.get_num_threads()
@@ -143,6 +152,7 @@ def _describe(
     algorithm: str,
     config: Any,
     dataset: Data,
+    min_return: float | None,
     sizes: Sizes,
     seeds: Sequence[int],
     schedule: Schedule,
@@ -155,6 +165,7 @@ def _describe(
         digest=dataset.digest,
         view=dataset.view,
         n_episodes=len(dataset),
+        min_return=min_return,
         spec=dataset.spec,
         spec_hash=dataset.spec.hash(),
         n_agents=sizes.n_agents,

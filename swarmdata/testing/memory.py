@@ -1,7 +1,7 @@
 """MemoryDataset, a few episodes in memory that can be trained on like a stored dataset."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -47,6 +47,11 @@ class MemoryDataset:
     def __iter__(self) -> Iterator[Episode]:
         """Yields the episodes."""
         return iter(self.episodes)
+
+    def filter(self, *, min_return: float) -> "MemoryDataset":
+        """Returns the episodes of at least this team return."""
+        kept = [episode for episode in self.episodes if episode.team_return >= min_return]
+        return replace(self, episodes=kept)
 
     @cached_property
     def statistics(self) -> MemoryStatistics:

@@ -19,6 +19,15 @@ BATCH = 16
 
 SMALL: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (32, 32), "n_updates": 200},
+    "filtered_bc": {"hidden": (32, 32), "n_updates": 200},
+    "facmac_bc": {
+        "actor_hidden": (32, 32),
+        "critic_hidden": (32, 32),
+        "warm_start": 2,
+        "n_updates": 200,
+    },
+    "iql": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
+    "omiga": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
     "maddpg_bc": {
         "actor_hidden": (32, 32),
         "critic_hidden": (32, 32),

@@ -30,6 +30,10 @@ SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
+    "filtered_bc": {"hidden": (8,), "fraction": 0.5},
+    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
 }
 
