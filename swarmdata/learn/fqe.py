@@ -1,0 +1,263 @@
+"""Fitted Q evaluation: what policies are worth, estimated from recorded data alone.
+
+Le, Voloshin & Yue, "Batch Policy Learning under Constraints", ICML 2019, algorithm 3; the form with
+a slowly moving target network is that of Fu et al., "Benchmarks for Deep Off-Policy Evaluation",
+ICLR 2021, appendix, and the best of the direct methods compared by Voloshin et al., "Empirical
+Study of Off-Policy Policy Evaluation for Reinforcement Learning", NeurIPS 2021 (datasets track).
+For a team with reward r, the mean over agents, and the deterministic joint policy pi:
+
+    y        = r + gamma (1 - termination) clip(Q'(x', pi(o')), low, high)
+    L(Q)     = (Q(x, a) - y)^2                        over the train split
+    V(pi)    = mean over initial states of Q(x, pi(o))
+
+Deviations:
+- x = (state, all observations), as the critics of the actor-critic algorithms here see it; inputs
+  are normalized, rewards divided by the standard deviation of the returns-to-go, critics have
+  LayerNorm, and the step size decays along a cosine.
+- The bootstrap goes on through truncations, so V is the value of a task without a horizon.
+- `clip` guards against divergence. With all non-terminal team rewards of the data in [r-, r+] and
+  all terminal ones in [t-, t+], no policy that meets only such rewards has a value outside
+  [min(r- / (1 - gamma), t-), max(r+ / (1 - gamma), t+)]. `Values.clipped` says how often it binds.
+- Common random numbers: the critics of all K policies start from the same parameters and see the
+  same batches, so that what differs between their values is due to the policies.
+
+Importance sampling is not offered. Its weights pi(a|o) / beta(a|o) need a policy with a density
+where the data are; that of a deterministic policy is zero at every recorded action but its own.
+"""
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.data import Data
+from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
+from swarmdata.learn.optimizer import StackedAdam, cosine
+from swarmdata.learn.targets import polyak, td_target
+from swarmdata.learn.transitions import Actor, Transitions, actions_of
+from swarmdata.seeding import derive, uniform
+from swarmdata.types import Double, Int
+
+STREAM = 2
+"""Of the initial parameters: others than those of the algorithms' critics."""
+
+POINTS = 10
+"""Of the curve of values while they are fitted."""
+
+_CHUNK = 1024  # transitions at once
+
+
+@dataclass(frozen=True)
+class FQEConfig:
+    """How values are fitted; one setting for all datasets.
+
+    Raises:
+        SchemaError: a number is out of range.
+    """
+
+    n_updates: int = 5_000
+    batch_size: int = 256
+    hidden: tuple[int, ...] = (128, 128)
+    n_fits: int = 1  # critics of each policy, with parameters and batches of their own
+    discount: float = 0.99
+    step_size: float = 1e-3
+    polyak: float = 0.05
+    max_gradient_norm: float = 10.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if min(self.n_updates, self.batch_size, self.n_fits) < 1 or not 0 <= self.discount < 1:
+            raise SchemaError(
+                f"{self}: expected at least 1 update, row and fit, and a discount from 0 to below 1"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Values:
+    """What K policies are worth, in units of discounted team return, by each of M fits.
+
+    Attributes:
+        values: of every initial state, [K, M, E].
+        curve: means over initial states on the way, [P, K, M]; one that still moves has not
+            settled.
+        residual: root mean square of Q - y on held-out transitions, [K, M].
+        clipped: share of the targets of the last tenth of the updates that the bound cut, [K, M].
+        bound: the attainable range.
+    """
+
+    values: Double
+    curve: Double
+    residual: Double
+    clipped: Double
+    bound: tuple[float, float]
+
+    @property
+    def mean(self) -> Double:
+        """V of each policy: the mean over fits and initial states, [K]."""
+        return np.asarray(self.values.mean(axis=(1, 2)))
+
+
+def attainable(data: Transitions, discount: float) -> tuple[float, float]:
+    """Returns the least and the greatest value of policies that meet only rewards of the data.
+
+    A policy may collect the best non-terminal reward for ever, or the best terminal one at once;
+    every mixture lies between.
+    """
+    rewards, last = data.rewards.double(), data.terminations
+    ends = [side for side in (rewards[~last] / (1 - discount), rewards[last]) if len(side)]
+    lows, highs = (
+        [float(bound) for bound in pair] for pair in zip(*map(torch.aminmax, ends), strict=True)
+    )
+    return min(lows), max(highs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answered:
+    """A split, and what K policies do in each of its states."""
+
+    data: Transitions
+    answers: Tensor  # [K, n + E, N, A]
+
+    @classmethod
+    def by(cls, policies: Sequence[Actor], dataset: Data, data: Transitions) -> "Answered":
+        """Asks the policies.
+
+        Raises:
+            SchemaError: a policy does not tell its actions, or was trained on other observations.
+        """
+        return cls(data, torch.from_numpy(actions_of(policies, dataset)).to(data.x.device))
+
+
+class FittedQ:
+    """K M critics, M for each of K policies, fitted at once; rows are policy 0 fit 0, fit 1, ...
+
+    Args:
+        train: the transitions to fit, and the policies' actions there.
+        scale: what rewards and values are divided by inside.
+        config: settings.
+    """
+
+    def __init__(self, train: Answered, scale: float, config: FQEConfig) -> None:
+        self.train, self.scale, self.config, self.n_updates = train, scale, config, 0
+        self.bound = attainable(train.data, config.discount)
+        n_policies, _, *team = train.answers.shape
+        inputs = train.data.x.shape[1] + math.prod(team)
+        shape = MLPShape(inputs, config.hidden, 1, layer_norm=True)
+        self.critics = StackedMLP(shape, n_policies * config.n_fits, train.answers.device)
+        initialize(self.critics, list(_seeds(config)) * n_policies, STREAM)
+        self.target = self.critics.clone()
+        self.optimizer = StackedAdam(
+            self.critics, len(self.critics.flat), config.step_size, config.max_gradient_norm
+        )
+
+    def update(self, index: Tensor) -> Tensor:
+        """One step on the transitions `index`, [M, B]; returns the shares of clipped y, [K, M]."""
+        y, clipped = self.targets(self.train, index)
+        loss = (self.taken(self.train, index) - y).square().mean(2)  # [K, M]
+        scale = cosine(self.n_updates, self.config.n_updates)
+        self.optimizer.step(loss.flatten(), scale)
+        polyak(self.target, self.critics, self.config.polyak)
+        self.n_updates += 1
+        return clipped
+
+    @torch.no_grad()
+    def targets(self, split: Answered, index: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns y, [K, M, B], in units of `scale`, and the share that was clipped, [K, M]."""
+        data, there = split.data, split.data.here[index] + 1
+        q_next = self.q(self.target, data.x[there], split.answers[:, there])
+        low, high = (bound / self.scale for bound in self.bound)
+        bounded = q_next.clamp(low, high)
+        rewards = data.rewards[index] / self.scale
+        y = td_target(rewards, data.terminations[index], bounded, self.config.discount)
+        return y, (bounded != q_next).float().mean(2)
+
+    def taken(self, split: Answered, index: Tensor) -> Tensor:
+        """Returns Q of the recorded actions, [K, M, B], in units of `scale`."""
+        data = split.data
+        return self.q(self.critics, data.x[data.here[index]], data.actions[index][None])
+
+    def q(self, critics: StackedMLP, x: Tensor, actions: Tensor) -> Tensor:
+        """Returns values, [K, M, B].
+
+        Args:
+            critics: the critics or their targets.
+            x: what they see, the same for all policies, [M, B, X].
+            actions: joint actions, [K, M, B, N, A], or [1, M, B, N, A] where all take the same.
+        """
+        n_policies = len(self.train.answers)
+        parts = [part.expand(n_policies, *part.shape[1:]) for part in (x[None], actions.flatten(3))]
+        values = critics(torch.cat(parts, -1).flatten(0, 1))[..., 0]
+        return values.view(n_policies, *x.shape[:2])
+
+    @torch.no_grad()
+    def initial_values(self, split: Answered) -> Double:
+        """Returns what the policies are worth from each episode's first state, [K, M, E]."""
+        first = split.data.first.expand(self.config.n_fits, -1)  # [M, E]
+        values = self.q(self.critics, split.data.x[first], split.answers[:, first])
+        result: Double = (values.double() * self.scale).cpu().numpy()
+        return result
+
+    @torch.no_grad()
+    def residual(self, split: Answered) -> Double:
+        """Returns the root mean square of Q - y over a whole split, [K, M]."""
+        shape = len(split.answers), self.config.n_fits
+        total = torch.zeros(shape, dtype=torch.float64, device=split.answers.device)
+        rows = torch.arange(len(split.data), device=split.answers.device)
+        for start in range(0, len(rows), _CHUNK):
+            index = rows[start : start + _CHUNK].expand(self.config.n_fits, -1)
+            error = self.taken(split, index) - self.targets(split, index)[0]
+            total += error.double().square().sum(2)
+        result: Double = ((total / len(rows)).sqrt() * self.scale).cpu().numpy()
+        return result
+
+
+def fitted_q_evaluation(
+    train: Answered, held_out: Answered, scale: float, config: FQEConfig, *, progress: bool = True
+) -> Values:
+    """Fits the critics of K policies, and says what the policies are worth.
+
+    Args:
+        train: what to fit.
+        held_out: whose first states are evaluated, usually the validation split.
+        scale: a typical size of returns, such as the deviation of the returns-to-go.
+        config: settings.
+        progress: whether to show a bar (on standard error, if that is a terminal).
+    """
+    fitted, n_rows = FittedQ(train, scale, config), len(train.data)
+    device = train.data.here.device
+    last, curve, clipped = config.n_updates * 9 // 10, [], []
+    points = {round(config.n_updates * (point + 1) / POINTS) for point in range(POINTS)}
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    for update in tqdm(range(config.n_updates), desc="FQE", file=sys.stderr, disable=hidden):
+        shares = fitted.update(torch.from_numpy(draws(n_rows, config, update)).to(device))
+        if update >= last:
+            clipped.append(shares)
+        if update + 1 in points:
+            curve.append(fitted.initial_values(held_out).mean(2))
+    return Values(
+        values=fitted.initial_values(held_out),
+        curve=np.stack(curve),
+        residual=fitted.residual(held_out),
+        clipped=torch.stack(clipped).mean(0).double().cpu().numpy(),
+        bound=fitted.bound,
+    )
+
+
+def draws(n_rows: int, config: FQEConfig, update: int) -> Int:
+    """Returns the transitions of one update, [M, B]: uniform, with replacement, by seed of fit."""
+    numbers = np.arange(config.batch_size, dtype=np.uint64) + np.uint64(update * config.batch_size)
+    fits = np.array(_seeds(config), dtype=np.uint64)[:, None]
+    picks = uniform(derive(fits, STREAM, numbers)) * n_rows
+    return np.minimum(picks, n_rows - 1).astype(np.int64)  # the product may round up to n_rows
+
+
+def _seeds(config: FQEConfig) -> range:
+    """One per fit."""
+    return range(config.seed, config.seed + config.n_fits)
