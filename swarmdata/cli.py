@@ -13,6 +13,7 @@ from swarmdata import (
     convert_commands,
     editing_commands,
     integrity_commands,
+    ranking_commands,
     remote_commands,
     training_commands,
 )
@@ -174,6 +175,7 @@ app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
 
 

@@ -110,11 +110,12 @@ def _changes(
 
     lengths = {"n_frames": steps and round(steps), "n_updates": updates}
     changes = {name: str(length) for name, length in lengths.items() if length is not None}
-    named = dict(_setting(text) for text in settings)
+    named = dict(setting(text) for text in settings)
     return (read_settings(config) if config else {}) | changes | named
 
 
-def _setting(text: str) -> tuple[str, str]:
+def setting(text: str) -> tuple[str, str]:
+    """Splits the text of one `--set`."""
     key, equals, value = text.partition("=")
     if not equals:
         raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")

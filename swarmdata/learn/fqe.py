@@ -25,7 +25,6 @@ Importance sampling is not offered. Its weights pi(a|o) / beta(a|o) need a polic
 where the data are; that of a deterministic policy is zero at every recorded action but its own.
 """
 
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,16 +35,13 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.critics import JointCritics
 from swarmdata.learn.data import Data
-from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
-from swarmdata.learn.optimizer import StackedAdam, cosine
-from swarmdata.learn.targets import polyak, td_target
-from swarmdata.learn.transitions import Actor, Transitions, actions_of
+from swarmdata.learn.optimizer import cosine
+from swarmdata.learn.targets import td_target
+from swarmdata.learn.transitions import Transitions, actions_of
 from swarmdata.seeding import derive, uniform
 from swarmdata.types import Double, Int
-
-STREAM = 2
-"""Of the initial parameters: others than those of the algorithms' critics."""
 
 POINTS = 10
 """Of the curve of values while they are fitted."""
@@ -64,10 +60,10 @@ class FQEConfig:
     n_updates: int = 3_000
     batch_size: int = 256
     hidden: tuple[int, ...] = (128, 128)
-    n_fits: int = 1  # critics of each policy, with parameters and batches of their own
+    n_fits: int = 1  # critics of each policy, which begin with parameters of their own
     discount: float = 0.99
     step_size: float = 1e-3
-    polyak: float = 0.2  # 0.05 had covered two thirds of the way after 1,500 updates; see below
+    polyak: float = 0.2  # measured on coop_nav-expert: 0.05 needs four times the updates
     max_gradient_norm: float = 10.0
     seed: int = 0
 
@@ -126,7 +122,7 @@ class Answered:
     answers: Tensor  # [K, n + E, N, A]
 
     @classmethod
-    def by(cls, policies: Sequence[Actor], dataset: Data, data: Transitions) -> "Answered":
+    def by(cls, policies: Sequence[object], dataset: Data, data: Transitions) -> "Answered":
         """Asks the policies.
 
         Raises:
@@ -134,9 +130,13 @@ class Answered:
         """
         return cls(data, torch.from_numpy(actions_of(policies, dataset)).to(data.x.device))
 
+    def ask(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns x [K, B, S + N O] of rows [B] of x, and the policies' actions [K, B, N, A]."""
+        return self.data.x[rows].expand(len(self.answers), -1, -1), self.answers[:, rows]
+
 
 class FittedQ:
-    """K M critics, M for each of K policies, fitted at once; rows are policy 0 fit 0, fit 1, ...
+    """K M critics, M for each of K policies, fitted at once on the same batches.
 
     Args:
         train: the transitions to fit, and the policies' actions there.
@@ -147,23 +147,19 @@ class FittedQ:
     def __init__(self, train: Answered, scale: float, config: FQEConfig) -> None:
         self.train, self.scale, self.config, self.n_updates = train, scale, config, 0
         self.bound = attainable(train.data, config.discount)
-        n_policies, _, *team = train.answers.shape
-        inputs = train.data.x.shape[1] + math.prod(team)
-        shape = MLPShape(inputs, config.hidden, 1, layer_norm=True)
-        self.critics = StackedMLP(shape, n_policies * config.n_fits, train.answers.device)
-        initialize(self.critics, list(_seeds(config)) * n_policies, STREAM)
-        self.target = self.critics.clone()
-        self.optimizer = StackedAdam(
-            self.critics, len(self.critics.flat), config.step_size, config.max_gradient_norm
-        )
+        seeds = [config.seed] * len(train.answers)  # common random numbers
+        self.critics = JointCritics(
+            train.data.sizes, seeds, config.hidden,
+            step_size=config.step_size, max_norm=config.max_gradient_norm,
+            n_critics=config.n_fits, device=train.answers.device,
+        )  # fmt: skip
 
     def update(self, index: Tensor) -> Tensor:
-        """One step on the transitions `index`, [M, B]; returns the shares of clipped y, [K, M]."""
+        """One step on the transitions `index`, [B]; returns the shares of clipped y, [K, M]."""
         y, clipped = self.targets(self.train, index)
-        loss = (self.taken(self.train, index) - y).square().mean(2)  # [K, M]
-        scale = cosine(self.n_updates, self.config.n_updates)
-        self.optimizer.step(loss.flatten(), scale)
-        polyak(self.target, self.critics, self.config.polyak)
+        loss = (self.taken(self.train, index) - y).square().mean(2).sum(1)  # [K]
+        self.critics.step(loss, cosine(self.n_updates, self.config.n_updates))
+        self.critics.follow(self.config.polyak)
         self.n_updates += 1
         return clipped
 
@@ -171,7 +167,7 @@ class FittedQ:
     def targets(self, split: Answered, index: Tensor) -> tuple[Tensor, Tensor]:
         """Returns y, [K, M, B], in units of `scale`, and the share that was clipped, [K, M]."""
         data, there = split.data, split.data.here[index] + 1
-        q_next = self.q(self.target, data.x[there], split.answers[:, there])
+        q_next = self.critics.target_q(*split.ask(there))[..., 0]
         low, high = (bound / self.scale for bound in self.bound)
         bounded = q_next.clamp(low, high)
         rewards = data.rewards[index] / self.scale
@@ -180,27 +176,15 @@ class FittedQ:
 
     def taken(self, split: Answered, index: Tensor) -> Tensor:
         """Returns Q of the recorded actions, [K, M, B], in units of `scale`."""
-        data = split.data
-        return self.q(self.critics, data.x[data.here[index]], data.actions[index][None])
-
-    def q(self, critics: StackedMLP, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns values, [K, M, B].
-
-        Args:
-            critics: the critics or their targets.
-            x: what they see, the same for all policies, [M, B, X].
-            actions: joint actions, [K, M, B, N, A], or [1, M, B, N, A] where all take the same.
-        """
-        n_policies = len(self.train.answers)
-        parts = [part.expand(n_policies, *part.shape[1:]) for part in (x[None], actions.flatten(3))]
-        values = critics(torch.cat(parts, -1).flatten(0, 1))[..., 0]
-        return values.view(n_policies, *x.shape[:2])
+        data, n_policies = split.data, len(split.answers)
+        x, actions = data.x[data.here[index]], data.actions[index]
+        wide = (part.expand(n_policies, *part.shape) for part in (x, actions))
+        return self.critics.q(*wide)[..., 0]
 
     @torch.no_grad()
     def initial_values(self, split: Answered) -> Double:
         """Returns what the policies are worth from each episode's first state, [K, M, E]."""
-        first = split.data.first.expand(self.config.n_fits, -1)  # [M, E]
-        values = self.q(self.critics, split.data.x[first], split.answers[:, first])
+        values = self.critics.q(*split.ask(split.data.first))[..., 0]
         result: Double = (values.double() * self.scale).cpu().numpy()
         return result
 
@@ -211,7 +195,7 @@ class FittedQ:
         total = torch.zeros(shape, dtype=torch.float64, device=split.answers.device)
         rows = torch.arange(len(split.data), device=split.answers.device)
         for start in range(0, len(rows), _CHUNK):
-            index = rows[start : start + _CHUNK].expand(self.config.n_fits, -1)
+            index = rows[start : start + _CHUNK]
             error = self.taken(split, index) - self.targets(split, index)[0]
             total += error.double().square().sum(2)
         result: Double = ((total / len(rows)).sqrt() * self.scale).cpu().numpy()
@@ -251,13 +235,7 @@ def fitted_q_evaluation(
 
 
 def draws(n_rows: int, config: FQEConfig, update: int) -> Int:
-    """Returns the transitions of one update, [M, B]: uniform, with replacement, by seed of fit."""
+    """Returns the transitions of one update, [B]: uniform, with replacement."""
     numbers = np.arange(config.batch_size, dtype=np.uint64) + np.uint64(update * config.batch_size)
-    fits = np.array(_seeds(config), dtype=np.uint64)[:, None]
-    picks = uniform(derive(fits, STREAM, numbers)) * n_rows
+    picks = uniform(derive(config.seed, numbers)) * n_rows
     return np.minimum(picks, n_rows - 1).astype(np.int64)  # the product may round up to n_rows
-
-
-def _seeds(config: FQEConfig) -> range:
-    """One per fit."""
-    return range(config.seed, config.seed + config.n_fits)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.critics import information
 from swarmdata.learn.data import Data
-from swarmdata.learn.inputs import standardize
+from swarmdata.learn.normalizer import Normalizer
+from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics, returns_to_go
 from swarmdata.origins import RecordedSpec
 from swarmdata.scaling import action_scale
-from swarmdata.types import Double, Episode, Float
+from swarmdata.types import Episode, Float
 
 
+@runtime_checkable
 class Actor(Protocol):
-    """A policy without memory, of a team; every policy of an offline run is one."""
+    """A team whose actions are functions of what the robots see now, as offline runs give them."""
 
     def actions(self, observations: Float) -> Float: ...  # [B, N, O] -> [B, N, A]
 
@@ -31,6 +34,7 @@ class Transitions:
     It takes 4 (S + N (O + A)) bytes per step, 1 GB for a million steps of four robots.
     """
 
+    sizes: Sizes
     x: Tensor  # [n + E, S + N O] normalized states and observations
     actions: Tensor  # [n, N, A] in [-1, 1]
     rewards: Tensor  # [n] of the team
@@ -60,65 +64,74 @@ class Transitions:
         """
         if not len(dataset):
             raise SchemaError(f"there are no episodes of {dataset.id} to read; widen the filter")
-        spec = dataset.spec
+        spec, known = dataset.spec, Normalizer(statistics, "cpu")
         scale = action_scale(spec) if isinstance(spec, RecordedSpec) else None
         columns: list[tuple[NDArray[Any], ...]] = []
         for episode in dataset:
             actions = episode.actions if scale is None else scale.to_unit(episode.actions)
             team = episode.rewards.mean(axis=1, dtype=np.float64)
             columns.append((
-                _information(episode, statistics),
+                _information(episode, known),
                 actions if episode.alive is None else actions * episode.alive[:-1, :, None],
                 team.astype(np.float32),
                 returns_to_go(team, discount).astype(np.float32),
                 episode.terminations,
             ))  # fmt: skip
         lengths = np.array([len(rows[2]) for rows in columns])
-        shifts = np.repeat(np.arange(len(lengths)), lengths)
-        starts = np.cumsum(lengths) - lengths + np.arange(len(lengths))
+        number = np.arange(len(lengths))
+        first = np.cumsum(lengths) - lengths + number
+        here = np.arange(int(lengths.sum())) + np.repeat(number, lengths)
         joined = (np.concatenate(rows) for rows in zip(*columns, strict=True))
-        here = np.arange(int(lengths.sum())) + shifts
-        return cls(*(torch.from_numpy(array).to(device) for array in (*joined, here, starts)))
+        tensors = (torch.from_numpy(array).to(device) for array in (*joined, here, first))
+        return cls(_sizes(next(iter(dataset))), *tensors)
+
+    @property
+    def initial_returns(self) -> Tensor:
+        """The discounted return of each episode, [E]."""
+        return self.returns[self.first - torch.arange(len(self.first), device=self.first.device)]
 
     def __len__(self) -> int:
         """Number of transitions, n."""
         return len(self.rewards)
 
 
-def _information(episode: Episode, statistics: Statistics) -> Float:
+def _sizes(episode: Episode) -> Sizes:
+    (_, n_agents, n_seen), n_actions = episode.observations.shape, episode.actions.shape[-1]
+    return Sizes(n_agents, n_seen, n_actions, episode.states.shape[-1])
+
+
+def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
     """What critics see besides actions, x = (s, o_1, ..., o_N), normalized, [T+1, S + N O]."""
-    parts = (
-        (episode.states, statistics.state_mean, statistics.state_std),
-        (episode.observations, statistics.observation_mean, statistics.observation_std),
-    )
-    normal = [standardize(*(torch.from_numpy(np.float32(part)) for part in each)) for each in parts]
-    x: Float = torch.cat([part.flatten(1) for part in normal], 1).numpy()
-    return x
+    # copies, because torch has no read-only tensors
+    states = known.states(torch.tensor(episode.states))
+    observations = known.observations(torch.tensor(episode.observations))
+    return information(states[None], observations[None])[0].numpy()
 
 
-def actions_of(policies: Sequence[Actor], dataset: Data) -> Float:
+def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     """Returns what K policies do in every state of a dataset, float32 [K, n + E, N, A].
 
     Rows are those of `Transitions.x`. It takes 4 K N A bytes per step, 32 MB for each policy and
     million steps of four robots. Who has left an episode does nothing.
 
     Args:
-        policies: whose actions are functions of the observations alone.
+        policies: each an `Actor`.
         dataset: what the transitions were read from.
 
     Raises:
         SchemaError: a policy does not tell its actions, or was trained on other observations.
     """
-    silent = [type(policy).__name__ for policy in policies if not hasattr(policy, "actions")]
-    if silent:
+    actors = [policy for policy in policies if isinstance(policy, Actor)]
+    if len(actors) < len(policies):
+        silent = sorted({type(each).__name__ for each in policies if not isinstance(each, Actor)})
         raise SchemaError(
             f"{', '.join(silent)} has no `actions(observations)`, expected policies whose actions "
-            "are functions of what the robots see now: what they would have done in recorded "
-            "states is not known otherwise."
+            "are functions of what the robots see now: what others would have done in recorded "
+            "states is not known."
         )
-    answers: list[Double | Float] = []
+    answers: list[Float] = []
     for episode in dataset:
-        seen = np.ascontiguousarray(episode.observations)
-        joint = np.stack([policy.actions(seen) for policy in policies])
+        seen = np.array(episode.observations)
+        joint = np.stack([actor.actions(seen) for actor in actors]).astype(np.float32, copy=False)
         answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
-    return np.concatenate(answers, axis=1).astype(np.float32, copy=False)
+    return np.concatenate(answers, axis=1)

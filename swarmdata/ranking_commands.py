@@ -1,0 +1,63 @@
+"""The command that ranks trained policies without a simulator."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="offline runs of one dataset")]
+
+
+def rank(
+    runs: Runs,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for ranking.md, ranking.csv and ranking.json")
+    ] = None,
+    dataset: Annotated[
+        str | None, typer.Option(help="id or folder, if not the id that the runs name")
+    ] = None,
+    by: Annotated[
+        str, typer.Option(help="fqe, imitation_error, weighted_imitation_error or td_error")
+    ] = "fqe",
+    checkpoints: Annotated[
+        bool, typer.Option(help="every checkpoint that `train --keep` kept, not only the last")
+    ] = False,
+    episodes: Annotated[
+        int | None,
+        typer.Option(min=1, help="simulate so many, to see how well the criteria rank"),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="of fitted Q evaluation, such as discount"),
+    ] = None,
+    device: Annotated[str, typer.Option(help="of torch")] = "cpu",
+) -> None:
+    """Rank trained policies on the validation split: fitted Q evaluation, imitation and TD errors.
+
+    No simulator is needed. With --episodes it is used to tell how far the criteria can be trusted.
+    """
+    from swarmdata.errors import UnknownNameError
+    from swarmdata.ranking_record import CRITERIA
+    from swarmdata.targets import require
+    from swarmdata.training_commands import setting
+
+    require("torch", "torch", "ranking policies")
+    from swarmdata import model_selection
+    from swarmdata.learn.config import override
+    from swarmdata.learn.fqe import FQEConfig
+
+    criterion = next((name for name in CRITERIA if name == by), None)
+    if criterion is None:
+        raise UnknownNameError("criterion", by, CRITERIA)
+    ranking = model_selection.rank(
+        runs,
+        dataset_id=dataset,
+        config=override(FQEConfig(), dict(map(setting, settings or []))),
+        by=criterion,
+        checkpoints=checkpoints,
+        n_episodes=episodes,
+        device=device,
+    )
+    if out is not None:
+        ranking.write(out)
+    typer.echo(ranking.to_text(), nl=False)
