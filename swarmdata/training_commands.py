@@ -7,7 +7,7 @@ import typer
 
 from swarmdata.task_commands import Communication, Observation
 
-ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "device")
+ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "keep", "device")
 """Options of `train` that only one kind of algorithm has."""
 
 
@@ -30,6 +30,7 @@ def train(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
     observation: Observation = None,
     communication: Communication = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
@@ -52,7 +53,8 @@ def train(
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
+        options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep}
+        options |= {"device": device}
         train_offline(algorithm, data, folder, changes=changes, **options)
     typer.echo(folder)
 
