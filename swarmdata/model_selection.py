@@ -11,7 +11,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from swarmdata import __version__, metrics
 from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
 from swarmdata.learn.run import Loaded, kept_updates, load_algorithm, read_run
@@ -35,6 +34,8 @@ from swarmdata.ranking_record import (
     RankedPolicy,
     Ranking,
 )
+from swarmdata.ranking_scores import Scores, read_scores, simulate
+from swarmdata.run_files import run_hash
 from swarmdata.types import Double
 
 
@@ -43,6 +44,7 @@ class Candidates:
     """The policies of one checkpoint of a run, one per seed, in the order of the run's seeds."""
 
     name: str  # of the run
+    content: str | None  # SHA-256 of the run's measured files; None of an earlier checkpoint
     loaded: Loaded
     td_error: Double | None  # [K] on the validation split, if the algorithm has one
 
@@ -60,6 +62,7 @@ def rank(
     by: Criterion = "fqe",
     checkpoints: bool = False,
     n_episodes: int | None = None,
+    results: Path | None = None,
     device: str = "cpu",
     progress: bool = True,
 ) -> Ranking:
@@ -73,16 +76,20 @@ def rank(
         checkpoints: whether every checkpoint that the runs kept is ranked, not only the last.
         n_episodes: also measures the policies in the simulator, on so many reserved seeds, and how
             well each criterion ranked them; None does not.
+        results: a folder that `evaluate --out` filled, from which the same is read instead.
         device: of torch.
         progress: whether to show bars.
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
         SchemaError: the runs and the dataset are not of the same data, there are no validation
-            episodes, or a policy does not say what it would have done.
+            episodes, a policy does not say what it would have done, both `n_episodes` and
+            `results` are given, or `results` are of other policies or not of the same episodes.
         SpecError: `n_episodes` with a recording of another environment.
     """
     config = config or FQEConfig()
+    if n_episodes is not None and results is not None:
+        raise SchemaError("got n_episodes and results, expected one of them: both say scores")
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
     found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
@@ -90,8 +97,13 @@ def rank(
     statistics = Statistics.measure(parts[0], config.discount)
     train, held_out = (_ask(policies, part, statistics, config, device) for part in parts)
     values = fitted_q_evaluation(train, held_out, statistics.return_std, config, progress=progress)
-    scores = _simulate(policies, dataset, n_episodes, progress=progress) if n_episodes else None
-    rows = _rows(found, values, held_out, scores)
+    scores: Scores | None = None
+    if n_episodes is not None:
+        scores = simulate(policies, dataset, n_episodes, progress=progress)
+    elif results is not None:
+        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
+        scores = read_scores(keys, dataset, results)
+    rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
         code_version=__version__,
         dataset=dataset.id,
@@ -106,8 +118,8 @@ def rank(
         discount=config.discount,
         bound=values.bound,
         data_value=float(held_out.data.initial_returns.mean()),
-        score_unit=None if scores is None else _unit(dataset),
-        n_score_episodes=n_episodes,
+        score_unit=None if scores is None else scores.unit,
+        n_score_episodes=None if scores is None else scores.n_episodes,
         policies=_sorted(rows, by),
         quality={} if scores is None else _qualities(rows),
     )
@@ -150,7 +162,8 @@ def _candidates(
             scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
             error = td_errors(loaded.algorithm, held_out, n_seeds, scale, device)
-            found.append(Candidates(name, loaded, error))
+            content = run_hash(folder, loaded.run.algorithm, 0) if loaded is last else None
+            found.append(Candidates(name, content, loaded, error))
     return found
 
 
@@ -164,33 +177,11 @@ def _ask(
     return Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
 
 
-def _simulate(
-    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool
-) -> list[float]:
-    """Mean score of each policy, or its return where the task has no references."""
-    scores = []
-    for index, policy in enumerate(policies):
-        result = evaluate(
-            policy,
-            dataset.task,
-            name=f"policy {index + 1} of {len(policies)}",
-            n_episodes=n_episodes,
-            progress=progress,
-        )
-        mean = float(result.metrics["return"].mean())
-        scores.append(mean if dataset.references is None else float(dataset.normalized_score(mean)))
-    return scores
-
-
-def _unit(dataset: Dataset) -> Literal["score", "return"]:
-    return "return" if dataset.references is None else "score"
-
-
 def _rows(
     found: Sequence[Candidates],
     values: Values,
     held_out: Answered,
-    scores: Sequence[float] | None,
+    scores: Sequence[float | None] | None,
 ) -> list[RankedPolicy]:
     """One row per policy, in the order of the candidates."""
     imitation, weighted = imitation_error(held_out), weighted_imitation_error(held_out)
@@ -245,10 +236,11 @@ def _sorted(rows: Sequence[RankedPolicy], by: Criterion) -> tuple[RankedPolicy, 
 
 
 def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality]:
-    """How well each criterion ranked the policies that have it, if it has at least two."""
+    """How well each criterion ranked the policies that have it and a score, if two have."""
     qualities: dict[Criterion, CriterionQuality] = {}
     for criterion in CRITERIA:
-        known = [(key, row.score) for row in rows if (key := _key(row, criterion)) is not None]
+        pairs = [(_key(row, criterion), row.score) for row in rows]
+        known = [pair for pair in pairs if None not in pair]
         if len(known) < 2:
             continue
         estimates, scores = np.array(known, dtype=np.float64).T

@@ -26,6 +26,9 @@ def rank(
         int | None,
         typer.Option(min=1, help="simulate so many, to see how well the criteria rank"),
     ] = None,
+    results: Annotated[
+        Path | None, typer.Option(help="the same from a folder that `evaluate --out` filled")
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="of fitted Q evaluation, such as discount"),
@@ -34,7 +37,7 @@ def rank(
 ) -> None:
     """Rank trained policies on the validation split: fitted Q evaluation, imitation and TD errors.
 
-    No simulator is needed. With --episodes it is used to tell how far the criteria can be trusted.
+    No simulator is needed. With --episodes or --results, scores tell how far to trust the criteria.
     """
     from swarmdata.errors import UnknownNameError
     from swarmdata.ranking_record import CRITERIA
@@ -56,6 +59,7 @@ def rank(
         by=criterion,
         checkpoints=checkpoints,
         n_episodes=episodes,
+        results=results,
         device=device,
     )
     if out is not None:

@@ -71,7 +71,7 @@ def test_without_a_future_the_value_is_the_reward() -> None:
 
 def test_a_policy_of_a_stack_gets_the_value_that_it_gets_alone() -> None:
     dataset = chain(20, ends=False)
-    changes = {"n_updates": 60, "n_fits": 2}
+    changes: dict[str, Any] = {"n_updates": 60, "n_fits": 2}
     stack = fit(dataset, **changes)
     assert not np.allclose(stack.values[:, 0], stack.values[:, 1])
     for k, action in enumerate(ACTIONS):
