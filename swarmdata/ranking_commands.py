@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.task_commands import setting
+
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="offline runs of one dataset")]
 
 
@@ -42,7 +44,6 @@ def rank(
     from swarmdata.errors import UnknownNameError
     from swarmdata.ranking_record import CRITERIA
     from swarmdata.targets import require
-    from swarmdata.training_commands import setting
 
     require("torch", "torch", "ranking policies")
     from swarmdata import model_selection

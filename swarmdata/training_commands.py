@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.task_commands import Communication, Observation
+from swarmdata.task_commands import Communication, Observation, setting
 
 ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "keep", "device")
 """Options of `train` that only one kind of algorithm has."""
@@ -114,14 +114,6 @@ def _changes(
     changes = {name: str(length) for name, length in lengths.items() if length is not None}
     named = dict(setting(text) for text in settings)
     return (read_settings(config) if config else {}) | changes | named
-
-
-def setting(text: str) -> tuple[str, str]:
-    """Splits the text of one `--set`."""
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
-    return key, value
 
 
 def learning(
