@@ -39,6 +39,10 @@ from swarmdata.run_files import run_hash
 from swarmdata.types import Double
 
 
+SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
+"""Of the fitted Q evaluation, in the record."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
     """The policies of one checkpoint of a run, one per seed, in the order of the run's seeds."""
@@ -111,11 +115,7 @@ def rank(
         view=dataset.view,
         by=by,
         n_validation_episodes=len(parts[1]),
-        n_updates=config.n_updates,
-        batch_size=config.batch_size,
-        hidden=config.hidden,
-        n_fits=config.n_fits,
-        discount=config.discount,
+        **{name: getattr(config, name) for name in SETTINGS},
         bound=values.bound,
         data_value=float(held_out.data.initial_returns.mean()),
         score_unit=None if scores is None else scores.unit,

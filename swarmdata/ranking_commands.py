@@ -8,33 +8,31 @@ import typer
 from swarmdata.task_commands import setting
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="offline runs of one dataset")]
+Out = Annotated[Path | None, typer.Option(help="folder for ranking.md, ranking.csv, ranking.json")]
+DatasetId = Annotated[str | None, typer.Option(help="id or folder, if not the id the runs name")]
+By = Annotated[str, typer.Option(help="fqe, imitation_error, weighted_imitation_error or td_error")]
+Checkpoints = Annotated[bool, typer.Option(help="all that `train --keep` kept, not only the last")]
+Episodes = Annotated[
+    int | None, typer.Option(min=1, help="simulate so many, to see how well the criteria rank")
+]
+Results = Annotated[
+    Path | None, typer.Option(help="the same from a folder that `evaluate --out` filled")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="of fitted Q evaluation, such as discount"),
+]
 
 
 def rank(
     runs: Runs,
-    out: Annotated[
-        Path | None, typer.Option(help="folder for ranking.md, ranking.csv and ranking.json")
-    ] = None,
-    dataset: Annotated[
-        str | None, typer.Option(help="id or folder, if not the id that the runs name")
-    ] = None,
-    by: Annotated[
-        str, typer.Option(help="fqe, imitation_error, weighted_imitation_error or td_error")
-    ] = "fqe",
-    checkpoints: Annotated[
-        bool, typer.Option(help="every checkpoint that `train --keep` kept, not only the last")
-    ] = False,
-    episodes: Annotated[
-        int | None,
-        typer.Option(min=1, help="simulate so many, to see how well the criteria rank"),
-    ] = None,
-    results: Annotated[
-        Path | None, typer.Option(help="the same from a folder that `evaluate --out` filled")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="of fitted Q evaluation, such as discount"),
-    ] = None,
+    out: Out = None,
+    dataset: DatasetId = None,
+    by: By = "fqe",
+    checkpoints: Checkpoints = False,
+    episodes: Episodes = None,
+    results: Results = None,
+    settings: Settings = None,
     device: Annotated[str, typer.Option(help="of torch")] = "cpu",
 ) -> None:
     """Rank trained policies on the validation split: fitted Q evaluation, imitation and TD errors.

@@ -121,7 +121,8 @@ class Ranking(Frozen):
             f"{CRITERIA[self.by][0]}, on {self.n_validation_episodes} validation episodes. FQE: "
             f"discounted return ({self.discount:g} per step) from their first states [95 % "
             f"interval over these states], {self.n_updates:,} updates; as recorded it is "
-            f"{self.data_value:.3g}. {bound} Errors are lower for better policies."
+            f"{self.data_value:.3g}. {bound} Errors are lower for better policies. "
+            "FQE overrates policies whose actions left the data, as a large imitation error shows."
         )
         if self.score_unit is not None:
             text += (

@@ -10,6 +10,8 @@ from swarmdata.task_commands import Communication, Observation, setting
 ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "keep", "device")
 """Options of `train` that only one kind of algorithm has."""
 
+Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
+
 
 def train(
     context: typer.Context,
@@ -19,9 +21,7 @@ def train(
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
-    steps: Annotated[
-        float | None, typer.Option(min=1, help="joint steps of a seed, online")
-    ] = None,
+    steps: Steps = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
     config: Annotated[
         str | None, typer.Option(help="settings: a shipped name or a YAML file")
@@ -53,8 +53,7 @@ def train(
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep}
-        options |= {"device": device}
+        options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep, "device": device}
         train_offline(algorithm, data, folder, changes=changes, **options)
     typer.echo(folder)
 
