@@ -38,7 +38,6 @@ from swarmdata.ranking_scores import Scores, read_scores, simulate
 from swarmdata.run_files import run_hash
 from swarmdata.types import Double
 
-
 SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Of the fitted Q evaluation, in the record."""
 
@@ -101,12 +100,7 @@ def rank(
     statistics = Statistics.measure(parts[0], config.discount)
     train, held_out = (_ask(policies, part, statistics, config, device) for part in parts)
     values = fitted_q_evaluation(train, held_out, statistics.return_std, config, progress=progress)
-    scores: Scores | None = None
-    if n_episodes is not None:
-        scores = simulate(policies, dataset, n_episodes, progress=progress)
-    elif results is not None:
-        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
-        scores = read_scores(keys, dataset, results)
+    scores = _scores(found, dataset, n_episodes, results, progress=progress)
     rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
         code_version=__version__,
@@ -175,6 +169,24 @@ def _ask(
     device: str,
 ) -> Answered:
     return Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+
+
+def _scores(
+    found: Sequence[Candidates],
+    dataset: Dataset,
+    n_episodes: int | None,
+    results: Path | None,
+    *,
+    progress: bool,
+) -> Scores | None:
+    """From the simulator, from files, or none."""
+    if n_episodes is not None:
+        policies = [policy for each in found for policy in each.policies]
+        return simulate(policies, dataset, n_episodes, progress=progress)
+    if results is not None:
+        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
+        return read_scores(keys, dataset, results)
+    return None
 
 
 def _rows(
