@@ -21,7 +21,7 @@ Deviations:
 - Common random numbers: the critics of all K policies start from the same parameters and see the
   same batches, so that what differs between their values is due to the policies.
 
-What to expect. Near the data the values are close: two experts of `coop_nav` got 3.74 and 3.85 from
+What to expect. Near the data the values are close: two experts of `coop_nav` got 3.71 and 3.73 from
 `coop_nav-expert-mini`, and earned 4.00 (standard error 0.15) on its validation seeds. Far from them
 they are too high: MADDPG+BC at alpha 25 on `coop_nav-medium-mini` got 1.38 and scored -14, cloning
 got 0.88 and scored 43. A critic is asked there for actions that no recorded one resembles, and
