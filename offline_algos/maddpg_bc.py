@@ -150,6 +150,12 @@ class MADDPGBC:
         r = team_reward(batch.rewards) * self.reward_scale
         return td_target(r, batch.terminations, q_next, config.discount)
 
+    @torch.no_grad()
+    def td_error(self, batch: Batch) -> Tensor:
+        """Returns the mean of (Q_j - y)^2 over critics and rows, [K], and changes no parameter."""
+        q = self.critics.q(self.information(batch.states, batch.observations), batch.actions)
+        return (q[..., 0] - self.targets(batch)[:, None]).square().mean((1, 2))
+
     def _update_actor(
         self, batch: Batch, x: Tensor, alpha: float, scale: float
     ) -> dict[str, Tensor]:

@@ -38,6 +38,7 @@ def train_offline(
     observation: Source | None = None,
     communication: Source | None = None,
     curve_every: int = 1000,
+    keep: bool = False,
     device: str = "cpu",
     progress: bool = True,
 ) -> list[Policy]:
@@ -54,6 +55,7 @@ def train_offline(
         observation: trains on, and evaluates under, another model than the recorded one.
         communication: the same.
         curve_every: updates between two points of the learning curve.
+        keep: whether every checkpoint is kept, for `rank` to choose among.
         device: of torch.
         progress: whether to show bars.
 
@@ -77,6 +79,7 @@ def train_offline(
         schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
         evaluate=evaluation,
         device=device,
+        keep=keep,
         progress=progress,
     )
 

@@ -5,10 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.task_commands import Communication, Observation
+from swarmdata.task_commands import Communication, Observation, setting
 
-ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "device")
+ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "keep", "device")
 """Options of `train` that only one kind of algorithm has."""
+
+Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
 
 
 def train(
@@ -19,9 +21,7 @@ def train(
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
-    steps: Annotated[
-        float | None, typer.Option(min=1, help="joint steps of a seed, online")
-    ] = None,
+    steps: Steps = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
     config: Annotated[
         str | None, typer.Option(help="settings: a shipped name or a YAML file")
@@ -30,6 +30,7 @@ def train(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
     ] = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
     observation: Observation = None,
     communication: Communication = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
@@ -52,7 +53,7 @@ def train(
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
+        options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep, "device": device}
         train_offline(algorithm, data, folder, changes=changes, **options)
     typer.echo(folder)
 
@@ -110,15 +111,8 @@ def _changes(
 
     lengths = {"n_frames": steps and round(steps), "n_updates": updates}
     changes = {name: str(length) for name, length in lengths.items() if length is not None}
-    named = dict(_setting(text) for text in settings)
+    named = dict(setting(text) for text in settings)
     return (read_settings(config) if config else {}) | changes | named
-
-
-def _setting(text: str) -> tuple[str, str]:
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
-    return key, value
 
 
 def learning(

@@ -4,6 +4,7 @@ config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
 checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
+checkpoints/            earlier ones, by update, if they were to be kept
 """
 
 import csv
@@ -29,11 +30,12 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
 
-CONFIG, LOSSES, CURVE, CHECKPOINT = (
+CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
     "losses.csv",
     "curve.csv",
     "checkpoint.safetensors",
+    "checkpoints",
 )
 
 Count = Annotated[int, Field(ge=1)]
@@ -110,11 +112,55 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
-    run = read_run(Path(folder))
-    tensors, _ = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
-    algorithm = run.build(statistics_of(tensors), device)
+    return load_algorithm(folder, device).policies
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A run's algorithm as of one of its checkpoints."""
+
+    run: Run
+    algorithm: Algorithm
+    statistics: Statistics
+    update: int
+
+    @property
+    def policies(self) -> list[Policy]:
+        """One per seed."""
+        return [self.algorithm.policy(index) for index in range(len(self.run.seeds))]
+
+
+def load_algorithm(
+    folder: Path | str, device: torch.device | str = "cpu", update: int | None = None
+) -> Loaded:
+    """Loads the algorithm of a run folder with all its networks.
+
+    Args:
+        folder: of the run.
+        device: where it computes.
+        update: of a checkpoint that was kept; None for the last one.
+
+    Raises:
+        CheckpointError: the folder holds no run, or the checkpoint is absent or damaged.
+    """
+    run, path = read_run(Path(folder)), Path(folder) / CHECKPOINT
+    if update is not None:
+        path = kept_path(Path(folder), update)
+    tensors, metadata = checkpoint.load_checkpoint(path)
+    statistics = statistics_of(tensors)
+    algorithm = run.build(statistics, device)
     algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
-    return [algorithm.policy(index) for index in range(len(run.seeds))]
+    return Loaded(run, algorithm, statistics, int(metadata["update"]))
+
+
+def kept_path(folder: Path, update: int) -> Path:
+    """The checkpoint that a run has kept of an update."""
+    return folder / KEPT / f"{update}.safetensors"
+
+
+def kept_updates(folder: Path) -> tuple[int, ...]:
+    """The updates whose checkpoints a run has kept, in order; without `keep` it keeps none."""
+    return tuple(sorted(int(path.stem) for path in (folder / KEPT).glob("*.safetensors")))
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:

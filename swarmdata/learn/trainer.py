@@ -27,6 +27,7 @@ from swarmdata.learn.run import (
     LOSSES,
     Run,
     Table,
+    kept_path,
     read_run,
     tensors_of,
     versions,
@@ -77,6 +78,7 @@ def train(
     evaluate: Evaluate | None = None,
     device: torch.device | str = "cpu",
     n_threads: int = 1,
+    keep: bool = False,
     progress: bool = True,
 ) -> list[Policy]:
     """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
@@ -91,6 +93,7 @@ def train(
         evaluate: measures each seed's policy for the learning curve.
         device: where to train.
         n_threads: of torch on the CPU; the networks are too small to gain from more.
+        keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
         progress: whether to show a bar (on standard error, if that is a terminal).
 
     Raises:
@@ -110,7 +113,7 @@ def train(
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
-    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics)
+    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep)
     with _threads(n_threads):
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
@@ -205,9 +208,11 @@ class _Trainer:
         columns: Sequence[str],
         samplers: Sequence[Sampler],
         statistics: Statistics,
+        *,
+        keep: bool,
     ) -> None:
         self.folder, self.run, self.samplers = folder, run, samplers
-        self.statistics = statistics
+        self.statistics, self.keep = statistics, keep
         self.algorithm = run.build(statistics, run.device)
         self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
         self.update = self.first
@@ -274,8 +279,12 @@ class _Trainer:
             "update": self.update,
             "samplers": [sampler.state_dict() for sampler in self.samplers],
         }
-        path = self.folder / CHECKPOINT
-        checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
+        paths = [self.folder / CHECKPOINT]
+        if self.keep:
+            paths.append(kept_path(self.folder, self.update))
+            paths[-1].parent.mkdir(exist_ok=True)
+        for path in paths:
+            checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
 
     def _restore(self) -> int:
         path = self.folder / CHECKPOINT
