@@ -49,15 +49,17 @@ def draw(seeds: Sequence[int], index: int) -> Batch:
         "next_observations": (BATCH, SIZES.n_agents, SIZES.observation),
         "states": (BATCH, SIZES.state),
         "next_states": (BATCH, SIZES.state),
+        "next_actions": (BATCH, SIZES.n_agents, SIZES.action),
     }
     rngs = [np.random.default_rng([seed, index]) for seed in seeds]
     columns = {
         name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
         for name, shape in shapes.items()
     }
-    flags = np.stack([rng.uniform(size=BATCH) < 0.2 for rng in rngs])
+    ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
+    flags, cut = ends < 0.2, ends > 0.8
     mask = np.ones_like(flags)
-    return Batch(**columns, terminations=flags, truncations=~flags, mask=mask).to_torch()
+    return Batch(**columns, terminations=flags, truncations=cut, mask=mask).to_torch()
 
 
 def step() -> Step:
