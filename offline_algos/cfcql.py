@@ -36,7 +36,7 @@ from torch import Tensor
 
 from swarmdata.learn.conservative import counterfactual_samples, draw_agents, soft_maximum
 from swarmdata.learn.critics import JointGradient
-from swarmdata.learn.joint import JointActorCritic
+from swarmdata.learn.joint import JointActorCritic, imitation
 from swarmdata.learn.optimizer import cosine
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.sizes import Sizes
@@ -139,14 +139,14 @@ class CFCQL:
 
     def _clone(self, batch: Batch, scale: float) -> dict[str, Tensor]:
         pi = self.parts.actor(batch.observations)
-        bc_loss = _imitation(pi, batch.actions)
+        bc_loss = imitation(pi, batch.actions)
         self.parts.actor.step(bc_loss, scale)
         return {"bc_loss": bc_loss}
 
     def _improve(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
         config, actions = self.config, batch.actions
         pi = self.parts.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = _imitation(pi, actions)
+        bc_loss = imitation(pi, actions)
         # the critics' parameters are constants here; [K, B N], or [K, B] for "all"
         q = self.parts.critics.policy_values(x, pi, actions, config.joint_gradient)[..., 0]
         size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
@@ -165,8 +165,3 @@ class CFCQL:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         self.parts.load_state_dict(state)
-
-
-def _imitation(pi: Tensor, actions: Tensor) -> Tensor:
-    """Returns sum_i 1/A |pi_i - a_i|^2, [K]."""
-    return (pi - actions).square().sum(2).mean((1, 2))

@@ -98,6 +98,13 @@ class Critics:
         joint = torch.cat([x, actions.flatten(2)], 2)
         return self.online.frozen(joint, every=self.n_critics)
 
+    def first_sampled_q(self, x: Tensor, actions: Tensor) -> Tensor:
+        """Returns the first critics' values of M joint actions in each row, [K, B, M, V].
+
+        The critics' parameters are constants, as in `first_q`; arguments as in `sampled_q`.
+        """
+        return mlp_of_branches(self.online.constants(self.n_critics), x, actions.flatten(3))
+
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Moves the critics down the sum over seeds of a loss [K].
 

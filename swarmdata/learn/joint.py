@@ -130,3 +130,13 @@ class JointActorCritic:
         restore_generators(self.generators, state["generators"])
         self.actor.load_state_dict(state)
         self.critics.load_state_dict(state)
+
+
+def imitation(pi: Tensor, actions: Tensor) -> Tensor:
+    """Returns sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
+
+    Args:
+        pi: actions of the policies, [K, B, N, A].
+        actions: of the data, [K, B, N, A].
+    """
+    return (pi - actions).square().sum(2).mean((1, 2))

@@ -90,8 +90,11 @@ class StackedMLP:
             inputs: [R / every, B, inputs].
             every: uses each `every`-th network only, from the first.
         """
-        layers = [Layer(*(w[::every] for w in present(layer))) for layer in self._frozen]
-        return mlp(layers, inputs)
+        return mlp(self.constants(every), inputs)
+
+    def constants(self, every: int = 1) -> list[Layer]:
+        """Returns the weights of each `every`-th network, from the first, as constants."""
+        return [Layer(*(w[::every] for w in present(layer))) for layer in self._frozen]
 
     def backward(self, loss: Tensor) -> None:
         """Fills `gradient` with that of a scalar loss."""

@@ -17,14 +17,19 @@ from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
 BATCH = 16
 
+ACTOR_CRITIC: dict[str, Any] = {
+    "actor_hidden": (32, 32),
+    "critic_hidden": (32, 32),
+    "warm_start": 2,
+    "n_updates": 200,
+}
 SMALL: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (32, 32), "n_updates": 200},
-    "maddpg_bc": {
-        "actor_hidden": (32, 32),
-        "critic_hidden": (32, 32),
-        "warm_start": 2,
-        "n_updates": 200,
-    },
+    "maddpg_bc": ACTOR_CRITIC,
+    "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},
+    "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
+    "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},
+    "omar": {**ACTOR_CRITIC, "n_samples": 2, "n_candidates": 4},
 }
 
 
