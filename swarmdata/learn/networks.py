@@ -181,7 +181,7 @@ def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> 
     own = torch.bmm(varied.flatten(1, 2), first.weight[:, n_shared:])
     summed = common.repeat_interleave(n_branches, 1).add_(own)
     outputs = mlp(layers[1:], _activate(first, summed))
-    return outputs.unflatten(1, (-1, n_branches))
+    return outputs.view(len(outputs), -1, n_branches, outputs.shape[2])
 
 
 def _activate(layer: Layer, x: Tensor) -> Tensor:
