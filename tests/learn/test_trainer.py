@@ -31,6 +31,10 @@ SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    **{
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6, "n_samples": 2}
+        for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
+    },
 }
 
 
