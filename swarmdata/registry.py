@@ -39,6 +39,10 @@ OFFLINE_ALGORITHMS = {
     "iql": "swarmdata.offline_algos.iql:IQL",
     "omiga": "swarmdata.offline_algos.omiga:OMIGA",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+    "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
+    "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
+    "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",
+    "omar": "swarmdata.offline_algos.omar:OMAR",
 }
 
 DISCRETE_ALGORITHMS: tuple[str, ...] = ()

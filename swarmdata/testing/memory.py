@@ -74,6 +74,7 @@ class MemoryDataset:
                 "terminations": e.terminations,
                 "truncations": e.truncations,
                 "mask": np.ones(len(e), dtype=np.bool_),
+                "next_actions": np.concatenate([e.actions[1:], np.zeros_like(e.actions[:1])]),
             }
             for name, rows in columns_of.items():
                 columns.setdefault(name, []).append(rows)

@@ -17,23 +17,23 @@ from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
 BATCH = 16
 
+ACTOR_CRITIC: dict[str, Any] = {
+    "actor_hidden": (32, 32),
+    "critic_hidden": (32, 32),
+    "warm_start": 2,
+    "n_updates": 200,
+}
 SMALL: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (32, 32), "n_updates": 200},
     "filtered_bc": {"hidden": (32, 32), "n_updates": 200},
-    "facmac_bc": {
-        "actor_hidden": (32, 32),
-        "critic_hidden": (32, 32),
-        "warm_start": 2,
-        "n_updates": 200,
-    },
+    "facmac_bc": ACTOR_CRITIC,
     "iql": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
     "omiga": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
-    "maddpg_bc": {
-        "actor_hidden": (32, 32),
-        "critic_hidden": (32, 32),
-        "warm_start": 2,
-        "n_updates": 200,
-    },
+    "maddpg_bc": ACTOR_CRITIC,
+    "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},
+    "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
+    "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},
+    "omar": {**ACTOR_CRITIC, "n_samples": 2, "n_candidates": 4},
 }
 
 
@@ -58,15 +58,17 @@ def draw(seeds: Sequence[int], index: int) -> Batch:
         "next_observations": (BATCH, SIZES.n_agents, SIZES.observation),
         "states": (BATCH, SIZES.state),
         "next_states": (BATCH, SIZES.state),
+        "next_actions": (BATCH, SIZES.n_agents, SIZES.action),
     }
     rngs = [np.random.default_rng([seed, index]) for seed in seeds]
     columns = {
         name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
         for name, shape in shapes.items()
     }
-    flags = np.stack([rng.uniform(size=BATCH) < 0.2 for rng in rngs])
+    ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
+    flags, cut = ends < 0.2, ends > 0.8
     mask = np.ones_like(flags)
-    return Batch(**columns, terminations=flags, truncations=~flags, mask=mask).to_torch()
+    return Batch(**columns, terminations=flags, truncations=cut, mask=mask).to_torch()
 
 
 def step() -> Step:

@@ -119,3 +119,29 @@ def test_replacing_each_leaves_the_others(n_agents: int, size: int) -> None:
     mixed = replace_each(actions, others)
     assert mixed.shape == (size, n_agents, n_agents, 2)
     assert torch.equal(mixed[..., 0], torch.eye(n_agents).expand(size, -1, -1))
+
+
+@pytest.mark.parametrize("n_values", [1, 3])
+def test_values_of_samples_are_those_of_single_actions(n_values: int) -> None:
+    critics = made(n_values=n_values)
+    g = torch.Generator().manual_seed(1)
+    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
+    got, first = critics.sampled_q(x, samples), critics.first_sampled_q(x, samples)
+    assert got.shape == (2, 2, 5, 4, n_values)
+    for sample in range(4):
+        expected = critics.q(x, samples[:, :, sample])
+        torch.testing.assert_close(got[:, :, :, sample], expected)
+        torch.testing.assert_close(first[:, :, sample], expected[:, 0])
+    assert got.requires_grad
+    assert not first.requires_grad
+
+
+def test_gradients_through_shared_inputs_are_those_of_repeated_ones() -> None:
+    critics = made()
+    g = torch.Generator().manual_seed(1)
+    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
+    critics.online.backward(critics.sampled_q(x, samples).square().sum())
+    shared = critics.online.gradient.clone()
+    repeated = critics.q(x.repeat_interleave(4, 1), samples.flatten(1, 2))
+    critics.online.backward(repeated.square().sum())
+    torch.testing.assert_close(shared, critics.online.gradient, rtol=1e-4, atol=1e-5)

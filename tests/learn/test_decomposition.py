@@ -59,6 +59,7 @@ def random_batch(n_seeds: int = 2, size: int = 12) -> Batch:
         terminations=flags,
         truncations=~flags,
         mask=torch.ones_like(flags),
+        next_actions=choices.float().flip(1),
     )
 
 

@@ -35,6 +35,10 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    **{
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6, "n_samples": 2}
+        for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
+    },
 }
 
 
