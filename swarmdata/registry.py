@@ -35,10 +35,12 @@ in the others."""
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+    "vdn": "swarmdata.offline_algos.vdn:VDN",
+    "qmix": "swarmdata.offline_algos.qmix:QMIX",
 }
 
-DISCRETE_ALGORITHMS: tuple[str, ...] = ()
-"""Offline algorithms that learn choices as well as continuous actions; none yet."""
+DISCRETE_ALGORITHMS = ("vdn", "qmix")
+"""Offline algorithms that learn choices as well as continuous actions."""
 
 ONLINE_ALGORITHMS = {
     "mappo": "swarmdata.online_algos.mappo:MAPPO",

@@ -59,6 +59,7 @@ class MonotonicMixer:
         embedding: width of the mixing network's hidden layer, M.
         hidden: width of the hypernetwork's hidden layer.
         device: where the parameters are.
+        n_twins: mixers of each seed, J; K is then J times the number of seeds, twins are neighbors.
     """
 
     def __init__(
@@ -71,11 +72,12 @@ class MonotonicMixer:
         embedding: int,
         hidden: int,
         device: torch.device | str,
+        n_twins: int = 1,
     ) -> None:
         self.embedding = embedding
         self._sizes = [n_agents * embedding, embedding, embedding, 1]
         shape = MLPShape(state_size, (hidden,), sum(self._sizes))
-        self._hyper = StackedMLP(shape, len(seeds), device)
+        self._hyper = StackedMLP(shape, len(seeds) * n_twins, device)
         initialize(self._hyper, seeds, stream)
         self.network: StackedMLP | None = self._hyper
 
