@@ -1,4 +1,4 @@
-"""Offline VDN: the team's value is the mean of its robots' values, near the data by one of four ways.
+"""Offline VDN: the team's value is the mean of its robots' values, kept near the data.
 
 Sunehag et al., "Value-decomposition networks for cooperative multi-agent learning", AAMAS 2018,
 equation 1, over choices: recorded ones, or knots of each column of continuous actions (DecQN, Seyde

@@ -6,19 +6,18 @@ so that D dimensions of C choices cost D C outputs and not C ** D.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame, in_world
 from swarmdata.learn.networks import Layer
-from swarmdata.learn.policy import outputs_of
+from swarmdata.learn.policy import Memoryless, outputs_of
 from swarmdata.learn.team import Parameters
-from swarmdata.types import Float, Int, Step
+from swarmdata.types import Float
 
 
 def knots(n_choices: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -96,7 +95,7 @@ def _place(actions: Tensor, n_choices: int) -> tuple[Tensor, Tensor]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BinPolicy:
+class BinPolicy(Memoryless):
     """Takes the best knot of every dimension; computes in float64, as `TorchPolicy` does.
 
     Attributes:

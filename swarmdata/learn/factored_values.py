@@ -77,7 +77,9 @@ class FactoredConfig:
     temperature: float = 1.0  # lambda of `bc`; Beeson et al. 2024
     threshold: float = 0.3  # of `bcq`; 0.5 of 3 bins in Beeson et al. 2024, lower for 9
     behavior_head: Head = "factored"
-    conservative_weight: float = 1.0  # alpha of `cql`, of rewards in units of the returns' deviation
+    conservative_weight: float = (
+        1.0  # alpha of `cql`, of rewards in units of the returns' deviation
+    )
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
     @property
@@ -193,7 +195,7 @@ class FactoredValues:
             network: other parameters to use, those of the targets.
         """
         outputs = self.team(features.repeat_interleave(TWINS, 0), network)
-        return bins.by_dimension(outputs, self.choices.n_choices).unflatten(0, (-1, TWINS))
+        return by_twin(bins.by_dimension(outputs, self.choices.n_choices))
 
     def value(
         self,
@@ -216,7 +218,7 @@ class FactoredValues:
     def mix(self, values: Tensor, states: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns team values, [K, J, B], of robots' values [K, J, B, N]."""
         twice = states.repeat_interleave(TWINS, 0)
-        return self.mixer(values.flatten(0, 1), twice, mixer).unflatten(0, (-1, TWINS))
+        return by_twin(self.mixer(values.flatten(0, 1), twice, mixer))
 
     def log_probs(self, features: Tensor) -> Tensor:
         """Returns log pi_b, [K, B, N, D, C], or [K, B, N, C ** D] of a joint head."""
@@ -263,3 +265,8 @@ class FactoredValues:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         self.descent.load_state_dict(part(state, "networks"))
+
+
+def by_twin(values: Tensor) -> Tensor:
+    """Returns values [K J, ...] of neighboring twins as [K, J, ...]."""
+    return values.view(-1, TWINS, *values.shape[1:])

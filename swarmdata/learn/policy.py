@@ -27,7 +27,7 @@ class Memoryless(ABC):
     def actions(self, observations: Float) -> Float:
         """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
 
-    def reset(self, step: Step, copies: Int) -> None:
+    def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
