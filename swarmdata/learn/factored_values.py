@@ -55,6 +55,9 @@ LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_g
 """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the value of
 the data's actions, and both leave what the data return, values are overestimated."""
 
+GREEDY_EVERY = 10
+"""Updates between two measurements of `greedy_q`, which nothing learns from."""
+
 TWINS = 2
 UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM = 0, 1, 2
 """Streams of a seed's initial parameters."""
@@ -74,12 +77,10 @@ class FactoredConfig:
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
     discount: float = 0.95  # as maddpg_bc
     polyak: float = 0.01  # per update
-    temperature: float = 1.0  # lambda of `bc`; Beeson et al. 2024
+    temperature: float = 0.1  # lambda of `bc`; 1 in Beeson et al. 2024, of unscaled rewards
     threshold: float = 0.3  # of `bcq`; 0.5 of 3 bins in Beeson et al. 2024, lower for 9
     behavior_head: Head = "factored"
-    conservative_weight: float = (
-        1.0  # alpha of `cql`, of rewards in units of the returns' deviation
-    )
+    conservative_weight: float = 0.25  # alpha of `cql`; Beeson et al. 2024
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
     @property
@@ -164,9 +165,8 @@ class FactoredValues:
             log_probs = self.log_probs(features)
             losses["behavior_loss"] = loss = self._behavior_loss(log_probs, weights)
             total = total + loss
-        with torch.no_grad():
-            greedy = self.rule.choose(utilities.mean(1), log_probs, self.choices)
-            losses["greedy_q"] = self.value(utilities, greedy, states).mean((1, 2))
+        if self.n_updates % GREEDY_EVERY == 0:
+            losses["greedy_q"] = self._greedy_q(utilities, log_probs, states)
         self.descent.step(total, cosine(self.n_updates, config.n_updates, config.final_step_size))
         self.descent.follow(config.polyak)
         self.n_updates += 1
@@ -230,6 +230,12 @@ class FactoredValues:
         """Returns observations and states in units of the dataset's deviations."""
         mean, std, state_mean, state_std = self._moments
         return standardize(observations, mean, std), standardize(states, state_mean, state_std)
+
+    @torch.no_grad()
+    def _greedy_q(self, utilities: Tensor, log_probs: Tensor | None, states: Tensor) -> Tensor:
+        """Mean value of what the policy would choose where the data are, [K]."""
+        greedy = self.rule.choose(utilities.mean(1), log_probs, self.choices)
+        return self.value(utilities, greedy, states).mean((1, 2))
 
     def _gap(self, utilities: Tensor, weights: Tensor) -> Tensor:
         """How far all choices together lie above the data's, summed over twins, [K]."""
