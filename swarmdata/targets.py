@@ -24,7 +24,7 @@ from swarmdata.models import Source, check_senses, models_of, with_models
 from swarmdata.observing import features_of
 from swarmdata.presets import find_spec
 from swarmdata.recipes import make_source_policy
-from swarmdata.registry import ONLINE_ALGORITHMS, POLICIES, make_policy, make_task
+from swarmdata.registry import POLICIES, make_policy, make_task
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
 
@@ -130,8 +130,8 @@ def _run_target(folder: Path, models: Models) -> Target:
     require("torch", "torch", f"loading the run {folder}")
     first = run_folders(folder)[0] / RUN_FILE
     document = json.loads(first.read_text(encoding="utf-8"))
-    is_online = document.get("algorithm") in ONLINE_ALGORITHMS
-    policies, document = _online_run(folder) if is_online else _offline_run(folder)
+    is_offline = "dataset" in document  # vdn and qmix are names of both kinds
+    policies, document = _offline_run(folder) if is_offline else _online_run(folder)
     content = document.pop("spec")
     if content.get("kind") == "recorded":
         raise SpecError(
