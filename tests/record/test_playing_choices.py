@@ -205,4 +205,4 @@ def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -
     )[0]
     assert isinstance(dataset.spec, RecordedSpec)
     result = evaluate_parallel(policy, make, dataset.spec, foreign_evaluation_seeds(30))
-    assert result.metrics["return"].mean() > dataset.episodes.returns.mean()
+    assert result.metrics["return"].mean() > dataset.episodes.team_return.mean()
