@@ -113,16 +113,8 @@ class FactoredValues:
     ) -> None:
         self.config, self.rule, self.n_updates = config, config.rule, 0
         self.choices, self._ranges = Choices.of(sizes, config.n_choices, device), sizes.choices
-        n_outputs = self.choices.n_columns * self.choices.n_choices
-
-        def team(outputs: int, stream: int, n_twins: int, *, layer_norm: bool) -> Team:
-            shape = MLPShape(sizes.observation, config.hidden, outputs, layer_norm)
-            return Team(
-                shape, sizes.n_agents, seeds, stream,
-                parameters=config.parameters, device=device, n_twins=n_twins,
-            )  # fmt: skip
-
-        self.team = team(n_outputs, UTILITY_STREAM, TWINS, layer_norm=True)
+        n_utilities = self.choices.n_columns * self.choices.n_choices
+        self.team = _team(sizes, seeds, config, n_utilities, UTILITY_STREAM, TWINS, device)
         self.mixer, self.behavior = build_mixer(), None
         networks = {"team": self.team.network}
         if self.mixer.network is not None:
@@ -130,11 +122,10 @@ class FactoredValues:
         followed = tuple(networks)
         if self.rule.has_behavior:
             size = head_size(self.choices, config.behavior_head)
-            self.behavior = team(size, BEHAVIOR_STREAM, 1, layer_norm=False)
+            self.behavior = _team(sizes, seeds, config, size, BEHAVIOR_STREAM, 1, device)
             networks["behavior"] = self.behavior.network
-        self.descent = Descent(
-            networks, len(seeds), config.step_size, config.max_gradient_norm, followed
-        )
+        norm = config.max_gradient_norm
+        self.descent = Descent(networks, len(seeds), config.step_size, norm, followed)
         self.reward_scale = 1 / statistics.return_std
         self._statistics = statistics
         self._moments = [
@@ -276,3 +267,25 @@ class FactoredValues:
 def by_twin(values: Tensor) -> Tensor:
     """Returns values [K J, ...] of neighboring twins as [K, J, ...]."""
     return values.view(-1, TWINS, *values.shape[1:])
+
+
+def _team(
+    sizes: Sizes,
+    seeds: Sequence[int],
+    config: FactoredConfig,
+    n_outputs: int,
+    stream: int,
+    n_twins: int,
+    device: torch.device | str,
+) -> Team:
+    """Networks of what robots see; twins, which bootstrap, have LayerNorm, cloning needs none."""
+    shape = MLPShape(sizes.observation, config.hidden, n_outputs, layer_norm=n_twins > 1)
+    return Team(
+        shape,
+        sizes.n_agents,
+        seeds,
+        stream,
+        parameters=config.parameters,
+        device=device,
+        n_twins=n_twins,
+    )
