@@ -14,7 +14,7 @@ actions. With team reward r, the mean over robots:
     L_cql = alpha sum_j mean_id [log sum_k exp U_j(o_i)_dk - sum_k w_k(a_id) U_j(o_i)_dk]
 
 The rule is `behavior.Rule`, and the policy acts by the same rule: a mask that is only in the target
-lets the policy take what was never valued (notes on OG-MARL's qmix_bcq). L_cql is conservative
+lets the policy take what was never valued (as OG-MARL's `qmix_bcq` does). L_cql is conservative
 Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column; the sum over joint
 actions has no such form and was found unstable. That the online networks choose and the targets
 value is double Q-learning (van Hasselt et al. 2016, equation 4).
@@ -68,7 +68,7 @@ class FactoredConfig:
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
     regulariser: Regulariser = "bcq"
-    n_updates: int = 8_000
+    n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
     n_choices: int = 9  # knots of a continuous column; odd, so that standing still is one
     hidden: tuple[int, ...] = (128, 128)
@@ -78,7 +78,7 @@ class FactoredConfig:
     discount: float = 0.95  # as maddpg_bc
     polyak: float = 0.01  # per update
     temperature: float = 0.1  # lambda of `bc`; 1 in Beeson et al. 2024, of unscaled rewards
-    threshold: float = 0.3  # of `bcq`; 0.5 of 3 bins in Beeson et al. 2024, lower for 9
+    threshold: float = 0.5  # of `bcq`; Beeson et al. 2024
     behavior_head: Head = "factored"
     conservative_weight: float = 0.25  # alpha of `cql`; Beeson et al. 2024
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
