@@ -12,6 +12,15 @@ ONLINE = ("first_seed", "steps", "workers")
 OFFLINE = ("updates", "regulariser", "curve_every", "device")
 """Options of `train` that only one kind of algorithm has."""
 
+Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
+Regulariser = Annotated[
+    str | None, typer.Option(help="of vdn and qmix, offline: none, bc, bcq or cql")
+]
+Config = Annotated[str | None, typer.Option(help="settings: a shipped name or a YAML file")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
+]
+
 
 def train(
     context: typer.Context,
@@ -21,19 +30,11 @@ def train(
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
-    steps: Annotated[
-        float | None, typer.Option(min=1, help="joint steps of a seed, online")
-    ] = None,
+    steps: Steps = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
-    regulariser: Annotated[
-        str | None, typer.Option(help="of vdn and qmix, offline: none, bc, bcq or cql")
-    ] = None,
-    config: Annotated[
-        str | None, typer.Option(help="settings: a shipped name or a YAML file")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
-    ] = None,
+    regulariser: Regulariser = None,
+    config: Config = None,
+    settings: Settings = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
     observation: Observation = None,
     communication: Communication = None,
