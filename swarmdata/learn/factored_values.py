@@ -77,7 +77,7 @@ class FactoredConfig:
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
     discount: float = 0.95  # as maddpg_bc
     polyak: float = 0.01  # per update
-    temperature: float = 0.1  # lambda of `bc`; 1 in Beeson et al. 2024, of unscaled rewards
+    temperature: float = 1.0  # lambda of `bc`; Beeson et al. 2024, and 0.1 was worse on experts
     threshold: float = 0.5  # of `bcq`; Beeson et al. 2024
     behavior_head: Head = "factored"
     conservative_weight: float = 0.25  # alpha of `cql`; Beeson et al. 2024

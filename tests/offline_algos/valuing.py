@@ -10,7 +10,14 @@ from swarmdata.testing.memory import MemoryDataset
 from swarmdata.types import Batch, Float
 
 SEEDS = (0, 1)
-SMALL = {"hidden": (32, 32), "discount": 0.9, "batch_size": 128, "step_size": 3e-3}
+SMALL = {
+    "hidden": (32, 32),
+    "discount": 0.9,
+    "batch_size": 128,
+    "step_size": 3e-3,
+    "temperature": 0.1,
+    "threshold": 0.3,
+}
 
 
 def trained(
