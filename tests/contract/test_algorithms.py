@@ -102,7 +102,7 @@ def test_own_joint_gradient_keeps_the_contract() -> None:
     [
         ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
         ("vdn", {"regulariser": "none", "parameters": "separate"}),
-        ("qmix", {"regulariser": "cql"}),
+        ("qmix", {"regulariser": "bcq"}),
     ],
 )
 def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
