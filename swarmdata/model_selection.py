@@ -156,7 +156,7 @@ def _candidates(
             scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
             error = td_errors(loaded.algorithm, held_out, n_seeds, scale, device)
-            content = run_hash(folder, loaded.run.algorithm, 0) if loaded is last else None
+            content = run_hash(folder, 0) if loaded is last else None
             found.append(Candidates(name, content, loaded, error))
     return found
 

@@ -43,10 +43,12 @@ OFFLINE_ALGORITHMS = {
     "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
     "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",
     "omar": "swarmdata.offline_algos.omar:OMAR",
+    "vdn": "swarmdata.offline_algos.vdn:VDN",
+    "qmix": "swarmdata.offline_algos.qmix:QMIX",
 }
 
-DISCRETE_ALGORITHMS: tuple[str, ...] = ()
-"""Offline algorithms that learn choices as well as continuous actions; none yet."""
+DISCRETE_ALGORITHMS = ("vdn", "qmix")
+"""Offline algorithms that learn choices as well as continuous actions."""
 
 ONLINE_ALGORITHMS = {
     "mappo": "swarmdata.online_algos.mappo:MAPPO",

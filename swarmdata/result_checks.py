@@ -48,7 +48,7 @@ def _stale_runs(results: Sequence[Result]) -> Iterator[str]:
         if provenance.algorithm is None or provenance.seed is None:
             continue
         seed = 0 if provenance.frames is None else provenance.seed
-        if hash_of(folder, provenance.algorithm, seed) != provenance.content:
+        if hash_of(folder, seed) != provenance.content:
             stale.append(result)
     if stale:
         runs = sorted({str(each.provenance.run) for each in stale})

@@ -181,7 +181,7 @@ def test_results_of_a_run_that_went_on_are_stale(tmp_path: Path) -> None:
     run.mkdir(parents=True)
     (run / "config.json").write_text("{}")
     (run / "checkpoint.safetensors").write_text("1000 updates")
-    made = with_(result(), run=str(run), content=run_hash(run, "bc", 0))
+    made = with_(result(), run=str(run), content=run_hash(run, 0))
     folder = tmp_path / "results"
     save(made, folder)
     read([folder])

@@ -27,8 +27,9 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
-from swarmdata.origins import AnySpec
+from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.scaling import choices_of
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
@@ -67,8 +68,11 @@ class Run(Frozen):
 
     @property
     def sizes(self) -> Sizes:
-        """Numbers of agents and features."""
-        return Sizes(self.n_agents, self.observation_size, self.action_size, self.state_size)
+        """Numbers of agents and features, and the choices of a recorded environment."""
+        choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
+        return Sizes(
+            self.n_agents, self.observation_size, self.action_size, self.state_size, choices
+        )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
         """Makes the algorithm as it is before its first update."""

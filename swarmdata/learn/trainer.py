@@ -36,7 +36,7 @@ from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import RecordedSpec
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
-from swarmdata.scaling import has_choices
+from swarmdata.scaling import choices_of, has_choices
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -121,15 +121,17 @@ def train(
 
 def _check_actions(algorithm: str, dataset: Data) -> None:
     """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
-    if not isinstance(dataset.spec, RecordedSpec) or algorithm in DISCRETE_ALGORITHMS:
+    if not isinstance(dataset.spec, RecordedSpec):
+        return
+    if algorithm in DISCRETE_ALGORITHMS:
+        choices_of(dataset.spec)  # raises where choices and numbers are mixed
         return
     if names := has_choices(dataset.spec):
-        able = ", ".join(DISCRETE_ALGORITHMS) or "no algorithm of this version does"
         raise SchemaError(
             f"{algorithm} learns continuous actions; in {dataset.id} {', '.join(names)} "
-            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. Of those that "
-            f"learn choices: {able}. Record the environment with continuous actions, if it has "
-            "them."
+            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. These learn "
+            f"choices: {', '.join(DISCRETE_ALGORITHMS)}. Or record the environment with continuous "
+            "actions, if it has them."
         )
 
 

@@ -34,6 +34,8 @@ SMALL: dict[str, dict[str, Any]] = {
     "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
     "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},
     "omar": {**ACTOR_CRITIC, "n_samples": 2, "n_candidates": 4},
+    "vdn": {"hidden": (32, 32), "n_updates": 200},
+    "qmix": {"hidden": (32, 32), "n_updates": 200, "mixer_hidden": 16},
 }
 
 
@@ -104,3 +106,21 @@ def test_own_joint_gradient_keeps_the_contract() -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
     config = kind.Config(**SMALL["maddpg_bc"], joint_gradient="own")
     check_algorithm(lambda seeds: kind(SIZES, seeds, config, statistics=statistics()), draw, step())
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
+        ("vdn", {"regulariser": "none", "parameters": "separate"}),
+        ("qmix", {"regulariser": "bcq"}),
+    ],
+)
+def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    config = kind.Config(**SMALL[name], **changes)
+
+    def build(seeds: Sequence[int]) -> Any:
+        return kind(SIZES, seeds, config, statistics=statistics())
+
+    check_algorithm(build, draw, step(), n_updates=20)
