@@ -128,8 +128,9 @@ def _mixed_specs(results: Sequence[Result]) -> Iterator[str]:
 
 
 def _is_same_world(one: Frozen, other: Frozen) -> bool:
-    both = isinstance(one, TaskSpec) and isinstance(other, TaskSpec)
-    return both and is_same_world(one, other)
+    if not isinstance(one, TaskSpec) or not isinstance(other, TaskSpec):
+        return False
+    return is_same_world(one, other)
 
 
 def _models(spec: Frozen) -> str:
