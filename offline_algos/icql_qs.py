@@ -24,7 +24,7 @@ Deviations:
   of alpha and tau, are those of `cfcql`.
 - Actors, warm start, target smoothing, LayerNorm, `clip_target`, normalization and step sizes are
   those of `maddpg_bc`, which has their sources.
-- `bc_weight` w: the paper has none, w = 0.
+- `bc_weight` w: the paper has none; it is 1 for the reason that `cfcql` gives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -70,7 +70,7 @@ class ICQLQSConfig:
     temperature: float = 0.1  # tau
     n_samples: int = 10  # the paper's code
     joint_gradient: JointGradient = "own"  # the paper's code
-    bc_weight: float = 0.0  # w
+    bc_weight: float = 1.0  # w; see the deviations above
     clip_target: bool = True
     warm_start: int = 4000  # updates in which the actors clone the data
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind

@@ -25,7 +25,7 @@ Deviations:
 - Actors are one network for all agents, which sees the agent's number. Warm start, target
   smoothing, LayerNorm, `clip_target`, normalization and step sizes are those of `maddpg_bc`, which
   has their sources.
-- `bc_weight` w: the papers have none, w = 0.
+- `bc_weight` w: the papers have none; it is 1 for the reason that `cfcql` gives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -72,7 +72,7 @@ class MADDPGCQLConfig:
     n_samples: int = 5  # of each of the three kinds; 10 in the papers' code
     sample_noise: float = 0.2  # the code of OMAR and CFCQL
     joint_gradient: JointGradient = "all"
-    bc_weight: float = 0.0  # w
+    bc_weight: float = 1.0  # w; see the deviations above
     clip_target: bool = True
     warm_start: int = 4000  # updates in which the actors clone the data
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind

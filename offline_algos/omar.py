@@ -27,6 +27,8 @@ Deviations:
 - The penalty's samples are uniform, as in the authors' code for particle worlds. Their code for
   HalfCheetah also samples near the policies, and subtracts those samples' density where its
   logarithm is meant.
+- Nothing but the penalty holds actors to the data, as in the paper; the other conservative
+  algorithms here have a weight on imitation (`bc_weight`).
 - No `clip_target`: the largest return of the team does not bound that of an agent.
 - Rewards are divided by the deviation of the team's returns-to-go. Warm start, target smoothing,
   LayerNorm, normalization and step sizes are those of `maddpg_bc`, which has their sources.

@@ -180,6 +180,7 @@ def test_it_beats_its_data(kind: Any, mixture: MemoryDataset) -> None:
         warm_start=200,
         discount=0.9,
         n_samples=4,
+        bc_weight=0.0,  # the papers'
     )
     measured = Statistics.measure(mixture, config.discount)
     samplers = [mixture.sampler(128, seed=seed) for seed in range(2)]
