@@ -14,6 +14,7 @@ from swarmdata import (
     editing_commands,
     integrity_commands,
     remote_commands,
+    study_commands,
     training_commands,
 )
 from swarmdata.errors import SwarmdataError
@@ -175,6 +176,7 @@ app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
 app.command()(convert_commands.convert)
+app.command()(study_commands.study)
 
 
 @app.command()

@@ -4,6 +4,7 @@ config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
 checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
+policies/               of a compact run, in the place of the checkpoint (`learn.compact`)
 """
 
 import csv
@@ -24,6 +25,7 @@ from swarmdata.errors import CheckpointError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
+from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec
@@ -35,6 +37,8 @@ CONFIG, LOSSES, CURVE, CHECKPOINT = (
     "curve.csv",
     "checkpoint.safetensors",
 )
+
+POLICIES = "policies"
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -110,10 +114,17 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
     run = read_run(Path(folder))
+    if not (Path(folder) / CHECKPOINT).exists() and (Path(folder) / POLICIES).exists():
+        return [load_policy(policy_path(Path(folder), seed)) for seed in run.seeds]
     tensors, _ = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
     algorithm = run.build(statistics_of(tensors), device)
     algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
     return [algorithm.policy(index) for index in range(len(run.seeds))]
+
+
+def policy_path(folder: Path, seed: int) -> Path:
+    """Where a compact run keeps the policy of a seed."""
+    return folder / POLICIES / f"seed-{seed}.safetensors"
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:

@@ -40,6 +40,8 @@ from swarmdata.scaling import has_choices
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
 
+Report = Callable[[int], None]
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Schedule:
@@ -78,6 +80,7 @@ def train(
     device: torch.device | str = "cpu",
     n_threads: int = 1,
     progress: bool = True,
+    report: Report | None = None,
 ) -> list[Policy]:
     """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
 
@@ -92,6 +95,7 @@ def train(
         device: where to train.
         n_threads: of torch on the CPU; the networks are too small to gain from more.
         progress: whether to show a bar (on standard error, if that is a terminal).
+        report: is told at every row of the losses how many updates were made since the last one.
 
     Raises:
         UnknownNameError: no such algorithm.
@@ -109,7 +113,7 @@ def train(
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
-    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics)
+    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, report)
     with _threads(n_threads):
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
@@ -194,12 +198,14 @@ class _Trainer:
         columns: Sequence[str],
         samplers: Sequence[Sampler],
         statistics: Statistics,
+        report: Report | None = None,
     ) -> None:
+        self.report = report
         self.folder, self.run, self.samplers = folder, run, samplers
         self.statistics = statistics
         self.algorithm = run.build(statistics, run.device)
         self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
-        self.update = self.first
+        self.update = self.reported = self.first
         self.losses = Table(folder / LOSSES, columns, self.first)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
@@ -248,6 +254,9 @@ class _Trainer:
                 self.update, seed, {name: float(mean[index]) for name, mean in means.items()}
             )
         self.window.clear()
+        if self.report is not None:
+            self.report(self.update - self.reported)
+            self.reported = self.update
 
     def _evaluate(self, evaluate: Evaluate) -> None:
         for index, seed in enumerate(self.run.seeds):

@@ -1,0 +1,78 @@
+"""A study from its file to its pages: the cells, then the sweeps of the best, then the writing."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from swarmdata.errors import StudyError
+from swarmdata.study.cells import Cell, cells_of
+from swarmdata.study.checking import Comparison, check_cell
+from swarmdata.study.data import digest_of
+from swarmdata.study.plan import Study
+from swarmdata.study.running import chosen, folder_of, run_cells
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a study is run; nothing here changes its results.
+
+    Attributes:
+        out: folder of tables, figures and text.
+        work: folder of cells; None: `runs/study-<name>`.
+        workers: processes.
+        only: pattern of the cells to do, such as `bc/*`.
+        again: whether stale cells are removed and done again.
+        progress: whether to show bars.
+    """
+
+    out: Path
+    work: Path | None = None
+    workers: int = 2
+    only: str | None = None
+    again: bool = False
+    progress: bool = True
+
+    def work_of(self, study: Study) -> Path:
+        """Where the study keeps its cells."""
+        return self.work or Path("runs") / f"study-{study.name}"
+
+
+def conduct(study: Study, options: Options) -> dict[str, str]:
+    """Runs what is missing of a study; returns why cells failed, by name.
+
+    Raises:
+        StaleCellError: the folder has results of another configuration.
+        UnknownNameError: no such algorithm, setting, dataset or cell.
+    """
+    cells = all_cells(study, progress=options.progress)
+    work = options.work_of(study)
+    return run_cells(
+        chosen(cells, options.only),
+        work,
+        workers=options.workers,
+        again=options.again,
+        progress=options.progress,
+    )
+
+
+def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:
+    """The cells of a study; datasets whose digest nobody published are built for it."""
+
+    @cache
+    def digest(dataset: str) -> str:
+        return digest_of(dataset, progress=progress)
+
+    return cells_of(study, digest)
+
+
+def check(study: Study, name: str, options: Options) -> Comparison:
+    """Does a finished cell of a study again, elsewhere, and compares.
+
+    Raises:
+        UnknownNameError: no such cell.
+        StudyError: it is not finished, or several match.
+    """
+    found = chosen(all_cells(study, progress=options.progress), name)
+    if len(found) > 1:
+        raise StudyError(f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ...")
+    return check_cell(folder_of(options.work_of(study), found[0]), progress=options.progress)
