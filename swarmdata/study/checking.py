@@ -11,7 +11,8 @@ from swarmdata.evaluate import load
 from swarmdata.frozen import Frozen
 from swarmdata.learn.run import LOSSES, read_table
 from swarmdata.study.running import run_cells
-from swarmdata.study.working import DONE, RESULTS, RUN, read_cell
+from swarmdata.study.working import DONE, RESULTS, read_cell, run_of
+from swarmdata.types import Double
 
 Rows = list[dict[str, float]]
 
@@ -62,7 +63,7 @@ def check_cell(folder: Path, *, progress: bool = True) -> Comparison:
             raise StudyError(f"{cell.name} fails when it is done again: {failures[cell.name]}")
         again = Path(temporary) / "cells" / cell.label / cell.data
         differences = _result_differences(folder / RESULTS, again / RESULTS)
-        first = _first_difference(folder / RUN / LOSSES, again / RUN / LOSSES)
+        first = _first_difference(run_of(cell, folder) / LOSSES, run_of(cell, again) / LOSSES)
     return Comparison(
         cell=cell.name,
         key=cell.key,
@@ -73,7 +74,7 @@ def check_cell(folder: Path, *, progress: bool = True) -> Comparison:
     )
 
 
-def _result_differences(one: Path, other: Path) -> np.ndarray:  # type: ignore[type-arg]
+def _result_differences(one: Path, other: Path) -> Double:
     """Absolute differences of all values; of one that only one side defines, infinity."""
     found = []
     for file in sorted(one.glob("*.json")):

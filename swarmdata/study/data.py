@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
-from swarmdata.cards.schema import clean_successes, published
+from swarmdata.cards.schema import Figures, figures_of, published
 from swarmdata.catalog import cache_folder, load
 from swarmdata.dataset import Dataset
 from swarmdata.editing import filter_dataset
@@ -26,34 +26,20 @@ class Facts(Frozen):
 
     id: str
     digest: str
-    spec_hash: str  # of what was recorded
-    n_steps: int
-    n_episodes: int
-    means: dict[str, float]  # over all episodes, action noise included
-    no_skill: float | None  # returns that score 0 and 100, where they are known
-    expert: float | None
+    figures: Figures  # of all episodes, action noise included
+    robot_collisions: float
+    obstacle_collisions: float
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Facts":
         """Reads the table of episodes."""
         table = dataset.episodes
-        columns = {
-            "return": table.team_return,
-            "success": table.success,
-            "clean_success": clean_successes(table),
-            "robot_collisions": table.robot_collisions,
-            "obstacle_collisions": table.obstacle_collisions,
-        }
-        known = dataset.references
         return cls(
             id=dataset.id,
             digest=dataset.digest,
-            spec_hash=dataset.recipe.spec.hash(),
-            n_steps=dataset.n_steps,
-            n_episodes=len(dataset),
-            means={name: float(np.mean(values)) for name, values in columns.items()},
-            no_skill=known.no_skill if known else None,
-            expert=known.expert if known else None,
+            robot_collisions=float(table.robot_collisions.mean()),
+            obstacle_collisions=float(table.obstacle_collisions.mean()),
+            figures=figures_of(table),
         )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -15,7 +16,7 @@ from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.learn.run import LOSSES
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Cost
-from swarmdata.study.working import COST, ERROR, RUN, claimed_by_other, is_done
+from swarmdata.study.working import COST, ERROR, claimed_by_other, is_done, run_of
 from swarmdata.workers import Crew, Job
 
 WORKER = "swarmdata.study.working:work"
@@ -66,7 +67,7 @@ def run_cells(
     if not waiting:
         return {}
     total = sum(cell.n_updates for cell in waiting)
-    there = sum(min(cell.n_updates, updates_of(folder_of(work, cell))) for cell in waiting)
+    there = sum(updates_of(cell, folder_of(work, cell)) for cell in waiting)
     hidden = None if progress else True  # None: hidden where there is no terminal
     with tqdm(
         total=total, initial=there, unit="update", unit_scale=True, desc="cells", disable=hidden
@@ -93,9 +94,9 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
         shutil.rmtree(folder_of(work, cell))
 
 
-def updates_of(folder: Path) -> int:
+def updates_of(cell: Cell, folder: Path) -> int:
     """Updates that a killed cell has made, by the last row of its losses; 0 if there is none."""
-    file = folder / RUN / LOSSES
+    file = run_of(cell, folder) / LOSSES
     if not file.exists():
         return 0
     first = file.read_text(encoding="utf-8").rstrip().rpartition("\n")[2].partition(",")[0]
@@ -133,7 +134,7 @@ class _Shift:
 
     cells: Sequence[Cell]
     work: Path
-    bar: "tqdm[None]"
+    bar: "tqdm[Any]"
     is_told: bool
     failures: dict[str, str] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)

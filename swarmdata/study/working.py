@@ -4,7 +4,8 @@ A cell's folder:
 
     cell.json   what it is, written first; a folder of another cell is refused
     data.json   facts of its dataset
-    run/        of training (`learn.trainer`), only with its policies once they are evaluated
+    LABEL/      the run (`learn.trainer`), called like the algorithm's label; once trained, only
+                with its policies
     results/    one file per seed
     cost.json   time, memory, speed
     error.txt   why it failed, if it did
@@ -27,9 +28,12 @@ from swarmdata.evaluate import evaluate, save
 from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
+from swarmdata.learn.run import CHECKPOINT, POLICIES
 from swarmdata.learn.trainer import Schedule, train
 from swarmdata.locking import locked
 from swarmdata.models import models_of
+from swarmdata.online_algos.run_folder import last_policy_path, saved_frames
+from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.origins import Edit
 from swarmdata.presets import find_spec
@@ -39,11 +43,11 @@ from swarmdata.store import write_file
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Meter
 from swarmdata.study.data import Facts, open_data
-from swarmdata.targets import Target, find_target
+from swarmdata.targets import RUN_FILE, Target, find_target, run_folders
 from swarmdata.workers import Report, serve
 
-CELL, DATA, RUN, RESULTS, COST, ERROR, DONE = (
-    "cell.json", "data.json", "run", "results", "cost.json", "error.txt", "done.json",
+CELL, DATA, RESULTS, COST, ERROR, DONE = (
+    "cell.json", "data.json", "results", "cost.json", "error.txt", "done.json",
 )  # fmt: skip
 
 CURVE_METRICS = ("return", "success", "clean_success")
@@ -98,34 +102,26 @@ def do_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> N
             meter.beat(updates)
             report(updates)
 
-        run = _train(cell, folder, meter, beat)
+        run = run_of(cell, folder)
+        with meter.stage("train"):
+            _TRAIN[cell.kind](cell, run, meter, beat)
         with meter.stage("evaluate"):
             files = _evaluate(cell, run, folder / RESULTS, beat)
-        if cell.kind == "offline":
-            compact(run)
-        elif cell.kind == "online":
-            _keep_last(run)
         meter.write()
         digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
         done = {"key": cell.key, "results": digests}
         write_file(folder / DONE, json.dumps(done, indent=1).encode())
 
 
-def _train(cell: Cell, folder: Path, meter: Meter, report: Report) -> Path:
-    """Trains, or goes on; returns the run's folder."""
-    if cell.kind == "run":
-        return Path(cell.run)
-    run = folder / RUN
-    with meter.stage("train"):
-        if cell.kind == "online":
-            _train_online(cell, run)
-            report(cell.n_updates)
-        elif not (run / "policies").exists():
-            _train_offline(cell, run, meter, report)
-    return run
+def run_of(cell: Cell, folder: Path) -> Path:
+    """The run folder of a cell, whose name is its policies' label."""
+    return folder / cell.label
 
 
 def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
+    if (run / POLICIES).exists():
+        compact(run)  # the process may have been killed in the middle of this
+        return
     models = {"observation": cell.observation, "communication": cell.communication}
     dataset = open_data(cell.source, cell.n_steps, **models)
     _check_digest(cell, dataset)
@@ -148,11 +144,13 @@ def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
         progress=False,
         report=report,
     )
+    compact(run)
 
 
 def _check_digest(cell: Cell, dataset: Dataset) -> None:
-    is_part = cell.n_steps is not None and isinstance(dataset.recipe, Edit)
-    digest = dataset.recipe.parents[0].digest if is_part else dataset.digest
+    recipe = dataset.recipe
+    is_part = cell.n_steps is not None and isinstance(recipe, Edit)
+    digest = recipe.parents[0].digest if is_part else dataset.digest  # type: ignore[union-attr]
     if digest != cell.digest:
         raise SchemaError(
             f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "
@@ -173,10 +171,40 @@ def _config(table: Any, cell: Cell) -> Any:
     return kind.Config(**values)
 
 
-def _train_online(cell: Cell, run: Path) -> None:
-    config = _config(ONLINE_ALGORITHMS, cell)
-    description = describe_run(cell.algorithm, config, find_spec(cell.source), cell.seeds)
-    train_run(description, run, progress=False)
+def _train_online(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
+    """Trains in the task, and keeps the last policies."""
+    last = (saved_frames(run, seed)[-1:] for seed in cell.seeds)
+    is_finished = all(frames and frames[0] >= cell.n_updates for frames in last)
+    if not is_finished or (run / CHECKPOINT).exists():
+        config = _config(ONLINE_ALGORITHMS, cell)
+        description = describe_run(cell.algorithm, config, find_spec(cell.source), cell.seeds)
+        train_run(description, run, progress=False)
+        meter.beat(cell.n_updates)
+        report(cell.n_updates)
+    for name in (CHECKPOINT, "replay", "tensorboard"):
+        path = run / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    for policies in (run / POLICIES).glob("seed-*"):
+        for file in sorted(policies.glob("*.safetensors"))[:-1]:
+            file.unlink()
+
+
+def _copy_run(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
+    """Copies what a finished online run needs to act, so that the study stands on its own."""
+    source = Path(cell.run)
+    for part in run_folders(source):
+        there = run / part.relative_to(source)
+        for seed in seeds_of([part]):
+            policy = last_policy_path(*seed)
+            (there / policy.relative_to(part)).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(policy, there / policy.relative_to(part))
+        shutil.copyfile(part / RUN_FILE, there / RUN_FILE)
+
+
+_TRAIN = {"offline": _train_offline, "online": _train_online, "run": _copy_run}
 
 
 def _measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
