@@ -1,0 +1,279 @@
+"""What the finished cells of a study found: results, data, costs and tracks of training."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from swarmdata.errors import StudyError
+from swarmdata.learn.run import CURVE, LOSSES, read_table
+from swarmdata.metrics import censored_times, normalized_score
+from swarmdata.plots import Curve
+from swarmdata.result_files import Result, load
+from swarmdata.results import Case, ResultSet, gather
+from swarmdata.study.cells import ONLINE_FAMILY, Cell
+from swarmdata.study.costs import Cost
+from swarmdata.study.data import Facts, named, sized
+from swarmdata.study.plan import Study
+from swarmdata.study.running import folder_of
+from swarmdata.study.working import COST, DATA, RESULTS, is_done, run_of
+
+MEANS = (
+    "return",
+    "success",
+    "clean_success",
+    "robot_collisions",
+    "obstacle_collisions",
+    "time_to_goal",
+)
+"""Metrics of the tidy table, as means over the episodes of a run."""
+
+Row = Mapping[str, str | float | int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """Everything that pages are written from.
+
+    Attributes:
+        study: what was asked for.
+        cells: that are done.
+        missing: names of cells that are not, with the reason where they failed.
+        results: of the study's datasets, and of online algorithms as baselines.
+        sizes: of the data efficiency, where it was asked for and measured.
+        facts: of datasets, by id with version.
+        costs: by cell.
+        work: folder of the cells.
+    """
+
+    study: Study
+    cells: tuple[Cell, ...]
+    missing: Mapping[str, str]
+    results: ResultSet
+    sizes: ResultSet | None
+    facts: Mapping[str, Facts]
+    costs: Mapping[str, Cost]
+    work: Path
+
+    def family(self, label: str) -> str:
+        """Of an algorithm of the study."""
+        known = self.study.algorithms.get(label)
+        return ONLINE_FAMILY if known is None else known.family
+
+    def curve(self, cell: Cell, column: str, *, file: str = LOSSES) -> Curve | None:
+        """A column of a cell's losses or learning curve, None where it has none of it.
+
+        Args:
+            cell: of the study.
+            column: of the file.
+            file: `losses.csv` or `curve.csv` of the run.
+        """
+        path = run_of(cell, folder_of(self.work, cell)) / file
+        rows = [row for row in read_table(path) if column in row] if path.exists() else []
+        if not rows:
+            return None
+        tracks = [[row for row in rows if row["seed"] == seed] for seed in cell.seeds]
+        length = min(map(len, tracks))
+        return Curve(
+            np.array([row["update"] for row in tracks[0][:length]]),
+            np.array([[row[column] for row in track[:length]] for track in tracks]),
+        )
+
+    def learning(self, cell: Cell, metric: str) -> Curve | None:
+        """A metric of a cell's learning curve."""
+        return self.curve(cell, metric, file=CURVE)
+
+
+def findings_of(
+    study: Study, cells: Sequence[Cell], work: Path, failures: Mapping[str, str]
+) -> Findings:
+    """Reads what is done of a study.
+
+    Args:
+        study: the file.
+        cells: that it asks for.
+        work: folder of the cells.
+        failures: why cells failed, by name.
+
+    Raises:
+        StudyError: no cell on the study's own datasets is done.
+        ResultsError: results do not belong together.
+    """
+    done = tuple(cell for cell in cells if is_done(cell, folder_of(work, cell)))
+    missing = {
+        cell.name: failures.get(cell.name, "not run yet") for cell in cells if cell not in done
+    }
+    facts = {}
+    for cell in done:
+        file = folder_of(work, cell) / DATA
+        if file.exists():
+            found = Facts.from_file(file)
+            facts[found.id] = found
+    main = [cell for cell in done if is_main(study, cell)]
+    if not any(cell.kind == "offline" for cell in main):
+        raise StudyError(
+            f"no cell of the study's datasets is done in {work}, so there is nothing to write"
+        )
+    part = [cell for cell in done if is_size(study, cell)]
+    return Findings(
+        study=study,
+        cells=done,
+        missing=missing,
+        results=_gather(main, work, facts),
+        sizes=_gather(part, work, facts) if part else None,
+        facts=facts,
+        costs={cell.name: Cost.from_file(folder_of(work, cell) / COST) for cell in done},
+        work=work,
+    )
+
+
+def is_main(study: Study, cell: Cell) -> bool:
+    """Whether a cell is in the study's grid, or online: not of a size or a view."""
+    if cell.kind != "offline":
+        return True
+    return cell.data in {named(dataset) for dataset in study.datasets}
+
+
+def is_size(study: Study, cell: Cell) -> bool:
+    """Whether a cell is a point of the data efficiency."""
+    if study.sizes is None or cell.label not in study.sizes.algorithms or "~" in cell.data:
+        return False
+    wanted = [sized(d, size) for d in study.sizes.datasets for size in study.sizes.sizes]
+    return (cell.source, cell.n_steps) in wanted
+
+
+def _gather(cells: Sequence[Cell], work: Path, facts: Mapping[str, Facts]) -> ResultSet:
+    results = results_of(cells, work)
+    found = gather(results)
+    return ResultSet(
+        tuple(_with_data(case, facts) for case in found.cases), baselines=found.baselines
+    )
+
+
+def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
+    """All results of cells that are done."""
+    folders = [folder_of(work, cell) / RESULTS for cell in cells]
+    return [load(file) for folder in folders for file in sorted(folder.glob("*.json"))]
+
+
+def _with_data(case: Case, facts: Mapping[str, Facts]) -> Case:
+    """The case with the figures of its own episodes, which a cell has read."""
+    known = facts.get(str(case.dataset).partition("@")[0])
+    return case if known is None else replace(case, data=known.figures)
+
+
+def tidy_rows(found: Findings) -> list[Row]:
+    """One row per run and dataset, of everything that was measured but sweeps."""
+    keys = {(cell.label, folder): cell for cell, folder in _folders(found)}
+    rows = []
+    for case in _cases(found):
+        for label, runs in case.runs.items():
+            for result in runs:
+                assert result.path is not None  # all were read from files
+                cell = keys[label, result.path.parent]
+                rows.append(_tidy(found, case, cell, result))
+    return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"]), str(row["seed"])))
+
+
+def _folders(found: Findings) -> list[tuple[Cell, Path]]:
+    return [(cell, folder_of(found.work, cell) / RESULTS) for cell in found.cells]
+
+
+def _cases(found: Findings) -> list[Case]:
+    """Of all datasets, each once: a full size is the study's own."""
+    main = [*found.results.cases, *found.results.baselines]
+    known = {case.name for case in main}
+    more = found.sizes.cases if found.sizes else ()
+    return main + [case for case in more if case.name not in known]
+
+
+def _tidy(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
+    origin, metrics = result.provenance, result.evaluation.metrics
+    times = {"time_to_goal": censored_times(metrics["time_to_goal"], case.time_limit)}
+    means = {name: float(np.mean({**metrics, **times}[name])) for name in MEANS}
+    score = math.nan
+    if case.reference is not None:
+        score = float(normalized_score(means["return"], case.reference))
+    facts = found.facts.get(origin.dataset or "")
+    return {
+        "label": cell.label,
+        "family": found.family(cell.label),
+        "algorithm": cell.algorithm,
+        "dataset": case.dataset or "",
+        "task": result.evaluation.task,
+        "digest": origin.digest or "",
+        "n_steps": facts.figures.n_steps if facts else "",
+        "seed": origin.seed,
+        "updates": origin.updates,
+        "frames": origin.frames,
+        "episodes": len(result.evaluation.seeds),
+        "score": score,
+        **means,
+        "cell": cell.key[:16],
+    }
+
+
+def data_rows(found: Findings) -> list[Row]:
+    """One row per dataset: what its own episodes achieved."""
+    scores = {case.dataset: case.data_score for case in _cases(found)}
+    rows: list[Row] = []
+    for key, facts in sorted(found.facts.items()):
+        figures, score = facts.figures, scores.get(key)
+        rows.append(
+            {
+                "dataset": key,
+                "digest": facts.digest,
+                "n_steps": figures.n_steps,
+                "n_episodes": figures.n_episodes,
+                "score": math.nan if score is None else score,
+                "return": figures.mean_return,
+                "success": figures.success,
+                "clean_success": figures.clean_success,
+                "robot_collisions": facts.robot_collisions,
+                "obstacle_collisions": facts.obstacle_collisions,
+            }
+        )
+    return rows
+
+
+def cost_rows(found: Findings) -> list[Row]:
+    """One row per cell: what it took, and where."""
+    rows: list[Row] = []
+    for cell in sorted(found.cells, key=lambda cell: cell.name):
+        cost = found.costs[cell.name]
+        rows.append(
+            {
+                "cell": cell.name,
+                "seeds": len(cell.seeds),
+                "updates": cell.n_updates,
+                "updates_per_second": cost.updates_per_second,
+                "wall_seconds": cost.wall_seconds,
+                "cpu_seconds": cost.cpu_seconds,
+                "peak_mb": cost.peak_mb,
+                "attempts": len(cost.attempts),
+                **{name: cost.machine.get(name) for name in ("processor", "cores", "load")},
+            }
+        )
+    return rows
+
+
+def track_rows(found: Findings) -> list[Row]:
+    """The learning curves, as means over seeds with the lowest and the highest."""
+    rows: list[Row] = []
+    for cell in sorted(found.cells, key=lambda cell: cell.name):
+        for metric in ("return", "success", "clean_success"):
+            curve = found.learning(cell, metric)
+            if curve is None:
+                continue
+            parts: dict[str, Callable[..., object]] = {
+                "mean": np.mean,
+                "low": np.min,
+                "high": np.max,
+            }
+            ends = {name: part(curve.values, axis=0) for name, part in parts.items()}
+            for k, update in enumerate(curve.progress.tolist()):
+                values = {name: float(end[k]) for name, end in ends.items()}  # type: ignore[index]
+                rows.append({"cell": cell.name, "metric": metric, "update": int(update), **values})
+    return rows
