@@ -14,6 +14,7 @@ from swarmdata import (
     editing_commands,
     integrity_commands,
     remote_commands,
+    result_commands,
     study_commands,
     training_commands,
 )
@@ -176,41 +177,9 @@ app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
 app.command()(convert_commands.convert)
+app.command()(result_commands.evaluate)
+app.command()(result_commands.report)
 app.command()(study_commands.study)
-
-
-@app.command()
-def evaluate(
-    targets: Annotated[
-        list[str],
-        typer.Argument(metavar="TARGET...", help="policies, tiers, dataset ids or run folders"),
-    ],
-    episodes: Episodes = 1000,
-    out: Annotated[Path | None, typer.Option(help="folder for the results")] = None,
-    task: Task = "coop_nav",
-    observation: Observation = None,
-    communication: Communication = None,
-) -> None:
-    """Evaluate policies on the reserved seeds and print a table."""
-    from swarmdata.reporting import compare
-    from swarmdata.targets import evaluate_target, find_target
-
-    found = [find_target(name, task, observation, communication) for name in targets]
-    results = {target.label: evaluate_target(target, episodes, out) for target in found}
-    typer.echo(compare(results, found[0].spec).to_text(), nl=False)
-
-
-@app.command()
-def report(
-    results: Annotated[Path, typer.Argument(help="folder that `evaluate --out` filled")],
-    out: Annotated[Path, typer.Option(help="folder for the table and pictures")],
-    runs: Annotated[list[Path] | None, typer.Option(help="run folders to draw curves of")] = None,
-    task: Task = "coop_nav",
-) -> None:
-    """Write the table (Markdown, CSV), its picture, and learning curves."""
-    from swarmdata.reporting import write_report
-
-    typer.echo(write_report(results, out, runs or [], task).to_text(), nl=False)
 
 
 @app.command()

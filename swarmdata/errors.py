@@ -16,6 +16,7 @@ SwarmdataError
 ├── DiskFullError (OSError)             no space was left; what was finished before is kept
 ├── AddressError (ValueError)           an address or a dataset's id is malformed
 ├── GateError (ValueError)              a dataset may not be published
+├── ResultsError (ValueError)           results are stale, or do not belong together
 ├── HubError (OSError)                  a remote could not be asked, or refused
 │   ├── AbsentFileError                 the remote has no such file
 │   ├── ConflictError                   someone else published there meanwhile
@@ -119,6 +120,10 @@ class AddressError(SwarmdataError, ValueError):
 
 class GateError(SwarmdataError, ValueError):
     """A dataset may not be published; the message lists every reason."""
+
+
+class ResultsError(SwarmdataError, ValueError):
+    """Results are stale, or do not belong together; the message names every file."""
 
 
 class HubError(SwarmdataError, OSError):

@@ -20,7 +20,8 @@ from swarmdata.states import Y, robots_of
 from swarmdata.types import EVENTS, Double, Episode, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
-_CHUNK = 1 << 22  # resampled scores held at once
+CHUNK = 1 << 22
+"""Resampled scores held at once."""
 
 
 EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
@@ -225,16 +226,19 @@ def bootstrap(
                 f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
                 "that are not finite, expected finite [runs, tasks] with at least one of each."
             )
-    size = max(1, _CHUNK // sum(table.size for table in scores))
+    size = max(1, CHUNK // sum(table.size for table in scores))
     chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
-    draws = [statistic(*(_resample(t, generator, n) for t in scores)) for n in chunks]
+    draws = [statistic(*(resample(t, generator, n) for t in scores)) for n in chunks]
     tail = (1.0 - level) / 2.0
     low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
     return Estimate(float(statistic(*scores)), float(low), float(high))
 
 
-def _resample(table: Double, generator: np.random.Generator, n: int) -> Double:
-    """`n` tables whose runs are drawn with replacement within each task, [n, runs, tasks]."""
+def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
+    """`n` tables whose runs are drawn with replacement within each task, [n, runs, tasks].
+
+    The strata are the tasks, which are not drawn (Agarwal et al. 2021, section 4.1).
+    """
     n_runs, n_tasks = table.shape
     rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
     return table[rows, np.arange(n_tasks)]

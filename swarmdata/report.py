@@ -1,4 +1,4 @@
-"""Turns evaluation results into one table, as Markdown, CSV or aligned text.
+"""A table of estimates, written as Markdown, CSV, LaTeX or aligned text.
 
 All numbers are written by `format_number` and `format_estimate`.
 """
@@ -6,20 +6,14 @@ All numbers are written by `format_number` and `format_estimate`.
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
+from swarmdata.errors import UnknownNameError
+from swarmdata.metrics import Estimate
 
-from swarmdata import metrics
-from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.evaluate import check_comparable
-from swarmdata.metrics import Estimate, Reference, normalized_score
-from swarmdata.models import describe
-from swarmdata.spec import TaskSpec
-from swarmdata.types import Double, EvalResult
-
-PerEpisode = Callable[[EvalResult], Double]
+UNDEFINED = "–"
+"""Stands for what was not measured or is not defined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +38,7 @@ class Row:
     """One policy or algorithm."""
 
     label: str
-    n_runs: int
+    n_runs: int  # 0 of what is not a policy, such as the mean of a dataset
     estimates: tuple[Estimate, ...]  # one per column; NaN where nothing is defined
 
 
@@ -90,6 +84,27 @@ class Table:
             writer.writerow([row.label, row.n_runs, *cells])
         return out.getvalue()
 
+    def to_latex(self) -> str:
+        """A table in the style of the LaTeX package `booktabs`, its text escaped."""
+        grid = [[_latex(cell) for cell in line] for line in self._grid()]
+        rows = [f"    {' & '.join(line)} \\\\" for line in grid]
+        return "\n".join(
+            [
+                r"\begin{table}",
+                r"  \centering",
+                f"  \\caption{{{_latex(self.caption)}}}",
+                f"  \\begin{{tabular}}{{l{'r' * (len(grid[0]) - 1)}}}",
+                r"    \toprule",
+                rows[0],
+                r"    \midrule",
+                *rows[1:],
+                r"    \bottomrule",
+                r"  \end{tabular}",
+                r"\end{table}",
+                "",
+            ]
+        )
+
     def panels(self, keys: Sequence[str]) -> dict[str, dict[str, Estimate]]:
         """Chosen columns in shown units, for `plots.plot_estimates`: header -> row -> estimate.
 
@@ -115,7 +130,7 @@ class Table:
         body = [
             [
                 row.label,
-                *([str(row.n_runs)] if has_runs else []),
+                *([str(row.n_runs or UNDEFINED)] if has_runs else []),
                 *(format_estimate(e, c) for e, c in zip(row.estimates, self.columns, strict=True)),
             ]
             for row in self.rows
@@ -126,131 +141,39 @@ class Table:
 def format_number(value: float, column: Column) -> str:
     """A number in the column's shown unit and decimals; an undefined one is a dash."""
     if math.isnan(value):
-        return "–"
+        return UNDEFINED
     text = f"{value * column.factor:.{column.decimals}f}"
     return text.removeprefix("-") if not float(text) else text  # no negative zero
 
 
 def format_estimate(estimate: Estimate, column: Column) -> str:
-    """`value [low, high]`; only a dash if undefined."""
+    """`value [low, high]`; only a dash if undefined, only the value without an interval."""
     value, low, high = (format_number(number, column) for number in estimate)
-    return value if math.isnan(estimate.value) else f"{value} [{low}, {high}]"
-
-
-def results_table(
-    results: Mapping[str, Sequence[EvalResult]],
-    spec: TaskSpec,
-    *,
-    reference: Reference | None = None,
-    generator: np.random.Generator | None = None,
-    n_resamples: int = 2000,
-) -> Table:
-    """Compares policies, one row per label.
-
-    A label with one result gets the mean over episodes; its 95 % interval is Wilson's for shares of
-    episodes and a percentile bootstrap over episodes for the rest. A label with several results,
-    one per training seed, gets the interquartile mean over their means, with a stratified bootstrap
-    over seeds. Time to goal counts an unsolved episode as the horizon (`restricted_mean_time`).
-
-    Args:
-        results: label -> one result per training seed, in the order of the rows.
-        spec: the spec that all were evaluated on.
-        reference: adds the score column.
-        generator: source of the bootstrap; a fixed one by default, so that a table is repeatable.
-        n_resamples: of each bootstrap.
-
-    Raises:
-        SchemaError: a label has no result, or the results are not of `spec` and the same seeds.
-    """
-    for label, runs in results.items():
-        if not runs:
-            raise SchemaError(f"{label!r} has no results. Evaluate it or leave it out.")
-    flat = [result for runs in results.values() for result in runs]
-    check_comparable(flat)
-    if flat[0].spec_hash != spec.hash():
-        raise SchemaError(
-            f"the results are of spec {flat[0].spec_hash[:12]}, the table of {spec.hash()[:12]}. "
-            "They are stale or of another task: evaluate again."
-        )
-    rng = np.random.default_rng(0) if generator is None else generator
-    columns = _columns(spec, reference)
-    rows = [
-        Row(
-            label,
-            len(runs),
-            tuple(_estimate(runs, c, values, rng, n_resamples) for c, values in columns),
-        )
-        for label, runs in results.items()
-    ]
-    return Table(tuple(c for c, _ in columns), tuple(rows), _caption(flat, results, spec))
-
-
-def _columns(spec: TaskSpec, reference: Reference | None) -> list[tuple[Column, PerEpisode]]:
-    """The columns and the per-episode values that each of them averages."""
-    limit = spec.horizon * spec.control_dt
-
-    def metric(name: str) -> PerEpisode:
-        return lambda result: result.metrics[name]
-
-    columns: list[tuple[Column, PerEpisode]] = [
-        (Column("return", "return", "", 2), metric("return")),
-        (Column("success", "success", "%", 1, 100.0, is_rate=True), metric("success")),
-        (
-            Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True),
-            metric("clean_success"),
-        ),
-        (Column("robot_collisions", "robot collisions", "", 2), metric("robot_collisions")),
-        (
-            Column("obstacle_collisions", "obstacle collisions", "", 2),
-            metric("obstacle_collisions"),
-        ),
-        (
-            Column("time_to_goal", "time to goal", "s", 1),
-            lambda result: metrics.censored_times(result.metrics["time_to_goal"], limit),
-        ),
-    ]
-    if reference is not None:
-        known = reference
-        score = Column("score", "score", "", 1)
-        columns.insert(0, (score, lambda r: normalized_score(r.metrics["return"], known)))
-    return columns
-
-
-def _estimate(
-    runs: Sequence[EvalResult],
-    column: Column,
-    values: PerEpisode,
-    generator: np.random.Generator,
-    n_resamples: int,
-) -> Estimate:
-    samples = np.stack([values(run) for run in runs])  # [runs, episodes]
-    if np.isnan(samples).any():
-        return Estimate(math.nan, math.nan, math.nan)
-    if len(runs) > 1:
-        table = samples.mean(axis=1)[:, None]
-        return metrics.bootstrap(metrics.iqm, table, generator=generator, n_resamples=n_resamples)
-    if column.is_rate:
-        return metrics.wilson_interval(int(samples.sum()), samples.size)
-    return metrics.bootstrap(metrics.mean, samples.T, generator=generator, n_resamples=n_resamples)
-
-
-def _caption(
-    flat: Sequence[EvalResult], results: Mapping[str, Sequence[EvalResult]], spec: TaskSpec
-) -> str:
-    limit = spec.horizon * spec.control_dt
-    several = any(len(runs) > 1 for runs in results.values())
-    what = "Mean [95 % interval]" + (
-        "; over several runs, interquartile mean [stratified bootstrap over runs]"
-        if several
-        else ""
-    )
-    return (
-        f"{what}; {len(flat[0].seeds)} episodes of {spec.task} on the evaluation seeds, "
-        f"{describe(spec)}, spec {spec.hash()[:12]}. Collisions are contacts that began, per "
-        f"episode. Time to goal counts an unsolved episode as {limit:g} s."
-    )
+    return value if math.isnan(estimate.low) else f"{value} [{low}, {high}]"
 
 
 def _escaped(line: Sequence[str]) -> list[str]:
     """A pipe would end a Markdown cell."""
     return [cell.replace("|", "\\|") for cell in line]
+
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "–": "--",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        **{character: f"\\{character}" for character in "&%$#_{}"},
+    }
+)
+
+
+def _latex(text: str) -> str:
+    """The text as LaTeX prints it, whatever is in a name.
+
+    A bracket at the beginning of a row would be read as an argument of the row before.
+    """
+    escaped = text.translate(_LATEX)
+    return f"{{{escaped}}}" if escaped.startswith("[") else escaped

@@ -1,100 +1,147 @@
 """From result files and run folders to tables, pictures and animations on disk."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import SPECS, is_dataset
-from swarmdata.cards.schema import TaskReferences, references_of
+from swarmdata.aggregate import complete
+from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.catalog import load as load_dataset
 from swarmdata.clips import check_clip, write_clip
-from swarmdata.errors import DatasetNotFoundError, SchemaError
-from swarmdata.evaluate import load, load_metadata
+from swarmdata.errors import SchemaError
+from swarmdata.exports import marl_eval, runs_csv
 from swarmdata.learning_curves import group_files, plot_learning
-from swarmdata.metrics import Reference
-from swarmdata.models import Source, is_same_world, with_models
+from swarmdata.models import Source, with_models
+from swarmdata.origins import RecordedSpec
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
-from swarmdata.presets import find_spec
 from swarmdata.registry import make_env
 from swarmdata.reobserve import seen_again
-from swarmdata.report import Table, results_table
+from swarmdata.report import Table
+from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles, plot_scores
+from swarmdata.results import Case, ResultSet, read
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
 from swarmdata.targets import find_target
-from swarmdata.types import Episode, EvalResult
+from swarmdata.types import Episode
+
+PANELS = 4
+"""Columns of a table that its figure shows, from the left."""
 
 
-def compare(results: Mapping[str, Sequence[EvalResult]], spec: TaskSpec) -> Table:
-    """Returns the results as a table, with scores where the world has measured references.
-
-    Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
-    the headline spec: the loss shows.
-    """
-    known = _references(spec)
-    if known is None or known.no_skill is None or known.expert is None:
-        return results_table(results, spec)
-    return results_table(results, spec, reference=Reference(known.no_skill, known.expert))
-
-
-def _references(spec: TaskSpec) -> TaskReferences | None:
-    """Those of the spec itself, else of the headline spec of the same world."""
-    worlds = [known for known in SPECS.values() if is_same_world(known, spec)]
-    found = (references_of(each.hash()) for each in (spec, *worlds))
-    return next((references for references in found if references is not None), None)
+def shown_cases(results: ResultSet) -> dict[str, Case]:
+    """Cases with the baselines of their specs, and specs that have baselines only, by file name."""
+    specs = {case.spec.hash() for case in results.cases}
+    alone = [case for case in results.baselines if case.spec.hash() not in specs]
+    cases = [results.with_baselines(case) for case in (*results.cases, *alone)]
+    if len(cases) == 1:
+        return {"table": cases[0]}
+    names = [case.name for case in cases]
+    return {
+        name if names.count(name) == 1 else f"{name}-{case.spec.hash()[:8]}": case
+        for name, case in zip(names, cases, strict=True)
+    }
 
 
-def write_report(results: Path, out: Path, runs: Sequence[Path], task: str) -> Table:
-    """Writes `table.md`, `table.csv` and `table.png`, and `curves.png` if there are runs.
+def tables_of(results: ResultSet) -> dict[str, Table]:
+    """Every table of a report by file name: what compares datasets first, then each case."""
+    tables = {}
+    if complete(results).tables:
+        tables = {
+            "scores": metric_table(results),
+            "aggregates": aggregate_table(results),
+            "improvement": improvement_table(results),
+        }
+    return tables | {name: case_table(case) for name, case in shown_cases(results).items()}
+
+
+def write_report(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    runs: Sequence[Path] = (),
+    data: Sequence[Path] = (),
+    suffix: str = ".png",
+) -> str:
+    """Writes tables (Markdown, CSV, LaTeX), figures, `runs.csv` and `marl-eval.json`.
+
+    `report.md` holds all tables and shows all figures.
 
     Args:
-        results: folder of result files, as `evaluate` saves them.
+        folders: of result files, as `evaluate` saves them.
         out: folder to write to.
         runs: training runs whose learning curves are drawn together.
-        task: that the results are of: a preset's name, or a spec's file; the models that the
-            results were measured under are read from their files.
+        data: folders of datasets whose own means are not known from the package or the cache.
+        suffix: of figures: `.png`, `.svg` or `.pdf`.
+
+    Returns:
+        The tables as text.
 
     Raises:
         DatasetNotFoundError: there are no results.
-        SchemaError: results that cannot be compared.
+        ResultsError: results that are stale, or cannot be compared.
     """
-    spec = find_spec(task)
-    files = _files(results)
-    models = load_metadata(files[0]).get("models", {})
-    table = compare(_read(files), with_models(spec, **models))
+    results = read(folders, data=data)
+    tables = tables_of(results)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "table.md").write_text(table.to_markdown(), encoding="utf-8")
-    (out / "table.csv").write_text(table.to_csv(), encoding="utf-8")
-    keys = [column.key for column in table.columns][:2]
-    plot_estimates(table.panels(keys), out / "table.png")
+    for name, table in tables.items():
+        forms = {".md": table.to_markdown, ".csv": table.to_csv, ".tex": table.to_latex}
+        for ending, form in forms.items():
+            (out / f"{name}{ending}").write_text(form(), encoding="utf-8")
+    exported = marl_eval(results)
+    text = json.dumps(exported.document, allow_nan=False, separators=(",", ":"))
+    (out / "marl-eval.json").write_text(text + "\n", encoding="utf-8")
+    (out / "runs.csv").write_text(runs_csv(results), encoding="utf-8")
+    figures = _draw(results, tables, out, suffix)
     if runs:
-        curves = {
-            run.resolve().name: read_curve([run / "curve.csv"], "success", progress="update")
-            for run in runs
-        }
-        plot_curves(curves, out / "curves.png", ylabel="team success (%)", factor=100.0)
-    return table
+        figures["curves"] = _draw_curves(runs, out / f"curves{suffix}")
+    left = f"Not in marl-eval.json: {', '.join(exported.left_out)}." if exported.left_out else ""
+    (out / "report.md").write_text(_page(tables, figures, left), encoding="utf-8")
+    return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
 
 
-def _files(folder: Path) -> list[Path]:
-    files = sorted(folder.glob("*.json"))
-    if not files:
-        raise DatasetNotFoundError(
-            f"{folder} holds no results. Write some with: swarmdata evaluate ... --out {folder}"
-        )
-    return files
+def _draw(
+    results: ResultSet, tables: Mapping[str, Table], out: Path, suffix: str
+) -> dict[str, Path]:
+    """Draws what there is to draw; figures by name."""
+    found = complete(results)
+    figures = {}
+    if found.tables:
+        figures = {name: out / f"{name}{suffix}" for name in ("scores", "profile", "improvement")}
+        plot_scores(results, figures["scores"])
+        plot_profiles(found.tables, figures["profile"])
+        plot_improvements(found.tables, figures["improvement"])
+    cases = shown_cases(results)
+    ours = {name: case for name, case in cases.items() if not isinstance(case.spec, RecordedSpec)}
+    if ours:
+        figures["pareto"] = out / f"pareto{suffix}"
+        plot_pareto(ours.values(), figures["pareto"])
+    for name in cases:
+        keys = [column.key for column in tables[name].columns][:PANELS]
+        figures[name] = out / f"{name}{suffix}"
+        plot_estimates(tables[name].panels(keys), figures[name])
+    return figures
 
 
-def _read(files: Sequence[Path]) -> dict[str, list[EvalResult]]:
-    """Results by policy label; the order of labels is that of their returns, lowest first."""
-    groups: dict[str, list[EvalResult]] = {}
-    for file in files:
-        result = load(file)
-        groups.setdefault(result.policy, []).append(result)
-    return dict(sorted(groups.items(), key=lambda item: _mean_return(item[1])))
+def _draw_curves(runs: Sequence[Path], path: Path) -> Path:
+    curves = {
+        run.resolve().name: read_curve([run / "curve.csv"], "success", progress="update")
+        for run in runs
+    }
+    plot_curves(curves, path, ylabel="team success (%)", factor=100.0)
+    return path
 
 
-def _mean_return(group: Sequence[EvalResult]) -> float:
-    return sum(float(result.metrics["return"].mean()) for result in group) / len(group)
+def _page(tables: Mapping[str, Table], figures: Mapping[str, Path], note: str) -> str:
+    """Tables with their figures, then figures without a table."""
+    parts = ["# Report\n"]
+    for name in dict.fromkeys([*tables, *figures]):
+        parts.append(f"## {name}\n")
+        if name in tables:
+            parts.append(tables[name].to_markdown())
+        if name in figures:
+            parts.append(f"![{name}]({figures[name].name})\n")
+    return "\n".join([*parts, f"{note}\n" if note else ""]).rstrip() + "\n"
 
 
 def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:

@@ -1,11 +1,9 @@
 """Names on a command line to the policies they mean, and the evaluation of several of them."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec as find_module
 from pathlib import Path
-from typing import Any
 
 from swarmdata.behavior_policies.tiers import (
     TIERS,
@@ -17,32 +15,42 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
-from swarmdata.errors import MissingExtraError, SpecError, UnknownNameError
-from swarmdata.evaluate import evaluate, save
+from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
+from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
-from swarmdata.models import Source, check_senses, models_of, with_models
+from swarmdata.models import Source, check_senses, with_models
 from swarmdata.observing import features_of
 from swarmdata.presets import find_spec
+from swarmdata.provenance import Provenance, file_name
 from swarmdata.recipes import make_source_policy
-from swarmdata.registry import ONLINE_ALGORITHMS, POLICIES, make_policy, make_task
+from swarmdata.registry import POLICIES, make_policy, make_task
+from swarmdata.result_files import Result, load, located, save
+from swarmdata.run_files import run_folders
+from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
 
 REFERENCES = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Policies that a task's reference table holds, as far as the task has them."""
 
-RUN_FILE = "config.json"
-"""What makes a folder a training run."""
-
 
 @dataclass(frozen=True, eq=False)
 class Target:
     """A named team: one policy, or one per training seed or checkpoint."""
 
-    label: str
     spec: TaskSpec
     policies: tuple[Policy, ...]
-    metadata: dict[str, Any]  # JSON values: where the policies come from
+    provenances: tuple[Provenance, ...]  # of each policy; all with one label
+
+    @property
+    def label(self) -> str:
+        """Its row in tables."""
+        return self.provenances[0].label
+
+    def labelled(self, label: str) -> "Target":
+        """The same team under another name."""
+        named = (each.model_copy(update={"label": label}) for each in self.provenances)
+        return replace(self, provenances=tuple(named))
 
 
 @dataclass(frozen=True)
@@ -98,13 +106,20 @@ def find_target(
         return _run_target(Path(name), models)
     if name in POLICIES and name != "learned":
         spec = models.offered_to(name, find_spec(task), is_fixed=False)
-        return Target(name, spec, (make_policy(name, spec),), {"policy": name})
+        return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
     if name in TRAINED and (found := sources(task, name, 0.0)):
         spec = models.offered_to(name, find_spec(task), is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
-        digests = [source.sha256 for source in found]
-        return Target(name, spec, policies, {"policy": name, "checkpoints": digests})
+        contents = [source.sha256 for source in found]
+        return Target(spec, policies, _numbered(name, contents))
     return _dataset_target(name, task, models)
+
+
+def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, ...]:
+    return tuple(
+        Provenance(label=label, index=index, content=content)
+        for index, content in enumerate(contents)
+    )
 
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
@@ -116,52 +131,22 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
     is_fixed = any(source.name == "learned" for source in recipe.policies)
     spec = models.offered_to(name, recipe.spec, is_fixed=is_fixed)
     policies = tuple(make_source_policy(source, spec) for source in recipe.policies)
-    return Target(name, spec, policies, {"recipe": recipe.hash()})
-
-
-def run_folders(folder: Path) -> tuple[Path, ...]:
-    """The run that a folder is, or those of several processes inside it; empty for another one."""
-    inside = sorted(folder.glob(f"seeds-*/{RUN_FILE}"))
-    files = [folder / RUN_FILE] if (folder / RUN_FILE).exists() else inside
-    return tuple(file.parent for file in files)
+    return Target(spec, policies, _numbered(name, [recipe.hash()] * len(policies)))
 
 
 def _run_target(folder: Path, models: Models) -> Target:
     require("torch", "torch", f"loading the run {folder}")
-    first = run_folders(folder)[0] / RUN_FILE
-    document = json.loads(first.read_text(encoding="utf-8"))
-    is_online = document.get("algorithm") in ONLINE_ALGORITHMS
-    policies, document = _online_run(folder) if is_online else _offline_run(folder)
-    content = document.pop("spec")
-    if content.get("kind") == "recorded":
+    from swarmdata.trained import load_policies, read_trained  # noqa: PLC0415  (torch is an extra)
+
+    trained = read_trained(folder)
+    if trained.spec.get("kind") == "recorded":
         raise SpecError(
-            f"{folder} was trained on a recording of {content['task']}, which this library cannot "
-            "run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
+            f"{folder} was trained on a recording of {trained.spec['task']}, which this library "
+            "cannot run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
         )
-    spec = TaskSpec.parse(content, str(first))
+    spec = TaskSpec.parse(trained.spec, str(folder))
     spec = models.offered_to(str(folder), spec, is_fixed=True)
-    return Target(folder.resolve().name, spec, tuple(policies), {"run": document})
-
-
-def _online_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
-    """The newest policies of an online run, of all its processes, and what it is."""
-    from swarmdata.learn.policy_file import load_policy  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.online_algos.run_folder import last_policy_path  # noqa: PLC0415  (the same)
-    from swarmdata.online_algos.selection import seeds_of  # noqa: PLC0415  (the same)
-    from swarmdata.online_algos.training import read_online_run  # noqa: PLC0415  (the same)
-
-    seeds = seeds_of([folder])
-    paths = [last_policy_path(*seed) for seed in seeds]
-    document = read_online_run(seeds[0].folder).model_dump(mode="json")
-    document |= {"seeds": [seed.seed for seed in seeds], "frames": int(paths[0].stem)}
-    return [load_policy(path) for path in paths], document
-
-
-def _offline_run(folder: Path) -> tuple[list[Policy], dict[str, Any]]:
-    """The policies of an offline run, and what it is."""
-    from swarmdata.learn.run import load_run, read_run  # noqa: PLC0415  (torch is an extra)
-
-    return load_run(folder), read_run(folder).model_dump(mode="json")
+    return Target(spec, tuple(load_policies(trained)), trained.provenances)
 
 
 def require(package: str, extra: str, purpose: str) -> None:
@@ -171,32 +156,64 @@ def require(package: str, extra: str, purpose: str) -> None:
 
 
 def evaluate_target(
-    target: Target, n_episodes: int, out: Path | None = None, *, progress: bool = True
-) -> list[EvalResult]:
+    target: Target,
+    n_episodes: int,
+    out: Path | None = None,
+    *,
+    again: bool = False,
+    progress: bool = True,
+) -> list[Result]:
     """Evaluates every policy of a target on the reserved seeds.
 
     Args:
         target: the team.
         n_episodes: first so many reserved seeds.
-        out: a folder that gets one file per policy, `<label>-<index>.json`; its metadata say where
-            the policy comes from and under which models it was measured.
+        out: a folder that gets one file per policy (`provenance.file_name`). What is there already
+            of the same policy, spec, seeds and code is read instead of measured.
+        again: measures it all the same.
         progress: whether to show bars.
+
+    Returns:
+        One result per policy; those that were read have a path.
+
+    Raises:
+        ResultsError: a file of `out` is of another run with the same label and dataset.
     """
     results = []
-    for index, policy in enumerate(target.policies):
-        result = evaluate(
-            policy, target.spec, name=target.label, n_episodes=n_episodes, progress=progress
-        )
-        if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-            metadata = {
-                **target.metadata,
-                "models": models_of(target.spec),
-                "index": index,
-            }
-            save(result, out / f"{target.label}-{index}.json", metadata=metadata)
-        results.append(result)
+    for policy, provenance in zip(target.policies, target.provenances, strict=True):
+        kept = None if out is None else kept_result(target.spec, provenance, n_episodes, out)
+        if kept is None or again:
+            evaluation = evaluate(
+                policy, target.spec, name=target.label, n_episodes=n_episodes, progress=progress
+            )
+            kept = Result(evaluation, provenance, target.spec)
+            if out is not None:
+                save(kept, out)
+        results.append(kept)
     return results
+
+
+def kept_result(
+    spec: TaskSpec, provenance: Provenance, n_episodes: int, out: Path
+) -> Result | None:
+    """The result that a folder has of exactly this policy, spec, seeds and code, if it has it.
+
+    Raises:
+        ResultsError: the file in its place is of another run.
+    """
+    path = out / file_name(provenance, spec.hash())
+    if not path.exists():
+        return None
+    wanted, found = located(provenance, out), load(path)
+    if found.provenance.run != wanted.run:
+        raise ResultsError(
+            f"{path} is of the run {found.provenance.run}, not of {wanted.run}: two runs have the "
+            f"label {wanted.label!r} on the same dataset. Give one another label (--label), or "
+            "choose another folder."
+        )
+    seeds = evaluation_seeds(n_episodes)
+    is_same = found.provenance == wanted and found.evaluation.seeds.tolist() == seeds.tolist()
+    return found if is_same else None
 
 
 def measure_references(
@@ -218,7 +235,8 @@ def measure_references(
     there = [name for name in names if name not in TIERS or sources(task, name)]
     results: dict[str, list[EvalResult]] = {}
     for target in (find_target(name, task) for name in there):
-        found = evaluate_target(target, n_episodes, progress=progress)
+        measured = evaluate_target(target, n_episodes, progress=progress)
+        found = [each.evaluation for each in measured]
         results[target.label] = found
         if len(found) > 1:  # the tier is their mean; each is shown as well
             results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}

@@ -14,9 +14,9 @@ from swarmdata.learn.config import override
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.study.data import named, short, sized
 from swarmdata.study.plan import Baseline, Study, Variant
-from swarmdata.targets import RUN_FILE, run_folders
 
 ONLINE_FAMILY = "online"
 
@@ -179,10 +179,10 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
             "swarmdata train, or give algorithm, task and frames in the study."
         )
     found = seeds_of([folder])
-    document = json.loads((found[0].folder / RUN_FILE).read_text(encoding="utf-8"))
+    document = json.loads((found[0].folder / CONFIG).read_text(encoding="utf-8"))
     content = hashlib.sha256()
     for part in run_folders(folder):
-        content.update((part / RUN_FILE).read_bytes())
+        content.update((part / CONFIG).read_bytes())
     for seed in found:
         content.update(last_policy_path(*seed).read_bytes())
     return Cell(

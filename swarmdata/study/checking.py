@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluate import load
 from swarmdata.frozen import Frozen
 from swarmdata.learn.run import LOSSES, read_table
+from swarmdata.result_files import load
 from swarmdata.study.running import run_cells
 from swarmdata.study.working import DONE, RESULTS, read_cell, run_of
 from swarmdata.types import Double
@@ -79,8 +79,8 @@ def _result_differences(one: Path, other: Path) -> Double:
     found = []
     for file in sorted(one.glob("*.json")):
         ours, theirs = load(file), load(other / file.name)
-        for name, values in ours.metrics.items():
-            a, b = values, theirs.metrics[name]
+        for name, a in ours.evaluation.metrics.items():
+            b = theirs.evaluation.metrics[name]
             both = np.isnan(a) & np.isnan(b)
             found.append(np.where(both, 0.0, np.nan_to_num(np.abs(a - b), nan=np.inf)))
     return np.concatenate(found)

@@ -1,4 +1,4 @@
-"""The figures of a study: scores, return against clean success, size of data, curves of training."""
+"""The figures of a study: scores, return against clean success, sizes of data, training."""
 
 import math
 from collections.abc import Mapping, Sequence

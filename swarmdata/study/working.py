@@ -12,7 +12,6 @@ A cell's folder:
     done.json   written last: the key, and the digests of the results
 """
 
-import dataclasses
 import hashlib
 import json
 import shutil
@@ -24,26 +23,27 @@ import numpy as np
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.evaluate import evaluate, save
+from swarmdata.evaluate import evaluate
 from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
 from swarmdata.learn.run import CHECKPOINT, POLICIES
 from swarmdata.learn.trainer import Schedule, train
 from swarmdata.locking import locked
-from swarmdata.models import models_of
 from swarmdata.online_algos.run_folder import last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.origins import Edit
 from swarmdata.presets import find_spec
+from swarmdata.provenance import file_name
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.spec import TaskSpec
 from swarmdata.store import write_file
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Meter
 from swarmdata.study.data import Facts, open_data
-from swarmdata.targets import RUN_FILE, Target, find_target, run_folders
+from swarmdata.targets import evaluate_target, find_target
 from swarmdata.workers import Report, serve
 
 CELL, DATA, RESULTS, COST, ERROR, DONE = (
@@ -106,8 +106,7 @@ def do_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> N
         with meter.stage("train"):
             _TRAIN[cell.kind](cell, run, meter, beat)
         with meter.stage("evaluate"):
-            files = _evaluate(cell, run, folder / RESULTS, beat)
-        meter.write()
+            files = _evaluate(cell, run, folder / RESULTS, meter)
         digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
         done = {"key": cell.key, "results": digests}
         write_file(folder / DONE, json.dumps(done, indent=1).encode())
@@ -201,7 +200,7 @@ def _copy_run(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
             policy = last_policy_path(*seed)
             (there / policy.relative_to(part)).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(policy, there / policy.relative_to(part))
-        shutil.copyfile(part / RUN_FILE, there / RUN_FILE)
+        shutil.copyfile(part / CONFIG, there / CONFIG)
 
 
 _TRAIN = {"offline": _train_offline, "online": _train_online, "run": _copy_run}
@@ -212,43 +211,16 @@ def _measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float
     return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}
 
 
-def _evaluate(cell: Cell, run: Path, out: Path, report: Report) -> list[Path]:
+def _evaluate(cell: Cell, run: Path, out: Path, meter: Meter) -> list[Path]:
     """Evaluates the last policy of each seed on reserved seeds; keeps what is there already."""
-    target = dataclasses.replace(find_target(str(run)), label=cell.label)
-    if len(target.policies) != len(cell.seeds):
-        raise SchemaError(
-            f"{run} has {len(target.policies)} policies, expected one for each of {cell.seeds}"
-        )
-    out.mkdir(exist_ok=True)
-    files = []
-    for seed, policy in zip(cell.seeds, target.policies, strict=True):
-        file = out / f"{cell.label}-{cell.data}-{seed}.json"
-        if not file.exists():
-            _evaluate_seed(cell, seed, policy, target, file)
-        files.append(file)
-        report(0)
-    return files
-
-
-def _evaluate_seed(cell: Cell, seed: int, policy: Policy, target: Target, file: Path) -> None:
-    result = evaluate(
-        policy, target.spec, name=cell.label, n_episodes=cell.n_episodes, progress=False
-    )
-    origin = {"cell": cell.key, "seed": seed, "dataset": cell.data, "digest": cell.digest}
-    save(result, file, metadata={**target.metadata, **origin, "models": models_of(target.spec)})
-
-
-def _keep_last(run: Path) -> None:
-    """Removes what an online run needs only to go on."""
-    for name in ("checkpoint.safetensors", "replay", "tensorboard"):
-        path = run / name
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-    for policies in (run / "policies").glob("seed-*"):
-        for file in sorted(policies.glob("*.safetensors"))[:-1]:
-            file.unlink()
+    target = find_target(str(run)).labelled(cell.label)
+    seeds = tuple(each.seed for each in target.provenances)
+    if seeds != cell.seeds:
+        raise SchemaError(f"{run} has policies of the seeds {seeds}, expected {cell.seeds}")
+    evaluate_target(target, cell.n_episodes, out, progress=False)
+    meter.write()
+    names = (file_name(each, target.spec.hash()) for each in target.provenances)
+    return [out / name for name in names]
 
 
 def _handle(payload: dict[str, Any], report: Report) -> None:

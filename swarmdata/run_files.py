@@ -1,0 +1,51 @@
+"""Which files of a run folder hold the policies that are measured, and their common digest.
+
+Needs no torch: whoever reads results can tell whether the run beside them is still the same.
+"""
+
+import hashlib
+from pathlib import Path
+
+from swarmdata.registry import ONLINE_ALGORITHMS
+
+CONFIG, CHECKPOINT, POLICIES = "config.json", "checkpoint.safetensors", "policies"
+"""As `learn.run` and `online_algos.run_folder` write them."""
+
+
+def run_folders(folder: Path) -> tuple[Path, ...]:
+    """The run that a folder is, or those of several processes inside it; empty for another one."""
+    inside = sorted(folder.glob(f"seeds-*/{CONFIG}"))
+    files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
+    return tuple(file.parent for file in files)
+
+
+def measured_files(folder: Path, algorithm: str, seed: int) -> tuple[Path, ...]:
+    """The files that decide what a seed's policy does: of an online run its newest policy.
+
+    Of a compact offline run (`learn.compact`) they are the policies of all its seeds.
+
+    Args:
+        folder: of the run.
+        algorithm: that trained it.
+        seed: of the training.
+    """
+    config = folder / CONFIG
+    if algorithm not in ONLINE_ALGORITHMS:
+        kept = sorted((folder / POLICIES).glob("seed-*.safetensors"))
+        is_compact = kept and not (folder / CHECKPOINT).exists()
+        return (config, *kept) if is_compact else (config, folder / CHECKPOINT)
+    saved = sorted((folder / POLICIES / f"seed-{seed}").glob("*.safetensors"))
+    return config, *saved[-1:]
+
+
+def run_hash(folder: Path, algorithm: str, seed: int) -> str:
+    """SHA-256 of the names and contents of the measured files, hex; an absent one counts as such.
+
+    It changes with the configuration, the dataset's digest, and every update of the training.
+    """
+    total = hashlib.sha256()
+    for file in measured_files(folder, algorithm, seed):
+        total.update(f"{file.relative_to(folder).as_posix()}\n".encode())
+        content = file.read_bytes() if file.exists() else b""
+        total.update(hashlib.sha256(content).digest())
+    return total.hexdigest()

@@ -1,0 +1,69 @@
+"""Results as if they had been measured, for tests of what is made of them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from swarmdata.cards.schema import published
+from swarmdata.metrics import metrics_of
+from swarmdata.presets import preset
+from swarmdata.provenance import Provenance
+from swarmdata.result_files import Result
+from swarmdata.seeding import evaluation_seeds
+from swarmdata.spec import TaskSpec
+from swarmdata.types import EvalResult
+
+COOP_NAV = preset("coop_nav")
+MEDIUM, EXPERT = "coop_nav-medium-v0", "coop_nav-expert-v0"
+
+
+def evaluation(
+    label: str, spec: TaskSpec = COOP_NAV, *, mean: float = 2.0, n: int = 20, seed: int = 0
+) -> EvalResult:
+    """Random metrics whose return has about a mean; every fourth episode is not solved."""
+    rng = np.random.default_rng([seed, len(label)])
+    values = {name: rng.random(n) for name in metrics_of(spec.task)}
+    values["return"] = mean + rng.normal(size=n)
+    values["success"] = (np.arange(n) % 4 > 0).astype(np.float64)
+    values["clean_success"] = (np.arange(n) % 4 > 1).astype(np.float64)
+    values["time_to_goal"] = np.where(values["success"] > 0, 6.0, np.nan)
+    return EvalResult(label, spec.task, spec.hash(), evaluation_seeds(n), values)
+
+
+def result(
+    label: str = "bc",
+    dataset: str | None = MEDIUM,
+    index: int = 0,
+    *,
+    spec: TaskSpec = COOP_NAV,
+    mean: float = 2.0,
+    n: int = 20,
+    **changes: Any,
+) -> Result:
+    """A run on a published dataset, or without one a policy that learned from no data."""
+    trained: Mapping[str, Any] = {}
+    if dataset is not None:
+        trained = {
+            "algorithm": "bc",
+            "dataset": dataset,
+            "digest": published()[dataset].digest,
+            "config": {"discount": 0.95},
+            "seed": index,
+            "updates": 1000,
+        }
+    return Result(
+        evaluation(label, spec, mean=mean, n=n, seed=index),
+        Provenance(**{"label": label, "index": index, **trained, **changes}),
+        spec,
+    )
+
+
+def grid(means: Mapping[str, Mapping[str, float]], n_runs: int = 3, **changes: Any) -> list[Result]:
+    """Several runs of each label on each dataset, with mean returns that differ by run."""
+    return [
+        result(label, dataset, index, mean=mean + 0.3 * index, **changes)
+        for label, row in means.items()
+        for dataset, mean in row.items()
+        for index in range(n_runs)
+    ]
