@@ -31,6 +31,7 @@ def study(
     from swarmdata.targets import require
 
     require("torch", "torch", "running a study")
+    require("matplotlib", "plots", "drawing the figures of a study")
     from swarmdata.study import conducting
     from swarmdata.study.plan import Study
 
@@ -40,7 +41,8 @@ def study(
         found = conducting.check(plan, check, options)
         typer.echo(found.sentence())
         raise typer.Exit(0 if found.is_same else 1)
-    failures = conducting.conduct(plan, options)
+    failures, written = conducting.conduct(plan, options, f"swarmdata study {file} --out {out}")
+    typer.echo(written[0])
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)

@@ -8,8 +8,10 @@ from swarmdata.errors import StudyError
 from swarmdata.study.cells import Cell, cells_of
 from swarmdata.study.checking import Comparison, check_cell
 from swarmdata.study.data import digest_of
+from swarmdata.study.gathering import findings_of
 from swarmdata.study.plan import Study
 from swarmdata.study.running import chosen, folder_of, run_cells
+from swarmdata.study.writing import write_pages
 
 
 @dataclass(frozen=True)
@@ -37,22 +39,33 @@ class Options:
         return self.work or Path("runs") / f"study-{study.name}"
 
 
-def conduct(study: Study, options: Options) -> dict[str, str]:
-    """Runs what is missing of a study; returns why cells failed, by name.
+def conduct(study: Study, options: Options, command: str) -> tuple[dict[str, str], list[Path]]:
+    """Runs what is missing of a study, and writes what is there.
+
+    Args:
+        study: the file.
+        options: how.
+        command: that does the study again, for the page.
+
+    Returns:
+        Why cells failed, by name, and the files that were written, the page first.
 
     Raises:
         StaleCellError: the folder has results of another configuration.
+        StudyError: nothing is done, so there is nothing to write.
         UnknownNameError: no such algorithm, setting, dataset or cell.
     """
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
-    return run_cells(
+    failures = run_cells(
         chosen(cells, options.only),
         work,
         workers=options.workers,
         again=options.again,
         progress=options.progress,
     )
+    found = findings_of(study, cells, work, failures)
+    return failures, write_pages(found, options.out, command)
 
 
 def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:

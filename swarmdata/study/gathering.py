@@ -43,7 +43,7 @@ class Findings:
         missing: names of cells that are not, with the reason where they failed.
         results: of the study's datasets, and of online algorithms as baselines.
         sizes: of the data efficiency, where it was asked for and measured.
-        facts: of datasets, by id with version.
+        facts: of the dataset of each cell that trained on one, by the cell's name.
         costs: by cell.
         work: folder of the cells.
     """
@@ -105,12 +105,11 @@ def findings_of(
     missing = {
         cell.name: failures.get(cell.name, "not run yet") for cell in cells if cell not in done
     }
-    facts = {}
+    facts: dict[str, Facts] = {}
     for cell in done:
         file = folder_of(work, cell) / DATA
         if file.exists():
-            found = Facts.from_file(file)
-            facts[found.id] = found
+            facts[cell.name] = Facts.from_file(file)
     main = [cell for cell in done if is_main(study, cell)]
     if not any(cell.kind == "offline" for cell in main):
         raise StudyError(
@@ -145,11 +144,13 @@ def is_size(study: Study, cell: Cell) -> bool:
 
 
 def _gather(cells: Sequence[Cell], work: Path, facts: Mapping[str, Facts]) -> ResultSet:
-    results = results_of(cells, work)
-    found = gather(results)
-    return ResultSet(
-        tuple(_with_data(case, facts) for case in found.cases), baselines=found.baselines
-    )
+    found, known = gather(results_of(cells, work)), _by_id(facts)
+    return replace(found, cases=tuple(_with_data(case, known) for case in found.cases))
+
+
+def _by_id(facts: Mapping[str, Facts]) -> dict[str, Facts]:
+    """Facts by dataset, of those of its cells."""
+    return {each.id: each for each in facts.values()}
 
 
 def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
@@ -160,7 +161,7 @@ def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
 
 def _with_data(case: Case, facts: Mapping[str, Facts]) -> Case:
     """The case with the figures of its own episodes, which a cell has read."""
-    known = facts.get(str(case.dataset).partition("@")[0])
+    known = facts.get(str(case.dataset).partition("@")[0])  # a view's own episodes are the same
     return case if known is None else replace(case, data=known.figures)
 
 
@@ -196,7 +197,7 @@ def _tidy(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     score = math.nan
     if case.reference is not None:
         score = float(normalized_score(means["return"], case.reference))
-    facts = found.facts.get(origin.dataset or "")
+    facts = found.facts.get(cell.name)
     return {
         "label": cell.label,
         "family": found.family(cell.label),
@@ -219,7 +220,7 @@ def data_rows(found: Findings) -> list[Row]:
     """One row per dataset: what its own episodes achieved."""
     scores = {case.dataset: case.data_score for case in _cases(found)}
     rows: list[Row] = []
-    for key, facts in sorted(found.facts.items()):
+    for key, facts in sorted(_by_id(found.facts).items()):
         figures, score = facts.figures, scores.get(key)
         rows.append(
             {
