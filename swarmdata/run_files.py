@@ -22,8 +22,6 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
 def measured_files(folder: Path, algorithm: str, seed: int) -> tuple[Path, ...]:
     """The files that decide what a seed's policy does: of an online run its newest policy.
 
-    Of a compact offline run (`learn.compact`) they are the policies of all its seeds.
-
     Args:
         folder: of the run.
         algorithm: that trained it.
@@ -31,9 +29,7 @@ def measured_files(folder: Path, algorithm: str, seed: int) -> tuple[Path, ...]:
     """
     config = folder / CONFIG
     if algorithm not in ONLINE_ALGORITHMS:
-        kept = sorted((folder / POLICIES).glob("seed-*.safetensors"))
-        is_compact = kept and not (folder / CHECKPOINT).exists()
-        return (config, *kept) if is_compact else (config, folder / CHECKPOINT)
+        return config, folder / CHECKPOINT
     saved = sorted((folder / POLICIES / f"seed-{seed}").glob("*.safetensors"))
     return config, *saved[-1:]
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from swarmdata.interfaces import Policy
 from swarmdata.learn.checkpoint import load_checkpoint
 from swarmdata.learn.policy_file import load_policy
-from swarmdata.learn.run import CHECKPOINT, POLICIES, Run, load_run, read_run
+from swarmdata.learn.run import CHECKPOINT, load_run, read_run
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import read_online_run
@@ -72,6 +72,7 @@ def _online_run(folder: Path) -> Trained:
 def _offline_run(folder: Path) -> Trained:
     """The policies of an offline run as of its last checkpoint."""
     run = read_run(folder)
+    _, metadata = load_checkpoint(folder / CHECKPOINT)
     label = label_of(folder.resolve().name, run.dataset)
     content = run_hash(folder, run.algorithm, 0)  # one checkpoint holds all seeds
     document = run.model_dump(mode="json")
@@ -85,20 +86,13 @@ def _offline_run(folder: Path) -> Trained:
             view=run.view,
             config=document["config"],
             seed=seed,
-            updates=_updates(folder, run),
+            updates=metadata["update"],
             run=str(folder.resolve()),
             content=content,
         )
         for index, seed in enumerate(run.seeds)
     )
     return Trained(provenances, document["spec"], [folder])
-
-
-def _updates(folder: Path, run: Run) -> int:
-    """Updates of the last checkpoint; a compact run is a finished one."""
-    if not (folder / CHECKPOINT).exists() and (folder / POLICIES).exists():
-        return int(run.config["n_updates"])
-    return int(load_checkpoint(folder / CHECKPOINT)[1]["update"])
 
 
 def label_of(name: str, dataset: str) -> str:

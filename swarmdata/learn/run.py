@@ -3,8 +3,8 @@
 config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
-checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
-policies/               of a compact run, in the place of the checkpoint (`learn.compact`)
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
+                        run that was made small (`learn.compact`), what its policies are made of
 """
 
 import csv
@@ -25,7 +25,6 @@ from swarmdata.errors import CheckpointError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
-from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec
@@ -38,7 +37,8 @@ CONFIG, LOSSES, CURVE, CHECKPOINT = (
     "checkpoint.safetensors",
 )
 
-POLICIES = "policies"
+COMPACT = "is_compact"
+"""In the metadata of a checkpoint that lacks what policies do not need."""
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -114,17 +114,23 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
     run = read_run(Path(folder))
-    if not (Path(folder) / CHECKPOINT).exists() and (Path(folder) / POLICIES).exists():
-        return [load_policy(policy_path(Path(folder), seed)) for seed in run.seeds]
-    tensors, _ = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
+    tensors, metadata = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
     algorithm = run.build(statistics_of(tensors), device)
-    algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+    restore(
+        algorithm, checkpoint.part(tensors, "algorithm"), is_compact=metadata.get(COMPACT, False)
+    )
     return [algorithm.policy(index) for index in range(len(run.seeds))]
 
 
-def policy_path(folder: Path, seed: int) -> Path:
-    """Where a compact run keeps the policy of a seed."""
-    return folder / POLICIES / f"seed-{seed}.safetensors"
+def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool = False) -> None:
+    """Gives an untrained algorithm the state of a checkpoint.
+
+    Args:
+        algorithm: as it was built.
+        state: what its `state_dict` returned; of a compact checkpoint, what its policies need.
+        is_compact: whether the rest is to stay as it was built.
+    """
+    algorithm.load_state_dict({**algorithm.state_dict(), **state} if is_compact else state)
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:

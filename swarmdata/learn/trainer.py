@@ -22,12 +22,14 @@ from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler
 from swarmdata.learn.run import (
     CHECKPOINT,
+    COMPACT,
     CONFIG,
     CURVE,
     LOSSES,
     Run,
     Table,
     read_run,
+    restore,
     tensors_of,
     versions,
 )
@@ -283,7 +285,8 @@ class _Trainer:
                 f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
                 "again."
             )
-        self.algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+        state = checkpoint.part(tensors, "algorithm")
+        restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))
         for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
             sampler.load_state_dict(state)
         return int(metadata["update"])

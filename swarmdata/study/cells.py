@@ -23,6 +23,9 @@ ONLINE_FAMILY = "online"
 UNDECISIVE = {"family", "source", "run"}
 """Fields that change neither training nor evaluation: what a family is called, where files are."""
 
+LENGTHS = ("n_updates", "warm_start")
+"""Settings that are numbers of updates: a study's budget scales them together."""
+
 
 class Cell(Frozen):
     """Everything that decides the results of one cell."""
@@ -143,7 +146,9 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, variant.algorithm)
     config = kind.Config()
     updates = variant.updates or max(1, round(config.n_updates * study.budget))
-    changes: dict[str, Any] = {"n_updates": updates}
+    factor = updates / config.n_updates
+    lengths = {k: v for k, v in dataclasses.asdict(config).items() if k in LENGTHS}
+    changes: dict[str, Any] = {k: max(1, round(v * factor)) for k, v in lengths.items()}
     if study.hidden is not None:
         widths = {k: v for k, v in dataclasses.asdict(config).items() if k.endswith("hidden")}
         changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}

@@ -27,10 +27,10 @@ from swarmdata.evaluate import evaluate
 from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
-from swarmdata.learn.run import CHECKPOINT, POLICIES
+from swarmdata.learn.run import CHECKPOINT
 from swarmdata.learn.trainer import Schedule, train
 from swarmdata.locking import locked
-from swarmdata.online_algos.run_folder import last_policy_path, saved_frames
+from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.origins import Edit
@@ -118,9 +118,6 @@ def run_of(cell: Cell, folder: Path) -> Path:
 
 
 def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
-    if (run / POLICIES).exists():
-        compact(run)  # the process may have been killed in the middle of this
-        return
     models = {"observation": cell.observation, "communication": cell.communication}
     dataset = open_data(cell.source, cell.n_steps, **models)
     _check_digest(cell, dataset)
