@@ -37,12 +37,12 @@ def compact(folder: Path) -> None:
             "before its checkpoint is made small"
         )
     statistics, state = statistics_of(tensors), part(tensors, "algorithm")
-    algorithm = run.build(statistics)
+    algorithm = run.build(statistics, "cpu")
     blank = algorithm.state_dict()
     algorithm.load_state_dict(state)
     policies = [algorithm.policy(index) for index in range(len(run.seeds))]
     kept = {k: v for k, v in state.items() if not _is_spare(k, state, blank, algorithm, policies)}
-    algorithm = run.build(statistics)
+    algorithm = run.build(statistics, "cpu")
     restore(algorithm, kept, is_compact=True)
     if not is_same([algorithm.policy(index) for index in range(len(run.seeds))], policies):
         raise CheckpointError(

@@ -1,5 +1,6 @@
 """A study from its file to its pages: the cells, then the sweeps of the best, then the writing."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from swarmdata.study.data import digest_of
 from swarmdata.study.gathering import findings_of
 from swarmdata.study.plan import Study
 from swarmdata.study.running import chosen, folder_of, run_cells
+from swarmdata.study.working import is_done
 from swarmdata.study.writing import write_pages
 
 
@@ -57,15 +59,26 @@ def conduct(study: Study, options: Options, command: str) -> tuple[dict[str, str
     """
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
-    failures = run_cells(
-        chosen(cells, options.only),
-        work,
-        workers=options.workers,
-        again=options.again,
-        progress=options.progress,
-    )
+    failures = _run(chosen(cells, options.only), work, options)
     found = findings_of(study, cells, work, failures)
-    return failures, write_pages(found, options.out, command)
+    sections: dict[str, str] = {}
+    if study.sweeps and not found.missing and options.only is None:
+        # only where it is asked for: it draws, and compiles kernels of channels and sensors
+        from swarmdata.study.robustness import chosen_of, run_sweeps  # noqa: PLC0415
+
+        swept = chosen_of(found, digest_of)
+        extra = {cell.name: cell for each in swept for cell in each.cells}
+        failures |= _run(list(extra.values()), work, options)
+        done = [each for each in swept if all(is_done(c, folder_of(work, c)) for c in each.cells)]
+        sections = run_sweeps(done, work, options.out, progress=options.progress)
+        found = findings_of(study, [*cells, *extra.values()], work, failures)
+    return failures, write_pages(found, options.out, command, sections)
+
+
+def _run(cells: Sequence[Cell], work: Path, options: Options) -> dict[str, str]:
+    return run_cells(
+        cells, work, workers=options.workers, again=options.again, progress=options.progress
+    )
 
 
 def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:

@@ -40,7 +40,7 @@ class Section:
 
 
 def write_pages(
-    found: Findings, out: Path, command: str, sweeps: Sequence[Section] = ()
+    found: Findings, out: Path, command: str, sweeps: Mapping[str, str] | None = None
 ) -> list[Path]:
     """Writes everything of a study; figures of what was not asked for are left out.
 
@@ -48,7 +48,7 @@ def write_pages(
         found: what was measured.
         out: folder; files of an earlier writing are replaced.
         command: that does the study again, for the page.
-        sweeps: parts on robustness, whose files are in `out` already.
+        sweeps: parts on robustness by title, whose files are in `out` already.
 
     Returns:
         The files, the page first.
@@ -62,14 +62,14 @@ def write_pages(
     for name, rows_of in tables.items():
         write_file(out / name, to_csv(rows_of(found)).encode())
     write_file(out / FILE, found.study.to_yaml().encode())
-    page = _page(found, out, command, sweeps)
+    page = _page(found, out, command, sweeps or {})
     write_file(out / REPORT, page.encode())
     files = [path for path in sorted(out.rglob("*")) if path.is_file()]
     changed = [path for path in files if before.get(path) != path.stat().st_mtime_ns]
     return [out / REPORT, *(path for path in changed if path != out / REPORT)]
 
 
-def _page(found: Findings, out: Path, command: str, sweeps: Sequence[Section]) -> str:
+def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:
     families = {label: each.family for label, each in found.study.algorithms.items()}
     key = quantity_of(found.results).column.key
     board, clean, success = (
@@ -84,8 +84,7 @@ def _page(found: Findings, out: Path, command: str, sweeps: Sequence[Section]) -
         Section("Success", _success(board, success, clean, out)),
         Section("Return and collisions", _pareto(found.results, out)),
         *_profiles(found.results, out),
-        *(Section(title, body) for title, body in _optional(found, out)),
-        *sweeps,
+        *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
         Section("What surprised", _list(text.surprises(board, clean, _means(found, key)))),
         Section("What failed", _list(text.failures(board, found.missing))),
         Section("What it cost", cost_table(found)),
