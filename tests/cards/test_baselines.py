@@ -10,7 +10,7 @@ NAMES = ("label", "family", "dataset", "digest", "updates", "episodes", *(n for 
 
 
 def make_run(label: str, team_return: float, **changes: str) -> dict[str, str]:
-    run = {name: "0.5" for name in NAMES} | {"label": label, "family": "cloning"}
+    run = dict.fromkeys(NAMES, "0.5") | {"label": label, "family": "cloning"}
     run |= {"dataset": "coop_nav-small-v0", "digest": "a" * 64, "updates": "4000"}
     return run | {"episodes": "300", "return": str(team_return)} | changes
 
