@@ -172,7 +172,8 @@ class _Shift:
             with Crew(WORKER, 1) as crew:
                 crew.run([job], self._report)
         except BuildError as error:
-            self._note(cell, folder, str(error))
+            reason = str(error).removeprefix(f"{cell.name} failed: ").removeprefix("BuildError: ")
+            self._note(cell, folder, reason)
 
     def _report(self, updates: int) -> None:
         with self.lock:
@@ -184,4 +185,4 @@ class _Shift:
             if self.is_told:
                 details = folder / ERROR
                 where = f" (more in {details})" if details.exists() else ""
-                tqdm.write(f"{reason}{where}", file=sys.stderr)
+                tqdm.write(f"{cell.name} failed: {reason}{where}", file=sys.stderr)

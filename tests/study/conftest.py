@@ -9,13 +9,12 @@ import pytest
 
 pytest.importorskip("torch", reason="a study needs the torch extra")
 
-from tests.tiny import make_tiny
-
 from swarmdata.errors import BuildError
 from swarmdata.study import running
 from swarmdata.study.plan import Study
 from swarmdata.study.working import _handle
 from swarmdata.workers import Job, Report
+from tests.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
 MADDPG = {
