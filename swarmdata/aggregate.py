@@ -38,27 +38,35 @@ class Complete:
     left_out: Mapping[str, str]  # label or dataset -> why it is not in the tables
 
 
-def complete(results: ResultSet) -> Complete:
-    """Picks what aggregates can compare: a mean over other datasets is another quantity."""
-    datasets = tuple(case.name for case in results.cases if case.reference is not None)
+def complete(results: ResultSet, datasets: Sequence[str] | None = None) -> Complete:
+    """Picks what aggregates can compare: a mean over other datasets is another quantity.
+
+    Args:
+        results: what was measured.
+        datasets: to aggregate over; None: all that have a score.
+
+    Raises:
+        UnknownNameError: nothing was measured on one of them.
+    """
+    cases = results.cases if datasets is None else [results.case(name) for name in datasets]
+    names = tuple(case.name for case in cases if case.reference is not None)
     left_out = {
         case.name: "no references were measured in its world"
-        for case in results.cases
+        for case in cases
         if case.reference is None
     }
     tables = {}
-    for label in results.labels:
+    for label in results.labels if names else ():
         found = results.scores[label]
-        absent = [dataset for dataset in datasets if dataset not in found]
-        counts = {len(found[dataset]) for dataset in datasets if dataset in found}
+        absent = [name for name in names if name not in found]
+        counts = {len(found[name]) for name in names if name in found}
         if absent:
             left_out[label] = f"not measured on {', '.join(absent)}"
-        elif len(counts) != 1:
+        elif len(counts) > 1:
             left_out[label] = f"has between {min(counts)} and {max(counts)} runs on a dataset"
         else:
-            columns = [found[dataset].mean(axis=1) for dataset in datasets]
-            tables[label] = np.stack(columns, axis=1)
-    return Complete(datasets, tables if datasets else {}, left_out)
+            tables[label] = np.stack([found[name].mean(axis=1) for name in names], axis=1)
+    return Complete(names, tables, left_out)
 
 
 class Aggregate(NamedTuple):
@@ -139,7 +147,7 @@ def profile_band(
     return Band(performance_profile(scores, thresholds), low, high)
 
 
-def thresholds_of(tables: Mapping[str, Double], n: int = 101) -> Double:
+def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
     """Thresholds from the lowest score to the highest, at least from 0 to 100, [n].
 
     Raises:

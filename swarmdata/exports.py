@@ -86,9 +86,12 @@ def marl_eval(results: ResultSet) -> MarlEval:
     """Results as marl-eval reads them: `json.dumps` the document.
 
     It needs the same algorithms, with equally many runs, on all tasks of an environment; labels
-    that fall short are left out and named. A run has one logged step, the first tenth of its
-    episodes, and all of them as absolute metrics. Metrics that some episode leaves undefined are
-    left out. Without datasets, the tasks stand for themselves.
+    that fall short are left out and named. Without datasets, the tasks stand for themselves.
+
+    A run has one logged step, of the first tenth of its episodes, and all of them as absolute
+    metrics. The return, which marl-eval may normalize by its extremes, is there by episode with
+    six digits; of other metrics there is the mean alone, which the schema allows and a file of
+    1000 episodes needs. A metric that some episode leaves undefined is left out.
     """
     cases = results.cases or results.baselines
     document: dict[str, Any] = {}
@@ -142,13 +145,21 @@ def _defined(group: list[Case], labels: list[str]) -> list[str]:
 def _runs(case: Case, label: str, names: list[str]) -> list[dict[str, Any]]:
     found = []
     for result in case.runs[label]:
-        values = {name: episode_values(case, result)[name].tolist() for name in names}
+        values = episode_values(case, result)
         first = max(1, len(result.evaluation.seeds) // 10)
         step = result.provenance.updates or result.provenance.frames or 0
         found.append(
             {
-                "step_1": {"step_count": step, **{k: v[:first] for k, v in values.items()}},
-                "absolute_metrics": values,
+                "step_1": {
+                    "step_count": step,
+                    **{name: _list(name, values[name][:first]) for name in names},
+                },
+                "absolute_metrics": {name: _list(name, values[name]) for name in names},
             }
         )
     return found
+
+
+def _list(name: str, values: Double) -> list[float]:
+    shown = values if name == "return" else [values.mean()]
+    return [float(f"{value:.6g}") for value in shown]

@@ -1,6 +1,7 @@
 """Learning curves and comparisons, drawn with matplotlib and saved as PNG, SVG or PDF."""
 
 import csv
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,7 +153,8 @@ def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> 
 def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
     for y, (value, low, high) in enumerate(estimates):
         panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
-        panel.plot([value], [y], "o", color=COLORS[0], ms=5)
+        face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
+        panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
     panel.grid(axis="x", color=FAINT, lw=0.8)
     panel.set_axisbelow(True)
     panel.margins(x=0.08)

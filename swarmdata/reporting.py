@@ -10,6 +10,7 @@ from swarmdata.catalog import load as load_dataset
 from swarmdata.clips import check_clip, write_clip
 from swarmdata.errors import SchemaError
 from swarmdata.exports import marl_eval, runs_csv
+from swarmdata.figures import SUFFIXES
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.models import Source, with_models
 from swarmdata.origins import RecordedSpec
@@ -80,7 +81,11 @@ def write_report(
     Raises:
         DatasetNotFoundError: there are no results.
         ResultsError: results that are stale, or cannot be compared.
+        SchemaError: an unknown suffix.
+        MissingExtraError: matplotlib is not installed; the tables are written all the same.
     """
+    if suffix not in SUFFIXES:
+        raise SchemaError(f"cannot draw figures as {suffix!r}, expected one of {SUFFIXES}.")
     results = read(folders, data=data)
     tables = tables_of(results)
     out.mkdir(parents=True, exist_ok=True)

@@ -78,7 +78,8 @@ def _mixed(results: Sequence[Result]) -> Iterator[str]:
     yield from _mixed_specs(results)
     for dataset, group in _groups(results, lambda each: each.provenance.dataset_key).items():
         if dataset is not None:
-            yield from _differing(group, f"on {dataset}: measured on", _episodes)
+            others = [each for each in group if isinstance(each.spec, RecordedSpec)]
+            yield from _differing(others, f"on {dataset}: measured on", _episodes)
             yield from _differing(
                 group, f"on {dataset}: of digest", lambda each: str(each.provenance.digest)[:12]
             )

@@ -43,6 +43,12 @@ class Case:
         return self.dataset or self.spec.task
 
     @property
+    def trained(self) -> tuple[str, ...]:
+        """Labels that learned from the dataset, baselines left out."""
+        named = self.runs.items()
+        return tuple(label for label, runs in named if runs[0].provenance.dataset is not None)
+
+    @property
     def time_limit(self) -> float:
         """Seconds that an unsolved episode took.
 

@@ -4,7 +4,7 @@ Beside what was measured stands what the dataset's own episodes have, action noi
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -217,9 +217,14 @@ def _metric_caption(results: ResultSet, shown: Column) -> str:
     )
 
 
-def aggregate_table(results: ResultSet, *, n_resamples: int = N_RESAMPLES) -> Table:
-    """Interquartile mean, mean and optimality gap of the score over all datasets."""
-    found = complete(results)
+def aggregate_table(
+    results: ResultSet,
+    datasets: Sequence[str] | None = None,
+    *,
+    n_resamples: int = N_RESAMPLES,
+) -> Table:
+    """Interquartile mean, mean and optimality gap of the score over datasets, as in `complete`."""
+    found = complete(results, datasets)
     columns = (
         Column("iqm", "IQM", "", 1),
         Column("mean", "mean", "", 1),
@@ -238,9 +243,14 @@ def aggregate_table(results: ResultSet, *, n_resamples: int = N_RESAMPLES) -> Ta
     return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")
 
 
-def improvement_table(results: ResultSet, *, n_resamples: int = N_RESAMPLES) -> Table:
+def improvement_table(
+    results: ResultSet,
+    datasets: Sequence[str] | None = None,
+    *,
+    n_resamples: int = N_RESAMPLES,
+) -> Table:
     """Probability that a run of the row's label beats one of the column's on a random dataset."""
-    found = complete(results)
+    found = complete(results, datasets)
     pairs = improvements(found.tables, n_resamples=n_resamples)
     columns = tuple(Column(label, label, "", 2) for label in found.tables)
     rows = tuple(

@@ -48,9 +48,14 @@ class Target:
         return self.provenances[0].label
 
     def labelled(self, label: str) -> "Target":
-        """The same team under another name."""
-        named = (each.model_copy(update={"label": label}) for each in self.provenances)
-        return replace(self, provenances=tuple(named))
+        """The same team under another name.
+
+        Raises:
+            SpecError: it cannot be part of a file's name.
+        """
+        named = (each.model_dump() | {"label": label} for each in self.provenances)
+        parsed = tuple(Provenance.parse(each, f"label {label!r}") for each in named)
+        return replace(self, provenances=parsed)
 
 
 @dataclass(frozen=True)

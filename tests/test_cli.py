@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.cli import app
-from swarmdata.presets import preset_names
+from swarmdata.presets import preset, preset_names
 from swarmdata.recipes import build_folder
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
@@ -120,16 +120,32 @@ def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
 def test_evaluate_and_report(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the report has pictures")
     results, out = tmp_path / "results", tmp_path / "out"
-    table = run(
-        "evaluate", "idle", "random", "coop_nav-random", "--episodes", "4", "--out", results
-    )
+    command = ("evaluate", "idle", "random", "coop_nav-random", "--episodes", "4", "--out", results)
+    table = run(*command)
 
+    spec = preset("coop_nav").hash()[:8]
     names = {path.name for path in results.iterdir()}
-    assert names == {"idle-0.json", "random-0.json", "coop_nav-random-0.json"}
+    assert names == {f"{who}--{spec}-0.json" for who in ("idle", "random", "coop_nav-random")}
     assert "idle" in table
-    assert "4 episodes of coop_nav" in run("report", results, "--out", out)
-    assert {path.name for path in out.iterdir()} == {"table.md", "table.csv", "table.png"}
+    assert "already" not in table
+    assert "3 of 3 were in" in run(*command)
+    assert "already" not in run(*command, "--again")
+    assert "4 episodes of coop_nav" in run("report", results, "--out", out, "--figures", "svg")
+    tables = {f"table{ending}" for ending in (".md", ".csv", ".tex", ".svg")}
+    others = {"report.md", "runs.csv", "marl-eval.json", "pareto.svg"}
+    assert {path.name for path in out.iterdir()} == tables | others
     assert "holds no results" in run("report", out / "no", "--out", out, code=1)
+
+
+def test_a_target_may_be_named(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    assert "still" in run(
+        "evaluate", "idle", "--episodes", "2", "--out", results, "--label", "still"
+    )
+    (file,) = results.iterdir()
+    assert file.name.startswith("still--")
+    wrong = run("evaluate", "idle", "--episodes", "2", "--label", "a/b", code=1)
+    assert wrong.startswith("SpecError")
 
 
 def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> None:
@@ -139,14 +155,15 @@ def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> N
     title = "observation lidar (n_rays 8), communication broadcast (drop_probability 0.3)"
 
     assert title in run("evaluate", "idle", "--episodes", "2", "--out", results, *models)
-    metadata = json.loads((results / "idle-0.json").read_text())["metadata"]
-    assert metadata["models"]["observation"]["n_rays"] == 8
-    assert metadata["models"]["communication"]["drop_probability"] == 0.3
+    (file,) = results.iterdir()
+    spec = json.loads(file.read_text())["spec"]
+    assert spec["observation"]["n_rays"] == 8
+    assert spec["communication"]["drop_probability"] == 0.3
     assert title in run("report", results, "--out", out)
     assert title in (out / "table.md").read_text()
 
     run("evaluate", "random", "--episodes", "2", "--out", results)
-    assert "of different specs" in run("report", results, "--out", out, code=1)
+    assert "measured under other models" in run("report", results, "--out", out, code=1)
 
 
 def test_tasks_are_presets_or_files(tmp_path: Path) -> None:

@@ -1,93 +1,17 @@
-"""Tables show the right numbers, in one format, with the right interval."""
+"""Tables are written in one format, whatever is in a name."""
 
 import csv
 import io
 import math
-from dataclasses import replace
-from typing import Any
+import re
 
-import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from swarmdata import metrics
-from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.metrics import Estimate, Reference, metrics_of
-from swarmdata.report import Column, Row, Table, format_estimate, format_number, results_table
-from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
-from swarmdata.types import EvalResult
-
-METRICS = metrics_of("coop_nav")
-
-SPEC = TaskSpec()  # 160 steps of 0.1 s
-N_EPISODES = 40
-
-
-def result(policy: str = "bc", *, shift: float = 0.0, **changes: Any) -> EvalResult:
-    rng = np.random.default_rng(7)
-    values = {name: rng.random(N_EPISODES) for name in METRICS}
-    values["return"] += shift
-    values["success"] = (np.arange(N_EPISODES) < 30).astype(float)
-    values["clean_success"] = (np.arange(N_EPISODES) < 10).astype(float)
-    values["time_to_goal"] = np.where(values["success"] > 0, 6.0, np.nan)
-    made = EvalResult(policy, "coop_nav", SPEC.hash(), evaluation_seeds(N_EPISODES), values)
-    return replace(made, **changes)
-
-
-def cells(table: Table, row: int = 0) -> dict[str, Estimate]:
-    keys = [column.key for column in table.columns]
-    return dict(zip(keys, table.rows[row].estimates, strict=True))
-
-
-def test_one_run_is_averaged_over_episodes() -> None:
-    made = result()
-    row = cells(results_table({"bc": [made]}, SPEC, reference=Reference(0.0, 2.0)))
-    assert next(iter(row)) == "score"
-    mean = made.metrics["return"].mean()
-    assert row["return"].value == pytest.approx(mean)
-    assert row["score"].value == pytest.approx(50 * mean)
-    assert row["score"].low == pytest.approx(50 * row["return"].low, rel=0.05)
-    standard_error = made.metrics["return"].std() / math.sqrt(N_EPISODES)
-    assert row["return"].high - mean == pytest.approx(1.96 * standard_error, rel=0.15)
-    assert row["success"] == metrics.wilson_interval(30, 40)
-    assert row["clean_success"] == metrics.wilson_interval(10, 40)
-    assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
-
-
-def test_the_title_says_the_models() -> None:
-    title = results_table({"bc": [result()]}, SPEC).caption
-    assert "40 episodes of coop_nav on the evaluation seeds" in title
-    assert "observation state, communication none" in title
-
-
-def test_several_runs_give_the_iqm_over_runs() -> None:
-    runs = [result(shift=s) for s in (0.0, 1.0, 2.0, 3.0, 50.0)]
-    table = results_table({"bc": runs, "other": [result()]}, SPEC)
-    base = runs[0].metrics["return"].mean()
-    row = cells(table)
-    assert row["return"].value == pytest.approx(base + 2.0)
-    assert base <= row["return"].low < row["return"].value < row["return"].high
-    assert row["success"] == Estimate(0.75, 0.75, 0.75)  # all runs agree
-    assert [r.n_runs for r in table.rows] == [5, 1]
-    assert "interquartile mean" in table.caption
-    assert "score" not in row
-
-
-def test_a_table_is_repeatable() -> None:
-    runs = {"a": [result()], "b": [result(shift=1.0), result(shift=2.0)]}
-    assert results_table(runs, SPEC) == results_table(runs, SPEC)
-
-
-def test_results_that_do_not_belong_together_are_refused() -> None:
-    with pytest.raises(SchemaError, match="are of different specs"):
-        results_table({"a": [result()], "b": [result(spec_hash="0" * 64)]}, SPEC)
-    with pytest.raises(SchemaError, match="stale or of another task"):
-        results_table({"a": [result()]}, TaskSpec(horizon=10))
-    with pytest.raises(SchemaError, match="'b' has no results"):
-        results_table({"a": [result()], "b": []}, SPEC)
-    with pytest.raises(SchemaError, match="no results to compare"):
-        results_table({}, SPEC)
-
+from swarmdata.errors import UnknownNameError
+from swarmdata.metrics import Estimate
+from swarmdata.report import Column, Row, Table, format_estimate, format_number
 
 TABLE = Table(
     (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),
@@ -134,6 +58,31 @@ def test_numbers_are_written_in_one_way() -> None:
     assert format_number(-0.01, percent) == "-1.0"
     assert format_estimate(Estimate(0.5, 0.4, 0.6), percent) == "50.0 [40.0, 60.0]"
     assert percent.header == "success (%)"
+
+
+def test_a_value_without_an_interval_stands_alone() -> None:
+    percent = Column("success", "success", "%", 1, 100.0)
+    assert format_estimate(Estimate(0.5, math.nan, math.nan), percent) == "50.0"
+    row = Row("data", 0, (Estimate(3.0, math.nan, math.nan), Estimate(0.5, 0.4, 0.6)))
+    table = Table(TABLE.columns, (*TABLE.rows, row), "")
+    assert "| data | – | 3.0 | 50.0 [40.0, 60.0] |" in table.to_markdown()
+
+
+def test_latex() -> None:
+    lines = TABLE.to_latex().splitlines()
+    assert "  \\begin{tabular}{lrrr}" in lines
+    assert "    policy & runs & score & success (\\%) \\\\" in lines
+    assert "    bc|x & 5 & 101.2 [99.0, 103.0] & -- \\\\" in lines
+
+
+@given(st.text(st.characters(codec="ascii", exclude_categories=["Cc"]), min_size=1))
+def test_latex_is_text_whatever_the_name_is(name: str) -> None:
+    table = Table(TABLE.columns, (Row(name, 1, TABLE.rows[0].estimates),), "")
+    (line,) = (line for line in table.to_latex().splitlines() if "0.0 [" in line)
+    cell = line.strip().split(" & ")[0]
+    plain = re.sub(r"\\text[a-z]+\{\}|\\[&%$#_{}]", "", cell.removeprefix("{[").removesuffix("}"))
+    assert not re.search(r"[&%$#_~^\\]", plain)
+    assert not cell.startswith("[")
 
 
 def test_panels_are_columns_in_shown_units() -> None:

@@ -1,19 +1,22 @@
 """Names become teams under any models; trained teams refuse what they cannot read."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from swarmdata import catalog, targets
+from swarmdata import __version__, catalog, targets
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cards.schema import Interval, TaskReferences
-from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.models import with_models
 from swarmdata.presets import preset
-from swarmdata.reporting import compare
+from swarmdata.result_checks import check_results
+from swarmdata.results import gather
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
-from swarmdata.targets import evaluate_target, find_target
+from swarmdata.tables import case_table
+from swarmdata.targets import evaluate_target, find_target, kept_result
 
 HEADLINE = preset("coop_nav")
 
@@ -27,7 +30,8 @@ def test_scripted_policies_act_under_any_models(name: str, communication: str) -
     (seen,) = evaluate_target(target, 2, progress=False)
     (base,) = evaluate_target(plain, 2, progress=False)
     if name != "random":  # whose messages use up random numbers
-        assert seen.metrics["return"].tolist() == base.metrics["return"].tolist()
+        one, other = seen.evaluation.metrics, base.evaluation.metrics
+        assert one["return"].tolist() == other["return"].tolist()
 
 
 def test_a_tier_accepts_noise_and_refuses_other_features() -> None:
@@ -67,12 +71,13 @@ def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> 
             },
         )
 
-    monkeypatch.setattr("swarmdata.reporting.references_of", references_of)
+    monkeypatch.setattr("swarmdata.results.references_of", references_of)
     for task, has_score in ((HEADLINE, True), (TaskSpec(horizon=20), False)):
         spec = with_models(task, "lidar", "lossy-30")
         monkeypatch.setattr(targets, "find_spec", lambda _, spec=spec: spec)
         target = find_target("idle")
-        table = compare({"idle": evaluate_target(target, 2, progress=False)}, target.spec)
+        (case,) = gather(evaluate_target(target, 2, progress=False)).baselines
+        table = case_table(case, n_resamples=10)
         assert ("score" in [column.key for column in table.columns]) == has_score
 
 
@@ -110,8 +115,52 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
 
     target = find_target(str(tmp_path / "run"))
     assert target.spec == run.spec
-    assert target.metadata["run"]["view"] == run.view
+    (provenance,) = target.provenances
+    assert (provenance.label, provenance.dataset) == ("run", "coop_nav-tiny-v0")
+    assert (provenance.view, provenance.digest) == (run.view, run.digest)
+    assert (provenance.updates, provenance.seed) == (2, 0)
+    assert provenance.config["n_updates"] == 2
     harder = find_target(str(tmp_path / "run"), "coop_nav", None, "bursty-40")
-    assert evaluate_target(harder, 2, progress=False)[0].spec_hash == harder.spec.hash()
+    assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
     with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
         find_target(str(tmp_path / "run"), communication="none")
+
+    results = tmp_path / "results"
+    (first,) = evaluate_target(target, 2, results, progress=False)
+    (kept,) = evaluate_target(target, 2, results, progress=False)
+    assert (first.path is None, kept.path is None) == (True, False)
+    assert len(list(results.iterdir())) == 1
+    check_results([kept])
+    (tmp_path / "run" / "checkpoint.safetensors").write_bytes(b"trained on")
+    with pytest.raises(ResultsError, match=r"trained on, or again.*\.\./run"):
+        check_results([kept])
+    train_again = shutil.copytree(tmp_path / "run", tmp_path / "other" / "run")
+    moved = provenance.model_copy(update={"run": str(train_again)})
+    with pytest.raises(ResultsError, match="two runs have the label 'run'"):
+        kept_result(target.spec, moved, 2, results)
+
+
+def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+    target = find_target("random")
+
+    def paths(**options: Any) -> list[Path | None]:
+        n_episodes = options.pop("n_episodes", 2)
+        found = evaluate_target(target, n_episodes, tmp_path, progress=False, **options)
+        return [result.path for result in found]
+
+    assert paths() == [None]
+    (path,) = tmp_path.iterdir()
+    assert paths() == [path]
+    assert paths(again=True) == [None]
+    assert paths(n_episodes=3) == [None]  # other episodes replace them
+    old = path.read_text().replace(f'"code_version":"{__version__}"', '"code_version":"0.0.1"')
+    path.write_text(old)
+    assert paths(n_episodes=3) == [None]
+    assert paths(n_episodes=3) == [path]
+
+
+def test_a_target_may_have_another_label() -> None:
+    ours = find_target("expert").labelled("ours")
+    assert ours.label == "ours"
+    assert {each.label for each in ours.provenances} == {"ours"}
+    assert len({each.content for each in ours.provenances}) == len(ours.policies)

@@ -1,6 +1,5 @@
 """Training as the command line does it: settings, folders, processes, and wrong usage."""
 
-import json
 import shutil
 import sys
 from importlib.resources import files
@@ -18,13 +17,15 @@ from swarmdata.cli import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.frames import find_frame
 from swarmdata.learn.config import override
-from swarmdata.models import models_of, with_models
+from swarmdata.models import with_models
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.shaping import Shaping
 from swarmdata.online_algos.training import read_online_run
 from swarmdata.presets import preset
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.result_files import load
+from swarmdata.run_files import run_hash
 from swarmdata.spec import TaskSpec
 from swarmdata.targets import evaluate_target, find_target
 from swarmdata.training import read_settings, train_online
@@ -159,9 +160,10 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
     assert (config["hidden"], config["n_frames"]) == (8, 32)  # --set wins, --steps too
     results = tmp_path / "results"
     run("evaluate", out, "--episodes", "2", "--out", results)
-    written = json.loads((results / "run-1.json").read_text())
-    assert written["metadata"]["run"]["frames"] == 32
-    assert written["metadata"]["models"] == models_of(TaskSpec(horizon=10))
+    written = [load(file) for file in sorted(results.iterdir())]
+    assert [each.provenance.seed for each in written] == [5, 6]
+    assert {each.provenance.frames for each in written} == {32}
+    assert written[0].spec == TaskSpec(horizon=10)
 
 
 @pytest.mark.parametrize("algorithm", ONLINE_ALGORITHMS)
@@ -175,8 +177,10 @@ def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path
     target = find_target(str(out))
     assert target.label == "run"
     assert target.spec == TaskSpec(horizon=10)
-    assert target.metadata["run"]["algorithm"] == algorithm
-    assert target.metadata["run"]["seeds"] == [4, 2]
+    assert {each.algorithm for each in target.provenances} == {algorithm}
+    assert [each.seed for each in target.provenances] == [4, 2]
+    contents = [run_hash(out, algorithm, seed) for seed in (4, 2)]
+    assert [each.content for each in target.provenances] == contents
     step = make_env(target.spec, 3).reset(np.arange(3, dtype=np.uint64))
     for seed, policy in zip((4, 2), target.policies, strict=True):
         np.testing.assert_array_equal(policy.act(step), last_policy(out, seed).act(step))
