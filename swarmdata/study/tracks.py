@@ -59,7 +59,8 @@ def loss_sections(found: Findings, out: Path) -> dict[str, str]:
                 _largest(curve) > LARGE for each in panels.values() for curve in each.values()
             )
             plot_tracks(panels, out / file, ylabel=wanted.label, is_log=is_log)
-            parts[wanted.label.capitalize()] = f"![{wanted.label}]({file})\n\n{_ends(panels)}"
+            title = wanted.label[:1].upper() + wanted.label[1:]
+            parts[title] = f"![{wanted.label}]({file})\n\n{_ends(panels)}"
     return parts
 
 

@@ -53,7 +53,7 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     ]  # fmt: skip
     page = files[0].read_text()
     assert "swarmdata study tiny.yaml" in page
-    for title in ("Who wins", "Return", "Success", "Less data", "Mean q", "What it cost"):
+    for title in ("Who wins", "Return", "Success", "Less data", "Mean Q", "What it cost"):
         assert f"\n## {title}" in page
     _check_tables(tmp_path)
     _, again = conduct(study, options, "swarmdata study tiny.yaml")
