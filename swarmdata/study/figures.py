@@ -13,8 +13,11 @@ from swarmdata.plots import Curve
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 """Of lines, once colors repeat."""
 
-MARKERS = ("o", "s", "^", "D", "v", "P")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 """Of points, once colors repeat."""
+
+MOST_SHARED = 6
+"""Lines in all panels together, up to which they share one legend."""
 
 Estimates = Mapping[str, Estimate]
 
@@ -56,10 +59,10 @@ def plot_scores(
             axes.set_title(dataset, loc="left", fontsize=9, fontweight="bold")
             axes.grid(color=FAINT, lw=0.6)
             axes.set_axisbelow(True)
-            axes.tick_params(axis="y", length=0)
+            axes.tick_params(axis="y", length=0, labelsize=8)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
-        grid[0].set_yticks(range(len(families)), families, fontsize=8)
+        grid[0].set_yticks(range(len(families)), families)
         grid[0].set_ylim(len(families) - 0.5, -0.5)
         drawing.supxlabel(label, fontsize=10)
         _family_legend(drawing, grid[0], colors, has_data=bool(data))
@@ -92,6 +95,7 @@ def plot_trade(
     *,
     xlabel: str,
     ylabel: str,
+    xlim: tuple[float, float],
 ) -> None:
     """Draws one estimate against another, a panel for each dataset.
 
@@ -101,6 +105,7 @@ def plot_trade(
         path: where to save.
         xlabel: of the horizontal axis.
         ylabel: of the vertical axis.
+        xlim: ends of the horizontal axis.
     """
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one dataset.")
@@ -115,6 +120,7 @@ def plot_trade(
                 axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
                 axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
                 axes.plot([x.value], [y.value], ls="none", ms=5, **look)
+            axes.set_xlim(*xlim)
             axes.set_title(dataset, loc="left", fontsize=9, fontweight="bold")
             axes.grid(color=FAINT, lw=0.6)
             axes.set_axisbelow(True)
@@ -171,6 +177,9 @@ def plot_sizes(
             own = data.get(dataset, {})
             axes.plot(sorted(own), [own[k] for k in sorted(own)], color=INK, lw=1, ls=(0, (4, 2)))
             axes.set_xscale("log")
+            axes.set_xticks(sorted(own or {n for each in lines.values() for n in each}))
+            axes.set_xticks([], minor=True)
+            axes.xaxis.set_major_formatter(_rounded)
             _frame(axes, dataset)
         drawing.supxlabel("joint steps of data", fontsize=10)
         grid[0].set_ylabel(ylabel)
@@ -187,8 +196,10 @@ def plot_tracks(
 ) -> None:
     """Draws values over gradient updates: mean over seeds in a band from lowest to highest.
 
+    Few algorithms have one legend for all panels, many one in each, with colors of its own.
+
     Args:
-        panels: dataset -> algorithm -> curve.
+        panels: title -> algorithm -> curve.
         path: where to save.
         ylabel: of the values, with unit.
         factor: to that unit.
@@ -196,14 +207,16 @@ def plot_tracks(
     """
     if not panels:
         raise SchemaError("there are no curves to draw, expected at least one dataset.")
-    labels = list(dict.fromkeys(name for each in panels.values() for name in each))
+    shared = list(dict.fromkeys(name for each in panels.values() for name in each))
+    is_shared = len(shared) <= MOST_SHARED
     n_columns = min(3, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
-        for axes, (dataset, curves) in zip(grid, panels.items(), strict=False):
+        for axes, (title, curves) in zip(grid, panels.items(), strict=False):
             for name, curve in curves.items():
-                values, look = factor * curve.values, _line(labels.index(name))
+                index = (shared if is_shared else list(curves)).index(name)
+                values, look = factor * curve.values, _line(index)
                 axes.plot(curve.progress, values.mean(0), label=name, **look)
                 axes.fill_between(
                     curve.progress, values.min(0), values.max(0), color=look["color"],
@@ -213,12 +226,20 @@ def plot_tracks(
                 axes.set_yscale("symlog", linthresh=1.0)
             axes.xaxis.set_major_formatter(thousands)
             axes.margins(x=0)
-            _frame(axes, dataset)
+            _frame(axes, title)
+            if not is_shared:
+                axes.legend(fontsize=7, ncols=2, handlelength=2.2, columnspacing=1.0)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         drawing.supxlabel("gradient updates", fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
-        drawing.legend(*_handles(grid), loc="outside upper center", ncols=min(6, len(labels)))
+        if is_shared:
+            drawing.legend(*_handles(grid), loc="outside upper center", ncols=len(shared))
+
+
+def _rounded(steps: float, position: int = 0) -> str:
+    """200037 as 200k: sizes hold whole episodes, so a few more steps than were asked for."""
+    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
 
 
 def _line(k: int) -> dict[str, Any]:

@@ -116,16 +116,30 @@ def findings_of(
             f"no cell of the study's datasets is done in {work}, so there is nothing to write"
         )
     part = [cell for cell in done if is_size(study, cell)]
+    results, elsewhere = _matched(_gather(main, work, facts))
     return Findings(
         study=study,
         cells=done,
-        missing=missing,
-        results=_gather(main, work, facts),
+        missing={**missing, **elsewhere},
+        results=results,
         sizes=_gather(part, work, facts) if part else None,
         facts=facts,
         costs={cell.name: Cost.from_file(folder_of(work, cell) / COST) for cell in done},
         work=work,
     )
+
+
+def _matched(results: ResultSet) -> tuple[ResultSet, dict[str, str]]:
+    """The results without online algorithms that were measured in another world than the data's."""
+    specs = {case.spec.hash() for case in results.cases}
+    same = tuple(case for case in results.baselines if case.spec.hash() in specs)
+    others = {
+        label: f"it learned in spec {case.spec.hash()[:12]}, which is that of no dataset here"
+        for case in results.baselines
+        if case not in same
+        for label in case.runs
+    }
+    return replace(results, baselines=same), others
 
 
 def is_main(study: Study, cell: Cell) -> bool:

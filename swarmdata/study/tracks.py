@@ -24,7 +24,12 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
             panels.setdefault(cell.data, {})[cell.label] = curve
     if not panels:
         return {}
-    plot_tracks(panels, out / "curves.png", ylabel="team success (%)", factor=100.0)
+    drawn = {
+        f"{dataset}: {family}": {k: v for k, v in curves.items() if found.family(k) == family}
+        for dataset, curves in panels.items()
+        for family in dict.fromkeys(map(found.family, curves))
+    }
+    plot_tracks(drawn, out / "curves.png", ylabel="team success (%)", factor=100.0)
     lines = [
         f"- `{label}` on {dataset}: {100 * _last_gain(curve):+.1f} points in the last fifth of "
         f"its updates, {100 * curve.values[:, -1].mean():.1f} % at the end."

@@ -157,7 +157,7 @@ def _success(board: Board, success: Board, clean: Board, out: Path) -> str:
             panels[short(dataset)] = {k: (tidy[k], main[k]) for k in tidy if k in main}
     plot_trade(
         panels, board.families, out / "clean.png",
-        xlabel="clean success (%)", ylabel=board.column.label,
+        xlabel="clean success (%)", ylabel=board.column.label, xlim=(-3.0, 103.0),
     )  # fmt: skip
     return (
         f"Episodes solved (%):\n\n{board_table(success)}\n"

@@ -94,7 +94,8 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     options = Options(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
     _, files = conduct(study, options, "x")
     assert "Cell bc/other-v0 has no results: not run yet." in files[0].read_text()
-    empty = Options(tmp_path / "out", tmp_path / "empty", only="bc/other-v0", progress=False)
-    shutil.rmtree(other / "data.zarr")
+    study = make_study(algorithms={"bc": BC}, device="nowhere")
+    empty = Options(tmp_path / "out", tmp_path / "empty", progress=False)
     with pytest.raises(StudyError, match="no cell of the study's datasets is done"):
         conduct(study, empty, "x")
+    assert "nowhere" in (tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt").read_text()
