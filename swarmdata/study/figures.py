@@ -193,6 +193,7 @@ def plot_tracks(
     ylabel: str,
     factor: float = 1.0,
     is_log: bool = False,
+    n_columns: int = 3,
 ) -> None:
     """Draws values over gradient updates: mean over seeds in a band from lowest to highest.
 
@@ -203,13 +204,14 @@ def plot_tracks(
         path: where to save.
         ylabel: of the values, with unit.
         factor: to that unit.
+        n_columns: panels beside each other, at most.
         is_log: whether the axis is symmetric logarithmic, linear from -1 to 1.
     """
     if not panels:
         raise SchemaError("there are no curves to draw, expected at least one dataset.")
     shared = list(dict.fromkeys(name for each in panels.values() for name in each))
     is_shared = len(shared) <= MOST_SHARED
-    n_columns = min(3, len(panels))
+    n_columns = min(n_columns, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()

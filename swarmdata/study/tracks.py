@@ -29,7 +29,10 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
         for dataset, curves in panels.items()
         for family in dict.fromkeys(map(found.family, curves))
     }
-    plot_tracks(drawn, out / "curves.png", ylabel="team success (%)", factor=100.0)
+    n_families = len({found.family(label) for curves in panels.values() for label in curves})
+    plot_tracks(
+        drawn, out / "curves.png", ylabel="team success (%)", factor=100.0, n_columns=n_families
+    )
     lines = [
         f"- `{label}` on {dataset}: {100 * _last_gain(curve):+.1f} points in the last fifth of "
         f"its updates, {100 * curve.values[:, -1].mean():.1f} % at the end."

@@ -109,5 +109,5 @@ def test_any_numbers_give_sentences_that_agree_with_the_table(
 
 def test_durations_and_tables_are_readable() -> None:
     assert [duration(s) for s in (42, 210, 7560)] == ["42 s", "3.5 min", "2.1 h"]
-    rows = [{"a": 1, "b": 0.1}, {"a": None, "c": "x", "b": float("nan")}]
+    rows: list[dict[str, object]] = [{"a": 1, "b": 0.1}, {"a": None, "c": "x", "b": float("nan")}]
     assert to_csv(rows) == "a,b,c\n1,0.1,\n,,x\n"

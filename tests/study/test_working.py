@@ -43,7 +43,8 @@ def returns(folder: Path) -> list[list[float]]:
 
 
 def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
-    cell, told = cell_of(make_study(curves={"points": 2, "episodes": 2})), []
+    cell = cell_of(make_study(curves={"points": 2, "episodes": 2}))
+    told: list[int] = []
     assert not is_done(cell, tmp_path / "c")
     do_cell(cell, tmp_path / "c", told.append)
     assert is_done(cell, tmp_path / "c")
