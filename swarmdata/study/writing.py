@@ -4,11 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from swarmdata import __version__
 from swarmdata.aggregate import complete
-from swarmdata.result_plots import plot_pareto, plot_profiles
+from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.results import ResultSet
 from swarmdata.store import write_file
 from swarmdata.study import text
@@ -19,6 +17,7 @@ from swarmdata.study.gathering import Findings, cost_rows, data_rows, tidy_rows,
 from swarmdata.study.sizing import size_section
 from swarmdata.study.tables import board_table, cost_table, duration, online_table
 from swarmdata.study.tracks import curve_section, loss_sections
+from swarmdata.tables import aggregate_table
 
 REPORT, RESULTS, DATA, COSTS, CURVES, FILE = (
     "report.md", "results.csv", "data.csv", "costs.csv", "curves.csv", "study.yaml",
@@ -83,7 +82,7 @@ def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -
         Section("Beside the data", _list(text.against_data(board))),
         Section("Success", _success(board, success, clean, out)),
         Section("Return and collisions", _pareto(found.results, out)),
-        *_profiles(found.results, out),
+        *_overall(found.results, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
         Section("What surprised", _list(text.surprises(board, clean, _means(found, key)))),
         Section("What failed", _list(text.failures(board, found.missing))),
@@ -174,17 +173,19 @@ def _pareto(results: ResultSet, out: Path) -> str:
     )
 
 
-def _profiles(results: ResultSet, out: Path) -> list[Section]:
-    """Only where all algorithms have results on all datasets: a mean over others is another one."""
+def _overall(results: ResultSet, out: Path) -> list[Section]:
+    """Only of algorithms with results on all datasets: a mean over others is another quantity."""
     tables = complete(results).tables
     if len(tables) < 2:
         return []
     plot_profiles(tables, out / "profiles.png")
+    plot_improvements(tables, out / "improvements.png")
     body = (
-        f"Over {np.shape(next(iter(tables.values())))[1]} datasets; labels that lack one are left "
-        "out.\n\n![share of runs above a score](profiles.png)\n"
+        f"{aggregate_table(results).to_markdown()}\n"
+        "![share of runs above a score](profiles.png)\n\n"
+        "![who beats whom](improvements.png)\n"
     )
-    return [Section("Performance profiles", body)]
+    return [Section("Over all datasets", body)]
 
 
 def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
