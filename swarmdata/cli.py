@@ -16,6 +16,7 @@ from swarmdata import (
     remote_commands,
     result_commands,
     study_commands,
+    sweep_commands,
     training_commands,
 )
 from swarmdata.errors import SwarmdataError
@@ -180,6 +181,7 @@ app.command()(convert_commands.convert)
 app.command()(result_commands.evaluate)
 app.command()(result_commands.report)
 app.command()(study_commands.study)
+app.command()(sweep_commands.sweep)
 
 
 @app.command()
