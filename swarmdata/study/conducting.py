@@ -71,7 +71,8 @@ def conduct(study: Study, options: Options, command: str) -> tuple[dict[str, str
         failures |= _run(list(extra.values()), work, options)
         done = [each for each in swept if all(is_done(c, folder_of(work, c)) for c in each.cells)]
         sections = run_sweeps(done, work, options.out, progress=options.progress)
-        found = findings_of(study, [*cells, *extra.values()], work, failures)
+        every = {**{cell.name: cell for cell in cells}, **extra}  # some were trained already
+        found = findings_of(study, list(every.values()), work, failures)
     return failures, write_pages(found, options.out, command, sections)
 
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.errors import BuildError, CheckpointError, SchemaError
+from swarmdata.errors import BuildError, SchemaError
 from swarmdata.learn.checkpoint import load_checkpoint
-from swarmdata.learn.compact import compact, is_same
-from swarmdata.learn.run import CHECKPOINT, load_run
+from swarmdata.learn.run import CHECKPOINT
 from swarmdata.result_files import load
 from swarmdata.study.cells import Cell, cells_of
 from swarmdata.study.costs import Cost
@@ -96,31 +95,12 @@ def test_a_folder_of_another_cell_is_refused(make_study: Make, tmp_path: Path) -
         do_cell(other, tmp_path / "c")
 
 
-def test_a_checkpoint_keeps_what_policies_are_made_of(make_study: Make, tmp_path: Path) -> None:
+def test_a_finished_run_is_small(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study(algorithms={"m": MADDPG}))
     do_cell(cell, tmp_path / "c")
-    run = run_of(cell, tmp_path / "c")
-    tensors, metadata = load_checkpoint(run / CHECKPOINT)
+    tensors, metadata = load_checkpoint(run_of(cell, tmp_path / "c") / CHECKPOINT)
     assert [name for name in tensors if name.startswith("algorithm.")] == ["algorithm.actor"]
     assert metadata["update"] == 10
-    before = (run / CHECKPOINT).read_bytes()
-    compact(run)
-    assert (run / CHECKPOINT).read_bytes() == before
-    assert is_same(load_run(run), load_run(run))
-    assert not is_same(*load_run(run))  # two seeds
-
-
-def test_only_finished_runs_are_made_small(make_study: Make, tmp_path: Path) -> None:
-    cell = cell_of(make_study(algorithms={"m": {**MADDPG, "updates": 40}}))
-
-    def die(updates: int) -> None:
-        if (run_of(cell, tmp_path / "c") / CHECKPOINT).exists():
-            raise KilledError
-
-    with pytest.raises(KilledError):
-        do_cell(cell, tmp_path / "c", die)
-    with pytest.raises(CheckpointError, match="finish it before"):
-        compact(run_of(cell, tmp_path / "c"))
 
 
 def test_other_content_under_the_same_name_is_refused(make_study: Make, tmp_path: Path) -> None:
