@@ -68,4 +68,4 @@ def test_csv_keeps_every_bit(value: float, numbers: tuple[float, float, float]) 
 def test_unknown_columns_are_named() -> None:
     assert MEASURED.column("success") == 1
     with pytest.raises(UnknownNameError, match="Did you mean 'success'"):
-        MEASURED.column("sucess")
+        MEASURED.column("successful")

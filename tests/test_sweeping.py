@@ -211,21 +211,21 @@ def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
 def test_an_actor_critic_trained_on_another_view_is_swept_in_that_view(
     runs: Path, tmp_path: Path
 ) -> None:
-    models = {"observation": "lidar-8", "communication": "lossy-30"}
     settings = {"n_updates": "3", "actor_hidden": "8", "critic_hidden": "8", "batch_size": "16"}
-    train_offline(
-        "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
-        progress=False, **models,
-    )  # fmt: skip
+
+    def train(observation: str | None, communication: str | None) -> None:
+        train_offline(
+            "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
+            observation=observation, communication=communication, progress=False,
+        )  # fmt: skip
+
+    train("lidar-8", "lossy-30")
     run, features = read_run(tmp_path / "seen"), 5 + 4 * 8 + 3 * (4 + 3)
-    assert run.spec == with_models(TaskSpec(horizon=12), **models)
+    assert run.spec == with_models(TaskSpec(horizon=12), "lidar-8", "lossy-30")
     assert run.observation_size == features
     assert run.view is not None
     with pytest.raises(CheckpointError, match="differs in: view is"):
-        train_offline(
-            "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
-            progress=False,
-        )  # fmt: skip
+        train(None, None)
 
     sight = parse_axis("range=2,1", "observation")
     found = run_sweep([tmp_path / "seen"], [DROP, sight], tmp_path / "out")
