@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, colors, figure, thousands
+from swarmdata.figures import COLORS, FAINT, GRAY, colors, figure, thousands
 from swarmdata.metrics import Estimate
 from swarmdata.types import Double
 
@@ -97,29 +97,42 @@ def plot_curves(
         for (label, curve), color in zip(curves.items(), colors(len(curves)), strict=True):
             values = factor * curve.values
             n_runs = f" ({len(values)} seeds)" if len(values) > 1 else ""
-            axes.plot(curve.progress, values.mean(0), color=color, lw=1.8, label=label + n_runs)
+            point = "o" if len(curve.progress) == 1 else None  # a line of one point is invisible
+            axes.plot(
+                curve.progress,
+                values.mean(0),
+                color=color,
+                lw=1.8,
+                marker=point,
+                label=label + n_runs,
+            )
             axes.fill_between(
                 curve.progress, values.min(0), values.max(0), color=color, alpha=0.18, lw=0
             )
         for label, height in (references or {}).items():
-            axes.axhline(factor * height, color="#7A818B", lw=1, ls=(0, (4, 3)), zorder=1)
-            axes.annotate(
-                label,
-                (1.0, factor * height),
-                xycoords=("axes fraction", "data"),
-                xytext=(5, 0),
-                textcoords="offset points",
-                va="center",
-                color="#5A616B",
-                fontsize=9,
-                annotation_clip=False,
-            )
+            _draw_reference(axes, label, factor * height)
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
         axes.grid(axis="y", color=FAINT, lw=0.8)
         axes.set_axisbelow(True)
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
+
+
+def _draw_reference(axes: Any, label: str, height: float) -> None:
+    """A dashed line across, named at its right end."""
+    axes.axhline(height, color=GRAY, lw=1, ls=(0, (4, 3)), zorder=1)
+    axes.annotate(
+        label,
+        (1.0, height),
+        xycoords=("axes fraction", "data"),
+        xytext=(5, 0),
+        textcoords="offset points",
+        va="center",
+        color="#5A616B",
+        fontsize=9,
+        annotation_clip=False,
+    )
 
 
 def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:

@@ -1,7 +1,8 @@
 """From result files and run folders to tables, pictures and animations on disk."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from swarmdata.aggregate import complete
@@ -46,13 +47,12 @@ def shown_cases(results: ResultSet) -> dict[str, Case]:
 
 def tables_of(results: ResultSet) -> dict[str, Table]:
     """Every table of a report by file name: what compares datasets first, then each case."""
-    tables = {}
-    if complete(results).tables:
-        tables = {
-            "scores": metric_table(results),
-            "aggregates": aggregate_table(results),
-            "improvement": improvement_table(results),
-        }
+    compared = complete(results).tables
+    tables = {"scores": metric_table(results)} if any(results.scores.values()) else {}
+    if compared:
+        tables["aggregates"] = aggregate_table(results)
+    if len(compared) > 1:
+        tables["improvement"] = improvement_table(results)
     return tables | {name: case_table(case) for name, case in shown_cases(results).items()}
 
 
@@ -109,23 +109,23 @@ def _draw(
     results: ResultSet, tables: Mapping[str, Table], out: Path, suffix: str
 ) -> dict[str, Path]:
     """Draws what there is to draw; figures by name."""
-    found = complete(results)
-    figures = {}
-    if found.tables:
-        figures = {name: out / f"{name}{suffix}" for name in ("scores", "profile", "improvement")}
-        plot_scores(results, figures["scores"])
-        plot_profiles(found.tables, figures["profile"])
-        plot_improvements(found.tables, figures["improvement"])
-    cases = shown_cases(results)
-    ours = {name: case for name, case in cases.items() if not isinstance(case.spec, RecordedSpec)}
+    compared, cases = complete(results).tables, shown_cases(results)
+    ours = [case for case in cases.values() if not isinstance(case.spec, RecordedSpec)]
+    drawings: dict[str, Callable[[Path], None]] = {}
+    if "scores" in tables:
+        drawings["scores"] = partial(plot_scores, results)
+    if compared:
+        drawings["profile"] = partial(plot_profiles, compared)
+    if "improvement" in tables:
+        drawings["improvement"] = partial(plot_improvements, compared)
     if ours:
-        figures["pareto"] = out / f"pareto{suffix}"
-        plot_pareto(ours.values(), figures["pareto"])
+        drawings["pareto"] = partial(plot_pareto, ours)
     for name in cases:
         keys = [column.key for column in tables[name].columns][:PANELS]
-        figures[name] = out / f"{name}{suffix}"
-        plot_estimates(tables[name].panels(keys), figures[name])
-    return figures
+        drawings[name] = partial(plot_estimates, tables[name].panels(keys))
+    for name, draw in drawings.items():
+        draw(out / f"{name}{suffix}")
+    return {name: out / f"{name}{suffix}" for name in drawings}
 
 
 def _draw_curves(runs: Sequence[Path], path: Path) -> Path:

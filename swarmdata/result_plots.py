@@ -166,7 +166,7 @@ def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
     labels, pairs = list(tables)[::-1], improvements(tables)  # the best on top
     n = len(labels)
     size = 0.56 * n
-    with figure(path, width=2.2 + size, height=1.6 + 0.8 * size) as drawing:
+    with figure(path, width=max(3.6, 2.2 + size), height=1.6 + 0.8 * size) as drawing:
         axes = drawing.add_subplot()
         shown = np.full((n, n), 0.5)
         for (one, other), found in pairs.items():
@@ -186,7 +186,7 @@ def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
         axes.imshow(shown, cmap="PuOr", vmin=0, vmax=1, aspect="auto")
         axes.set_xticks(range(n), labels, rotation=45, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(n), labels)
-        axes.set_title("probability (%) that the row beats the column", loc="left")
+        axes.set_title("P(row beats column) in %", loc="left")
         for side in axes.spines.values():
             side.set_visible(False)
         axes.tick_params(length=0)

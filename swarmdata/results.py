@@ -43,6 +43,12 @@ class Case:
         return self.dataset or self.spec.task
 
     @property
+    def is_view(self) -> bool:
+        """Whether the dataset was observed again."""
+        runs = (run for label in self.trained for run in self.runs[label])
+        return any(run.provenance.view is not None for run in runs)
+
+    @property
     def trained(self) -> tuple[str, ...]:
         """Labels that learned from the dataset, baselines left out."""
         named = self.runs.items()

@@ -24,6 +24,7 @@ from swarmdata.models import describe
 from swarmdata.origins import RecordedSpec
 from swarmdata.report import Column, Row, Table
 from swarmdata.results import Case, ResultSet
+from swarmdata.spec import TaskSpec
 from swarmdata.types import Double
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)
@@ -203,17 +204,22 @@ def metric_table(
     own = tuple(_plain(quantity.data(case)) for case in cases)
     if not all(math.isnan(each.value) for each in own):
         rows.insert(0, Row("data", 0, own))
-    return Table(columns, tuple(rows), _metric_caption(results, shown))
+    return Table(columns, tuple(rows), _metric_caption(cases, shown))
 
 
-def _metric_caption(results: ResultSet, shown: Column) -> str:
+def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
+    seen = "".join(
+        f" {case.name}: seen again with {describe(case.spec)}."
+        for case in cases
+        if case.is_view and isinstance(case.spec, TaskSpec)
+    )
     scale = " 0 is the better of an idle and a random team, 100 the expert." * (
         shown.key == "score"
     )
     return (
         f"{shown.label.capitalize()}: interquartile mean over runs [95 % stratified bootstrap]; "
         f"of a single run, the mean over episodes.{scale} Row data: the mean of the dataset's own "
-        f"episodes, action noise included."
+        f"episodes, action noise included.{seen}"
     )
 
 

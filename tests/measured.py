@@ -7,10 +7,12 @@ import numpy as np
 
 from swarmdata.cards.schema import published
 from swarmdata.metrics import metrics_of
+from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.presets import preset
 from swarmdata.provenance import Provenance
 from swarmdata.result_files import Result
 from swarmdata.seeding import evaluation_seeds
+from swarmdata.spaces import BoxSpace
 from swarmdata.spec import TaskSpec
 from swarmdata.types import EvalResult
 
@@ -67,3 +69,17 @@ def grid(means: Mapping[str, Mapping[str, float]], n_runs: int = 3, **changes: A
         for dataset, mean in row.items()
         for index in range(n_runs)
     ]
+
+
+def foreign(**metrics: list[float]) -> Result:
+    """A result of two episodes in an environment that is not ours."""
+    space = BoxSpace(shape=(1,), dtype="float32", low=(-1.0,), high=(1.0,))
+    spec = RecordedSpec(
+        task="counting_v1",
+        agents=(RecordedAgent(name="a", observation=space, action=space),),
+        state_size=1,
+        state_from="observations",
+    )
+    values = {name: np.array(row) for name, row in metrics.items()}
+    made = EvalResult("bc", spec.task, spec.hash(), np.arange(2, dtype=np.uint64), values)
+    return Result(made, Provenance(label="bc", dataset="counting_v1-mine-v0"), spec)

@@ -35,8 +35,8 @@ def test_values_that_rliable_publishes() -> None:
     """`tests/rliable/metrics_test.py` of google-research/rliable."""
     x = np.array([[1.0, 2.0], [2.0, 2.0], [1.0, 1.0], [2.0, 1.0]])
     y = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    assert (metrics.mean(x), metrics.iqm(x)) == (1.5, 1.5)
-    assert (metrics.mean(y), metrics.iqm(y)) == (2.0, 2.0)
+    assert metrics.mean(x) == metrics.iqm(x) == 1.5
+    assert metrics.mean(y) == metrics.iqm(y) == 2.0
     assert metrics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
 
 

@@ -9,8 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.reporting import shown_cases, tables_of, write_report
 from swarmdata.result_files import save
 from swarmdata.results import gather
-from tests.measured import EXPERT, MEDIUM, grid, result
-from tests.test_result_files import foreign
+from tests.measured import EXPERT, MEDIUM, foreign, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
@@ -37,6 +36,8 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
 def test_one_case_is_the_table() -> None:
     assert list(shown_cases(gather([result("idle", None)]))) == ["table"]
     assert list(tables_of(gather([result("idle", None)]))) == ["table"]
+    one = tables_of(gather(grid({"bc": {MEDIUM: 1.0}}, 2)))
+    assert list(one) == ["scores", "aggregates", "table"]  # nobody to beat
     whole = shown_cases(gather([result(), result("idle", None)]))
     assert list(whole["table"].runs) == ["idle", "bc"]
 

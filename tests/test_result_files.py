@@ -14,12 +14,9 @@ from hypothesis import strategies as st
 from swarmdata import __version__
 from swarmdata.errors import FormatVersionError, SchemaError
 from swarmdata.models import models_of, with_models
-from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.result_files import Result, load, relabel, save
-from swarmdata.spaces import BoxSpace
-from swarmdata.types import EvalResult
-from tests.measured import COOP_NAV, MEDIUM, evaluation, result
+from tests.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
 
 
 def same(one: Result, other: Result) -> None:
@@ -195,19 +192,6 @@ def test_the_first_format_is_still_read(tmp_path: Path) -> None:
     assert bare.spec == COOP_NAV
     with pytest.raises(SchemaError, match="no preset has its hash ffffffffffff"):
         load(first_format(tmp_path / "c.json", spec_hash="f" * 64))
-
-
-def foreign(**metrics: list[float]) -> Result:
-    space = BoxSpace(shape=(1,), dtype="float32", low=(-1.0,), high=(1.0,))
-    spec = RecordedSpec(
-        task="counting_v1",
-        agents=(RecordedAgent(name="a", observation=space, action=space),),
-        state_size=1,
-        state_from="observations",
-    )
-    values = {name: np.array(row) for name, row in metrics.items()}
-    made = EvalResult("bc", spec.task, spec.hash(), np.arange(2, dtype=np.uint64), values)
-    return Result(made, Provenance(label="bc", dataset="counting_v1-mine-v0"), spec)
 
 
 def test_results_of_other_environments_are_kept_as_well(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ from swarmdata import metrics
 from swarmdata.cards.schema import published
 from swarmdata.errors import UnknownNameError
 from swarmdata.metrics import Estimate
+from swarmdata.models import with_models
 from swarmdata.report import Table
 from swarmdata.results import gather
 from swarmdata.spec import TaskSpec
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
-from tests.measured import EXPERT, MEDIUM, grid, result
-from tests.test_result_files import foreign
+from tests.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 
 QUICK = 40  # resamples
 
@@ -101,6 +101,14 @@ def test_labels_by_dataset() -> None:
     assert clean.columns[0].header == f"{MEDIUM} (%)"
     with pytest.raises(UnknownNameError, match="Did you mean 'clean_success'"):
         metric_table(results, "clean_sucess")
+
+
+def test_views_are_explained() -> None:
+    lidar = with_models(COOP_NAV, "lidar")
+    table = metric_table(gather([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK)
+    plain, view = sorted(column.label for column in table.columns)
+    assert f"{view}: seen again with observation lidar" in table.caption
+    assert f"{plain}: seen" not in table.caption
 
 
 def test_aggregates_stand_below_those_of_the_data() -> None:

@@ -222,10 +222,13 @@ def test_processes_share_the_seeds_and_their_failures_are_told(
 
     train()
     assert sorted(path.name for path in out.iterdir()) == ["seeds-0-1", "seeds-2"]
-    assert find_target(str(out / "seeds-2")).metadata["run"]["seeds"] == [2]
+    assert [each.seed for each in find_target(str(out / "seeds-2")).provenances] == [2]
     whole = find_target(str(out))
     assert (whole.label, len(whole.policies)) == ("run", 3)
-    assert whole.metadata["run"]["seeds"] == [0, 1, 2]
+    assert [each.seed for each in whole.provenances] == [0, 1, 2]
+    assert [Path(str(each.run)).name for each in whole.provenances] == [
+        "seeds-0-1", "seeds-0-1", "seeds-2",
+    ]  # fmt: skip
     train_online("mappo", str(task), tmp_path / "alone", seeds=(2,), changes=changes)
     step = make_env(TaskSpec(horizon=10), 3).reset(np.arange(3, dtype=np.uint64))
     alone = last_policy(tmp_path / "alone", 2).act(step)

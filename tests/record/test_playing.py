@@ -1,5 +1,6 @@
 """From a recording to a policy and back into its environment, in the environment's units."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from swarmdata.record import (
     policy_actions,
     step_of,
 )
+from swarmdata.result_files import Result, load, save
 from swarmdata.types import Float, Int, Step
 from tests.record.worlds import Choosing, Counting, play, steady
 
@@ -112,6 +114,7 @@ def test_another_environment_is_refused(dataset: Dataset) -> None:
 def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
     from swarmdata.learn.run import load_run
     from swarmdata.targets import find_target
+    from swarmdata.trained import read_trained
     from swarmdata.training import train_offline
 
     changes = {"n_updates": "20", "batch_size": "32"}
@@ -119,12 +122,16 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=2, changes=changes, progress=False
     )
     assert isinstance(dataset.spec, RecordedSpec)
+    who = read_trained(tmp_path / "run").provenances[0]
     seeds = foreign_evaluation_seeds(2)
     result = evaluate_parallel(policies[0], Counting, dataset.spec, seeds)
     assert np.isfinite(result.metrics["return"]).all()
     again = evaluate_parallel(load_run(tmp_path / "run")[0], Counting, dataset.spec, seeds)
     np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
     assert not (tmp_path / "run" / "curve.csv").exists()
+    kept = load(save(Result(replace(result, policy="run"), who, dataset.spec), tmp_path / "out"))
+    assert (kept.provenance.dataset, kept.provenance.updates) == (dataset.id, 20)
+    assert kept.evaluation.metrics["return"].tolist() == result.metrics["return"].tolist()
     with pytest.raises(SpecError, match="evaluate_parallel"):
         find_target(str(tmp_path / "run"))
 
