@@ -12,7 +12,7 @@ from swarmdata.study.data import digest_of
 from swarmdata.study.gathering import findings_of
 from swarmdata.study.plan import Study
 from swarmdata.study.running import chosen, folder_of, run_cells
-from swarmdata.study.working import is_done
+from swarmdata.study.working import DONE, is_done
 from swarmdata.study.writing import write_pages
 
 
@@ -24,7 +24,7 @@ class Options:
         out: folder of tables, figures and text.
         work: folder of cells; None: `runs/study-<name>`.
         workers: processes.
-        only: pattern of the cells to do, such as `bc/*`.
+        only: pattern of the cells to do, such as `bc/*`; sweeps are left out then.
         again: whether stale cells are removed and done again.
         progress: whether to show bars.
     """
@@ -62,7 +62,7 @@ def conduct(study: Study, options: Options, command: str) -> tuple[dict[str, str
     failures = _run(chosen(cells, options.only), work, options)
     found = findings_of(study, cells, work, failures)
     sections: dict[str, str] = {}
-    if study.sweeps and not found.missing and options.only is None:
+    if study.sweeps and options.only is None:
         # only where it is asked for: it draws, and compiles kernels of channels and sensors
         from swarmdata.study.robustness import chosen_of, run_sweeps  # noqa: PLC0415
 
@@ -99,7 +99,10 @@ def check(study: Study, name: str, options: Options) -> Comparison:
         UnknownNameError: no such cell.
         StudyError: it is not finished, or several match.
     """
+    work = options.work_of(study)
+    if (work / "cells" / name / DONE).exists():  # also one that was trained for a sweep
+        return check_cell(work / "cells" / name, progress=options.progress)
     found = chosen(all_cells(study, progress=options.progress), name)
     if len(found) > 1:
         raise StudyError(f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ...")
-    return check_cell(folder_of(options.work_of(study), found[0]), progress=options.progress)
+    return check_cell(folder_of(work, found[0]), progress=options.progress)

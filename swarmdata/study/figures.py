@@ -42,8 +42,7 @@ def plot_scores(
     Raises:
         SchemaError: nothing to draw.
     """
-    if not panels or not families:
-        raise SchemaError("there are no scores to draw, expected at least one dataset and label.")
+    _check(panels, "scores")
     colors = _by_family(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
@@ -51,21 +50,23 @@ def plot_scores(
     with figure(path, width=1.5 + 2.35 * n_columns, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False, sharey=True).ravel()
         for axes, (dataset, estimates) in zip(grid, panels.items(), strict=False):
-            for y, name in enumerate(families):
+            for y, (name, family) in enumerate(families.items()):
                 if name in estimates:
-                    _interval(axes, estimates[name], y, colors[families[name]])
+                    _interval(axes, estimates[name], y, colors[family])
             if dataset in data:
                 axes.axvline(data[dataset], color=INK, lw=1.0, ls=(0, (4, 2)), zorder=0)
-            axes.set_title(dataset, loc="left", fontsize=9, fontweight="bold")
-            axes.grid(color=FAINT, lw=0.6)
-            axes.set_axisbelow(True)
+            _frame(axes, dataset)
             axes.tick_params(axis="y", length=0, labelsize=8)
-        for axes in grid[len(panels) :]:
-            axes.set_visible(False)
+        _hide(grid[len(panels) :])
         grid[0].set_yticks(range(len(families)), families)
         grid[0].set_ylim(len(families) - 0.5, -0.5)
         drawing.supxlabel(label, fontsize=10)
         _family_legend(drawing, grid[0], colors, has_data=bool(data))
+
+
+def _check(panels: Mapping[str, object], what: str) -> None:
+    if not panels:
+        raise SchemaError(f"there are no {what} to draw, expected at least one dataset.")
 
 
 def _by_family(families: Mapping[str, str]) -> dict[str, str]:
@@ -107,8 +108,7 @@ def plot_trade(
         ylabel: of the vertical axis.
         xlim: ends of the horizontal axis.
     """
-    if not panels:
-        raise SchemaError("there are no points to draw, expected at least one dataset.")
+    _check(panels, "points")
     looks = _looks(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
@@ -116,16 +116,10 @@ def plot_trade(
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (dataset, points) in zip(grid, panels.items(), strict=False):
             for name, (x, y) in points.items():
-                look = looks[name]
-                axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
-                axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
-                axes.plot([x.value], [y.value], ls="none", ms=5, **look)
+                _cross(axes, x, y, looks[name])
             axes.set_xlim(*xlim)
-            axes.set_title(dataset, loc="left", fontsize=9, fontweight="bold")
-            axes.grid(color=FAINT, lw=0.6)
-            axes.set_axisbelow(True)
-        for axes in grid[len(panels) :]:
-            axes.set_visible(False)
+            _frame(axes, dataset)
+        _hide(grid[len(panels) :])
         drawing.supxlabel(xlabel, fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
         shown = [name for name in looks if any(name in points for points in panels.values())]
@@ -133,6 +127,12 @@ def plot_trade(
             grid[0].plot([], [], ls="none", ms=5, label=name, **looks[name])[0] for name in shown
         ]
         drawing.legend(handles=handles, loc="outside right center", fontsize=8)
+
+
+def _cross(axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str]) -> None:
+    axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
+    axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
+    axes.plot([x.value], [y.value], ls="none", ms=5, **look)
 
 
 def _looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -160,8 +160,7 @@ def plot_sizes(
         path: where to save.
         ylabel: of the estimate.
     """
-    if not panels:
-        raise SchemaError("there are no sizes to draw, expected at least one dataset.")
+    _check(panels, "sizes")
     labels = list(dict.fromkeys(name for each in panels.values() for name in each))
     with figure(path, width=1.6 + 2.7 * len(panels), height=3.6) as drawing:
         grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
@@ -205,10 +204,9 @@ def plot_tracks(
         ylabel: of the values, with unit.
         factor: to that unit.
         n_columns: panels beside each other, at most.
-        is_log: whether the axis is symmetric logarithmic, linear from -1 to 1.
+        is_log: whether the axis is symmetric logarithmic: linear from -2 to 2.
     """
-    if not panels:
-        raise SchemaError("there are no curves to draw, expected at least one dataset.")
+    _check(panels, "curves")
     shared = list(dict.fromkeys(name for each in panels.values() for name in each))
     is_shared = len(shared) <= MOST_SHARED
     n_columns = min(n_columns, len(panels))
@@ -216,27 +214,26 @@ def plot_tracks(
     with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, curves) in zip(grid, panels.items(), strict=False):
-            for name, curve in curves.items():
-                index = (shared if is_shared else list(curves)).index(name)
-                values, look = factor * curve.values, _line(index)
-                axes.plot(curve.progress, values.mean(0), label=name, **look)
-                axes.fill_between(
-                    curve.progress, values.min(0), values.max(0), color=look["color"],
-                    alpha=0.13, lw=0,
-                )  # fmt: skip
-            if is_log:
-                axes.set_yscale("symlog", linthresh=1.0)
+            for k, (name, curve) in enumerate(curves.items()):
+                _band(axes, curve, factor, name, shared.index(name) if is_shared else k)
+            axes.set_yscale("symlog" if is_log else "linear")
             axes.xaxis.set_major_formatter(thousands)
             axes.margins(x=0)
             _frame(axes, title)
             if not is_shared:
                 axes.legend(fontsize=7, ncols=2, handlelength=2.2, columnspacing=1.0)
-        for axes in grid[len(panels) :]:
-            axes.set_visible(False)
+        _hide(grid[len(panels) :])
         drawing.supxlabel("gradient updates", fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
         if is_shared:
             drawing.legend(*_handles(grid), loc="outside upper center", ncols=len(shared))
+
+
+def _band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
+    values, look = factor * curve.values, _line(k)
+    axes.plot(curve.progress, values.mean(0), label=label, **look)
+    low, high = values.min(0), values.max(0)
+    axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
 
 
 def _rounded(steps: float, position: int = 0) -> str:
@@ -247,6 +244,11 @@ def _rounded(steps: float, position: int = 0) -> str:
 def _line(k: int) -> dict[str, Any]:
     dashes = DASHES[(k // len(COLORS)) % len(DASHES)]
     return {"color": COLORS[k % len(COLORS)], "ls": dashes, "lw": 1.6}
+
+
+def _hide(spare: Sequence[Any]) -> None:
+    for axes in spare:
+        axes.set_visible(False)
 
 
 def _frame(axes: Any, title: str) -> None:

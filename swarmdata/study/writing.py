@@ -13,9 +13,10 @@ from swarmdata.study import text
 from swarmdata.study.board import Board, board_of, quantity_of, short
 from swarmdata.study.csv_files import to_csv
 from swarmdata.study.figures import plot_scores, plot_trade
-from swarmdata.study.gathering import Findings, cost_rows, data_rows, tidy_rows, track_rows
+from swarmdata.study.gathering import Findings
 from swarmdata.study.sizing import size_section
 from swarmdata.study.tables import board_table, cost_table, duration, online_table
+from swarmdata.study.tidy import cost_rows, data_rows, tidy_rows, track_rows
 from swarmdata.study.tracks import curve_section, loss_sections
 from swarmdata.tables import aggregate_table
 
