@@ -18,6 +18,9 @@ or the payload:
     payload_near_x, _y        the payload's nearest point minus the robot's centre, m
     payload_velocity_x, _y    velocity of the payload, m/s
     payload_goal_x, _y        goal minus the payload's centre, m
+    payload_obstacle_<k>.near_x, _y direction from the payload's centre to the nearest point of the
+                              obstacle nearest to it (k = 0) and of the next (1), times closeness:
+                              0 from `SURROUNDINGS` beyond its bounding circle on, 1 in contact
     payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
     payload_turn              turn rate times the distance of a corner, m/s (a box only)
     goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
@@ -65,12 +68,18 @@ from swarmdata.envs.payload import (
 from swarmdata.envs.spawn import SpawnPlan
 from swarmdata.envs.transport_spawn import draw_episodes
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.features import Feature, vector
-from swarmdata.geometry import BOX, nearest
+from swarmdata.features import Feature, numbered, vector
+from swarmdata.geometry import BOX, nearest, nearest_of
 from swarmdata.rules import Payload, TransportRules
 from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+
+N_AROUND = 2
+"""Obstacles around the payload that robots are told of."""
+
+SURROUNDINGS = 1.5
+"""Distance (m) from the payload's bounding circle from which on obstacles are not felt."""
 
 ANY_ANGLE = 2.0
 """Largest sine of a payload's angle to the goal's where any will do."""
@@ -137,12 +146,43 @@ def score_transport(
             rewards[b, i] = team + weights[2] * gap
 
 
+@kernel(error_model="numpy")
+def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
+    """Writes the closeness vectors of the obstacles nearest to a payload, nearest first.
+
+    Args:
+        x: of the payload's centre, m.
+        y: of the payload's centre, m.
+        radius: of its bounding circle, m.
+        layout: obstacles, [M, 8].
+        out: written, [N_AROUND, 2].
+    """
+    distances = np.full(N_AROUND, np.inf)
+    out[:] = 0.0
+    for m in range(layout.shape[0]):
+        distance, vx, vy = nearest_of(x, y, layout, m)
+        slot = N_AROUND
+        while slot > 0 and distance < distances[slot - 1]:
+            slot -= 1
+            if slot + 1 < N_AROUND:
+                distances[slot + 1] = distances[slot]
+                out[slot + 1] = out[slot]
+        if slot < N_AROUND:
+            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS, 0.0), 1.0)
+            scale = closeness / max(distance, 1e-9)
+            distances[slot] = distance
+            out[slot, 0], out[slot, 1] = vx * scale, vy * scale
+
+
 @kernel
-def write_transport_features(states: Float, active: Bool, shape: Shape, out: Float) -> None:
+def write_transport_features(
+    states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
+) -> None:
     """Writes what the task adds to every robot's observation, as the module says.
 
     Args:
         states: [E, S].
+        layouts: obstacles, [E, M, 8].
         active: [E].
         shape: of the payload.
         out: written, [E, N, F].
@@ -150,12 +190,14 @@ def write_transport_features(states: Float, active: Bool, shape: Shape, out: Flo
     n, is_box = out.shape[1], shape[0] == BOX
     first = N_COLUMNS * n
     arm = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
-    row = np.empty(8, np.float32)
+    radius = arm if is_box else shape[1]
+    row, around = np.empty(8, np.float32), np.empty((N_AROUND, 2))
     for b in range(states.shape[0]):
         if not active[b]:
             continue
         state, body = states[b], states[b, first:]
         place_row(body, shape, row)
+        write_surroundings(np.float64(body[0]), np.float64(body[1]), radius, layouts[b], around)
         gx, gy = (
             np.float64(state[TX]) - np.float64(body[0]),
             np.float64(state[TY]) - np.float64(body[1]),
@@ -174,11 +216,14 @@ def write_transport_features(states: Float, active: Bool, shape: Shape, out: Flo
             _, own[2], own[3] = nearest(x, y, row)
             own[4], own[5] = body[2], body[3]
             own[6], own[7] = gx, gy
+            for k in range(N_AROUND):
+                own[8 + 2 * k], own[9 + 2 * k] = around[k, 0], around[k, 1]
+            at = 8 + 2 * N_AROUND
             if is_box:
-                own[8], own[9] = sign * ux, sign * uy
-                own[10] = np.float64(body[6]) * arm
+                own[at], own[at + 1] = sign * ux, sign * uy
+                own[at + 2] = np.float64(body[6]) * arm
             if is_posed:
-                own[11], own[12] = wx, wy
+                own[at + 3], own[at + 4] = wx, wy
 
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
@@ -263,7 +308,7 @@ class Transport:
         )  # fmt: skip
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        write_transport_features(states, active, self._shape, out)
+        write_transport_features(states, layouts, active, self._shape, out)
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
         n, first = self.spec.n_agents, N_COLUMNS * self.spec.n_agents
@@ -282,12 +327,16 @@ class Transport:
         }
 
 
+_NEAR = "from the payload to an obstacle's nearest point, times closeness"
+
+
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
     found: tuple[Feature, ...] = (
         *vector("payload", "position", "the payload's centre, from the robot"),
         *vector("payload_near", "position", "the payload's nearest point, from the robot"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
         *vector("payload_goal", "position", "goal, from the payload's centre"),
+        *numbered("payload_obstacle", N_AROUND, vector("near", "direction", _NEAR)),
     )
     if is_box:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.metrics import Estimate, Reference, bootstrap, iqm, mean, normalized_score
+from swarmdata.aggregate import mean_over_runs
+from swarmdata.metrics import Estimate, Reference, normalized_score
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.results import Case, reference_of
 from swarmdata.spec import TaskSpec
 from swarmdata.tables import case_table
-from swarmdata.types import EvalResult
 
 
 def estimates_of(
@@ -22,20 +22,20 @@ def estimates_of(
         runs: one result per policy of a team at the point.
         before: of the same policies as they were trained.
         spec: of the point.
-        trained: the spec that they were trained on, whose references make the score.
+        trained: the spec that they were trained on, whose references make the score: a point with
+            other sensors on the robots is in no world that has references of its own.
     """
     scale = reference_of(trained)
     label = runs[0].provenance.label
     table = case_table(Case(None, spec, scale, None, {label: tuple(runs)}))
     key = "return" if scale is None else "score"
     column = Column(f"{key}_change", f"change of {key}", "", 1 if scale else 2)
-    now, then = ([each.evaluation for each in side] for side in (runs, before))
-    estimates = (*table.rows[0].estimates, change_of(now, then, scale))
+    estimates = (*table.rows[0].estimates, change_of(runs, before, scale))
     return (*table.columns, column), estimates
 
 
 def change_of(
-    runs: Sequence[EvalResult], before: Sequence[EvalResult], scale: Reference | None
+    runs: Sequence[Result], before: Sequence[Result], scale: Reference | None
 ) -> Estimate:
     """The difference of scores, or of returns without a scale, with its 95 % interval.
 
@@ -47,11 +47,8 @@ def change_of(
         before: of the same policies on the same evaluation seeds.
         scale: of the score.
     """
-    returns = [np.stack([each.metrics["return"] for each in side]) for side in (runs, before)]
-    if scale is not None:
-        returns = [normalized_score(side, scale) for side in returns]
-    gaps = returns[0] - returns[1]  # [runs, episodes]
-    generator = np.random.default_rng(0)
-    if len(gaps) > 1:
-        return bootstrap(iqm, gaps.mean(axis=1)[:, None], generator=generator)
-    return bootstrap(mean, gaps.T, generator=generator)
+    sides = (
+        np.stack([each.evaluation.metrics["return"] for each in side]) for side in (runs, before)
+    )
+    after, then = (side if scale is None else normalized_score(side, scale) for side in sides)
+    return mean_over_runs(after - then)  # [runs, episodes]

@@ -1,16 +1,18 @@
 """Evaluates trained policies under worse communication and sensing, with everything else fixed.
 
-results/LABEL/trained/         results (`result_files`) with everything as in training
-results/LABEL/PART-NAME-VALUE/ the same at one value of an axis
-sweep.csv, sweep.md            every estimate; a table for each axis
-PART-NAME.png                  a figure for each axis
+results/trained/            results with everything as in training, files of `result_files.save`
+results/PART-NAME-VALUE/    the same at one value of an axis
+sweep.csv, sweep.md         every estimate; a table for each axis
+PART-NAME.png               a figure for each axis
 
-A sweep that was stopped goes on where it was: results that are there are read, not measured again.
+A sweep that was stopped goes on where it was: results that are there of the same policies, seeds
+and code are read, not measured again.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -23,31 +25,31 @@ from swarmdata.result_files import Result
 from swarmdata.spec import TaskSpec
 from swarmdata.sweep_axes import Axis, Course, course_of
 from swarmdata.sweep_estimates import estimates_of
-from swarmdata.sweep_files import measured
 from swarmdata.sweep_plots import plot_degradation
 from swarmdata.sweep_tables import Degradation, Line, Point, to_csv
-from swarmdata.targets import Target, find_target, require
+from swarmdata.targets import Target, evaluate_target, find_target, require
 
 TRAINED = "trained"
 """Folder of results with everything as in training."""
 
 Results = dict[str, list[Result]]
-"""Name of the folder -> one result per policy."""
+"""Folder's name -> one result per policy."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Team:
-    """What is swept, and where each axis leads it."""
+    """What is swept, what it is called, and where each axis leads it."""
 
+    label: str
     target: Target
     courses: tuple[Course, ...]  # one per axis
 
 
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """One spec to evaluate a team on."""
+class _Place(NamedTuple):
+    """One spec to evaluate a team in."""
 
-    name: str  # of the folder of its results
+    value: float | None  # of the axis; None: as trained, which is no number
+    folder: str  # of its results
     spec: TaskSpec
 
 
@@ -75,30 +77,33 @@ def sweep(
         UnknownNameError: no such team or parameter.
         SpecError: nothing to sweep, teams of different worlds, a value out of its range, or
             communication of a team that does not talk.
-        SchemaError: a team cannot read what a value gives, or `out` holds other results.
+        SchemaError: a team cannot read what a value gives.
+        ResultsError: `out` has results of another run with the name and dataset of one of these.
         MissingExtraError: matplotlib, or torch for a run, is not installed.
     """
     require("matplotlib", "plots", "drawing the figures of a sweep")
     _check_axes(axes)
     teams = _teams(names, axes, task)
-    n_all = sum(len(team.target.policies) * len(_places(team, axes)) for team in teams)
-    results: list[Results] = []
-    with tqdm(total=n_all, unit="evaluation", disable=None if progress else True) as bar:
-        for team in teams:
-            folder = out / "results" / team.target.label
-            folder.mkdir(parents=True, exist_ok=True)
-            found: Results = {}
-            for place in _places(team, axes):
-                bar.set_description(f"{team.target.label} {place.name}", refresh=False)
-                for index in range(len(team.target.policies)):
-                    there = folder / place.name
-                    result = measured(team.target, index, place.spec, there, n_episodes)
-                    found.setdefault(place.name, []).append(result)
-                    bar.update()
-            results.append(found)
+    results = _measured(teams, axes, out / "results", n_episodes, progress=progress)
     degradations = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
     _write(degradations, out)
     return degradations
+
+
+def _measured(
+    teams: Sequence[_Team], axes: Sequence[Axis], folder: Path, n_episodes: int, *, progress: bool
+) -> list[Results]:
+    """Evaluates every team in every place, as far as the folder lacks it."""
+    n_all = sum(len(team.target.policies) * len(_places(team, axes)) for team in teams)
+    results: list[Results] = [{} for _ in teams]
+    with tqdm(total=n_all, unit="evaluation", disable=None if progress else True) as bar:
+        for team, found in zip(teams, results, strict=True):
+            for name, spec in _places(team, axes).items():
+                bar.set_description(f"{team.label} {name}", refresh=False)
+                there = replace(team.target, spec=spec)
+                found[name] = evaluate_target(there, n_episodes, folder / name, progress=False)
+                bar.update(len(found[name]))
+    return results
 
 
 def _check_axes(axes: Sequence[Axis]) -> None:
@@ -115,28 +120,44 @@ def _check_axes(axes: Sequence[Axis]) -> None:
 
 def _teams(names: Sequence[str], axes: Sequence[Axis], task: str) -> list[_Team]:
     """Everything that is to be measured, checked before anything is."""
-    teams = []
+    targets = []
     for name in names:
-        target = find_target(name, task)
-        _check_senses(target, name)
-        courses = tuple(course_of(axis, name, target.spec) for axis in axes)
-        teams.append(_Team(target, courses))
-    first = teams[0].target
-    for other in (team.target for team in teams[1:]):
-        if not is_same_world(first.spec, other.spec):
+        targets.append(find_target(name, task))
+        _check_senses(targets[-1], name)
+    teams = [
+        _Team(label, target, tuple(course_of(axis, name, target.spec) for axis in axes))
+        for name, label, target in zip(names, _labels(targets), targets, strict=True)
+    ]
+    first = teams[0]
+    for other in teams[1:]:
+        if not is_same_world(first.target.spec, other.target.spec):
             raise SpecError(
                 f"{first.label} and {other.label} were trained in different worlds "
-                f"({first.spec.task} and {other.spec.task}, or other rules, teams or arenas). "
-                "Sweep them apart, each with its own --out."
+                f"({first.target.spec.task} and {other.target.spec.task}, or other rules, teams or "
+                "arenas). Sweep them apart, each with its own --out."
             )
-    labels = [team.target.label for team in teams]
-    twice = [label for label in labels if labels.count(label) > 1]
-    if twice:
-        raise SpecError(
-            f"two of the teams are called {twice[0]!r}, so their results could not be told apart. "
-            "Name one of them once, or rename a run's folder."
-        )
     return teams
+
+
+def _labels(targets: Sequence[Target]) -> list[str]:
+    """What the teams are called: with their datasets, where one label is on several.
+
+    Raises:
+        SpecError: two teams have one label and one dataset, and so the same files.
+    """
+    names = [target.label for target in targets]
+    keys = [target.provenances[0].dataset_key for target in targets]
+    both = list(zip(names, keys, strict=True))
+    twice = next((pair for pair in both if both.count(pair) > 1), None)
+    if twice is not None:
+        raise SpecError(
+            f"two of the teams are called {twice[0]!r}{f' on {twice[1]}' if twice[1] else ''}, so "
+            "their results could not be told apart. Name each once, or rename a run's folder."
+        )
+    return [
+        f"{name} on {key}" if key is not None and names.count(name) > 1 else name
+        for name, key in both
+    ]
 
 
 def _check_senses(target: Target, name: str) -> None:
@@ -148,22 +169,12 @@ def _check_senses(target: Target, name: str) -> None:
         )
 
 
-def _places(team: _Team, axes: Sequence[Axis]) -> list[_Place]:
-    """As trained first, then along each axis; a point of an axis may be as trained."""
-    places = [_Place(TRAINED, team.target.spec)]
+def _places(team: _Team, axes: Sequence[Axis]) -> dict[str, TaskSpec]:
+    """Folder's name -> spec: as trained, then along each axis what is not as trained."""
+    places = {TRAINED: team.target.spec}
     for axis, course in zip(axes, team.courses, strict=True):
-        for value, spec in zip(axis.values, course.specs, strict=True):
-            if not _is_trained(value, spec, course, team):
-                places.append(_Place(_name(axis, value), spec))
+        places |= {place.folder: place.spec for place in _along(axis, course, team.target.spec)}
     return places
-
-
-def _name(axis: Axis, value: float) -> str:
-    return f"{axis.part}-{axis.name}-{value}"
-
-
-def _is_trained(value: float, spec: TaskSpec, course: Course, team: _Team) -> bool:
-    return value == course.trained or spec == team.target.spec
 
 
 def _degradation(
@@ -179,24 +190,24 @@ def _degradation(
     columns: tuple[Column, ...] = ()
     for team, found in zip(teams, results, strict=True):
         points = []
-        for value, is_trained, name, spec in _along(axis, team, team.courses[k]):
-            columns, estimates = estimates_of(found[name], found[TRAINED], spec, team.target.spec)
-            points.append(Point(value, is_trained, estimates))
-        lines.append(Line(team.target.label, len(team.target.policies), tuple(points)))
+        trained = team.target.spec
+        for value, folder, spec in _along(axis, team.courses[k], trained):
+            columns, estimates = estimates_of(found[folder], found[TRAINED], spec, trained)
+            points.append(Point(value, folder == TRAINED, estimates))
+        lines.append(Line(team.label, len(team.target.policies), tuple(points)))
     return Degradation(axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls)
 
 
-def _along(
-    axis: Axis, team: _Team, course: Course
-) -> Iterator[tuple[float | None, bool, str, TaskSpec]]:
-    """Value, whether it is as trained, folder of the results, and spec of each point."""
-    points: list[tuple[float | None, bool, str, TaskSpec]] = []
-    for value, spec in zip(axis.values, course.specs, strict=True):
-        if not _is_trained(value, spec, course, team):
-            points.append((value, False, _name(axis, value), spec))
-    points.append((course.trained, True, TRAINED, team.target.spec))
+def _along(axis: Axis, course: Course, trained: TaskSpec) -> list[_Place]:
+    """The places of an axis in its order, as trained among them, or first if it is no number."""
+    places = [
+        _Place(value, f"{axis.part}-{axis.name}-{value}", spec)
+        for value, spec in zip(axis.values, course.specs, strict=True)
+        if value != course.trained and spec != trained
+    ]
+    places.append(_Place(course.trained, TRAINED, trained))
     sign = -1.0 if axis.falls else 1.0
-    yield from sorted(points, key=lambda p: -np.inf if p[0] is None else sign * p[0])
+    return sorted(places, key=lambda p: -np.inf if p.value is None else sign * p.value)
 
 
 def _write(found: Sequence[Degradation], out: Path) -> None:

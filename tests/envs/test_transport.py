@@ -150,8 +150,25 @@ def test_features_are_what_the_module_says(spec: TaskSpec) -> None:
             gaps = box_gap(places, body, np.array([0.35, 0.25]))
             sign = np.sign(body[4:6] @ extras[b])
             last = [*(sign * body[4:6]), body[6] * math.hypot(0.35, 0.25), *extras[b]]
-            np.testing.assert_allclose(out[b, :, 8:], np.tile(last, (4, 1)), atol=1e-6)
+            np.testing.assert_allclose(out[b, :, 12:], np.tile(last, (4, 1)), atol=1e-6)
         np.testing.assert_allclose(np.hypot(*near.T), np.maximum(gaps, 0), atol=1e-6)
+
+
+def test_robots_feel_the_obstacles_around_the_payload() -> None:
+    env = TaskEnv(Transport(DEFAULT), 6)
+    step = play(env, ids(*range(6)), 20)[-1]
+    names = [feature.name for feature in env.task.features]
+    first = len(env.features) - len(names) + names.index("payload_obstacle_0.near_x")
+    found = step.observations[:, :, first : first + 4].reshape(6, -1, 2, 2)
+    bodies = parts(step.states, 4)[1]
+    for b in range(6):
+        offsets = [nearest(*map(float, bodies[b, :2]), row) for row in step.layouts[b]]
+        expected = []
+        for distance, vx, vy in sorted(offsets)[:2]:
+            closeness = np.clip(1 - (distance - 0.35) / 1.5, 0, 1)
+            expected.append(np.array([vx, vy]) / distance * closeness)
+        np.testing.assert_allclose(found[b], np.tile(expected, (4, 1, 1)), atol=1e-5)
+    assert (found != 0).any(axis=(1, 2, 3)).all()
 
 
 def still(spec: TaskSpec) -> tuple[TaskEnv, Step]:
