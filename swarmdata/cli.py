@@ -16,6 +16,8 @@ from swarmdata import (
     ranking_commands,
     remote_commands,
     result_commands,
+    study_commands,
+    sweep_commands,
     training_commands,
 )
 from swarmdata.errors import SwarmdataError
@@ -180,6 +182,8 @@ app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
 app.command()(result_commands.evaluate)
 app.command()(result_commands.report)
+app.command()(study_commands.study)
+app.command()(sweep_commands.sweep)
 
 
 @app.command()

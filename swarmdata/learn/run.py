@@ -3,7 +3,8 @@
 config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
-checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
+                        run that was made small (`learn.compact`), what its policies are made of
 checkpoints/            earlier ones, by update, if they were to be kept
 """
 
@@ -38,6 +39,9 @@ CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "checkpoint.safetensors",
     "checkpoints",
 )
+
+COMPACT = "is_compact"
+"""In the metadata of a checkpoint that lacks what policies do not need."""
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -116,7 +120,7 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
-    return load_algorithm(folder, device).policies
+    return _load(Path(folder), CHECKPOINT, device)[0].policies
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -145,16 +149,27 @@ def load_algorithm(
         update: of a checkpoint that was kept; None for the last one.
 
     Raises:
-        CheckpointError: the folder holds no run, or the checkpoint is absent or damaged.
+        CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
+            only what policies need (`learn.compact`).
     """
-    run, path = read_run(Path(folder)), Path(folder) / CHECKPOINT
-    if update is not None:
-        path = kept_path(Path(folder), update)
-    tensors, metadata = checkpoint.load_checkpoint(path)
-    statistics = statistics_of(tensors)
+    path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
+    loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)
+    if is_compact:
+        raise CheckpointError(
+            f"{path} was made small: it has the policies and no critics. Train the run again, or "
+            "use what needs policies only."
+        )
+    return loaded
+
+
+def _load(folder: Path, name: Path | str, device: torch.device | str) -> tuple[Loaded, bool]:
+    """What a checkpoint of a run holds, and whether it is a compact one."""
+    run = read_run(folder)
+    tensors, metadata = checkpoint.load_checkpoint(folder / name)
+    statistics, is_compact = statistics_of(tensors), bool(metadata.get(COMPACT))
     algorithm = run.build(statistics, device)
-    algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
-    return Loaded(run, algorithm, statistics, int(metadata["update"]))
+    restore(algorithm, checkpoint.part(tensors, "algorithm"), is_compact=is_compact)
+    return Loaded(run, algorithm, statistics, int(metadata["update"])), is_compact
 
 
 def kept_path(folder: Path, update: int) -> Path:
@@ -165,6 +180,17 @@ def kept_path(folder: Path, update: int) -> Path:
 def kept_updates(folder: Path) -> tuple[int, ...]:
     """The updates whose checkpoints a run has kept, in order; without `keep` it keeps none."""
     return tuple(sorted(int(path.stem) for path in (folder / KEPT).glob("*.safetensors")))
+
+
+def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool = False) -> None:
+    """Gives an untrained algorithm the state of a checkpoint.
+
+    Args:
+        algorithm: as it was built.
+        state: what its `state_dict` returned; of a compact checkpoint, what its policies need.
+        is_compact: whether the rest is to stay as it was built.
+    """
+    algorithm.load_state_dict({**(algorithm.state_dict() if is_compact else {}), **state})
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:

@@ -22,6 +22,7 @@ from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
 from swarmdata.learn.run import (
     CHECKPOINT,
+    COMPACT,
     CONFIG,
     CURVE,
     LOSSES,
@@ -29,6 +30,7 @@ from swarmdata.learn.run import (
     Table,
     kept_path,
     read_run,
+    restore,
     tensors_of,
     versions,
 )
@@ -40,6 +42,8 @@ from swarmdata.scaling import choices_of, has_choices
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
+
+Report = Callable[[int], None]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -80,6 +84,7 @@ def train(
     n_threads: int = 1,
     keep: bool = False,
     progress: bool = True,
+    report: Report | None = None,
 ) -> list[Policy]:
     """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
 
@@ -95,6 +100,7 @@ def train(
         n_threads: of torch on the CPU; the networks are too small to gain from more.
         keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
         progress: whether to show a bar (on standard error, if that is a terminal).
+        report: is told at every row of the losses how many updates were made since the last one.
 
     Raises:
         UnknownNameError: no such algorithm.
@@ -113,7 +119,7 @@ def train(
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
-    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep)
+    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
     with _threads(n_threads):
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
@@ -212,12 +218,14 @@ class _Trainer:
         statistics: Statistics,
         *,
         keep: bool,
+        report: Report | None,
     ) -> None:
+        self.report = report
         self.folder, self.run, self.samplers = folder, run, samplers
         self.statistics, self.keep = statistics, keep
         self.algorithm = run.build(statistics, run.device)
         self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
-        self.update = self.first
+        self.update = self.reported = self.first
         self.losses = Table(folder / LOSSES, columns, self.first)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
@@ -266,6 +274,9 @@ class _Trainer:
                 self.update, seed, {name: float(mean[index]) for name, mean in means.items()}
             )
         self.window.clear()
+        if self.report is not None:
+            self.report(self.update - self.reported)
+            self.reported = self.update
 
     def _evaluate(self, evaluate: Evaluate) -> None:
         for index, seed in enumerate(self.run.seeds):
@@ -296,7 +307,8 @@ class _Trainer:
                 f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
                 "again."
             )
-        self.algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+        state = checkpoint.part(tensors, "algorithm")
+        restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))
         for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
             sampler.load_state_dict(state)
         return int(metadata["update"])

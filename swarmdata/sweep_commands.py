@@ -1,0 +1,43 @@
+"""`swarmdata sweep`: trained policies under worse communication and sensing."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_AXIS = "NAME=A..B|A,B,..."
+
+
+def sweep(
+    targets: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN...", help="run folders, tiers, or datasets of trained policies"
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="folder for results, tables and figures")],
+    communication: Annotated[
+        list[str] | None,
+        typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; repeatable"),
+    ] = None,
+    observation: Annotated[
+        list[str] | None,
+        typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; repeatable"),
+    ] = None,
+    points: Annotated[int, typer.Option(min=2, help="values of A..B, both included")] = 5,
+    episodes: Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")] = 200,
+    task: Annotated[str, typer.Option(help="of tiers: a preset, or a spec's file")] = "coop_nav",
+) -> None:
+    """Evaluate trained policies along axes of worse models; run again to go on.
+
+    One parameter changes at a time, everything else is as in training, on the same seeds.
+    """
+    from swarmdata.sweep_axes import parse_axis
+    from swarmdata.sweeping import sweep as run_sweep
+
+    axes = [parse_axis(text, "communication", points) for text in communication or []]
+    axes += [parse_axis(text, "observation", points) for text in observation or []]
+    run_sweep(targets, axes, out, n_episodes=episodes, task=task)
+    typer.echo((out / "sweep.md").read_text(encoding="utf-8"), nl=False)
+    for axis in axes:
+        typer.echo(out / f"{axis.part}-{axis.name}.png")

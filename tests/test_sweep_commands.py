@@ -1,0 +1,42 @@
+"""`swarmdata sweep`: what it prints, and one clear message where there is nothing to measure."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("matplotlib", reason="a sweep has figures")
+
+from swarmdata.cli import app
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def test_a_tier_is_swept(tmp_path: Path) -> None:
+    axes = ("--observation", "dropout=0..0.5", "--points", "2", "--episodes", "1")
+    output = run("coop_nav-narrow", *axes, "--out", tmp_path / "out")
+    assert "| coop_nav-narrow, dropout 0 (as trained) |" in output
+    assert output.endswith(f"{tmp_path}/out/observation-dropout.png\n")
+    assert (tmp_path / "out" / "sweep.md").read_text() in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("expert",), "SpecError: there is nothing to sweep. Give at least one axis"),
+        (("expert", "--communication", "drop=0..1"), "SpecError: --communication drop=0.0,"),
+        (("expert", "--observation", "nois=0..1"), "Did you mean 'noise'? Known: delay, dropout"),
+        (("expert", "--observation", "noise=0..x"), "SpecError: --observation noise=0..x: 'x' is"),
+        (("scripted", "--observation", "noise=0..1"), "SpecError: scripted does not act on"),
+        (("expret", "--observation", "noise=0..1"), "Did you mean 'expert'"),
+    ],
+)
+def test_mistakes_are_one_message(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    output = run(*arguments, "--out", tmp_path / "out", code=1)
+    assert message in output
+    assert "Traceback" not in output
+    assert not (tmp_path / "out").exists()
