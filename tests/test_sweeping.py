@@ -299,7 +299,7 @@ def test_a_change_is_paired(n_runs: int, seed: int, loss: float, span: float) ->
 @pytest.mark.parametrize("n_runs", [1, 3])
 def test_estimates_are_those_of_the_table_of_a_case_on_the_scale_of_training(n_runs: int) -> None:
     short = Robot(sensor_range=0.5)
-    cut = SPEC.with_updates(team=tuple(r.with_updates(robot=short) for r in SPEC.team))
+    cut = SPEC.with_updates(team=tuple(r.model_copy(update={"robot": short}) for r in SPEC.team))
     runs = [result(index=k, spec=cut) for k in range(n_runs)]
     columns, estimates = estimates_of(runs, runs, cut, SPEC)
     table = case_table(Case(None, cut, reference_of(SPEC), None, {"bc": tuple(runs)}))
