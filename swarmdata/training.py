@@ -39,6 +39,7 @@ def train_offline(
     communication: Source | None = None,
     curve_every: int = 1000,
     device: str = "cpu",
+    compile: bool = False,
     progress: bool = True,
 ) -> list[Policy]:
     """Trains seeds 0, 1, ... at once on the train split; goes on where a run in `out` stopped.
@@ -55,10 +56,12 @@ def train_offline(
         communication: the same.
         curve_every: updates between two points of the learning curve.
         device: of torch.
+        compile: whether to make kernels first, as `learn.trainer.train` takes it.
         progress: whether to show bars.
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
+        ProgramError: `compile` found no working compiler.
         CheckpointError: `out` holds another run.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
@@ -77,6 +80,7 @@ def train_offline(
         schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
         evaluate=evaluation,
         device=device,
+        compile=compile,
         progress=progress,
     )
 
