@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch", reason="compiling needs torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
 from swarmdata.learn import fusing  # noqa: E402
 from swarmdata.learn.fusing import fusable, fused, has_fusable, unfused  # noqa: E402
@@ -31,6 +32,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     torch._dynamo.reset()
     yield
     torch._dynamo.reset()
+
+
+def small(folder: Path) -> Dataset:
+    make_dataset(folder / "ds", [[9, 8, 9, 8, 7, 9, 9, 9, 9, 9]])
+    return Dataset.open(folder / "ds").split("train")
 
 
 @fusable
@@ -97,7 +103,7 @@ def test_classes_say_whether_they_have_something_to_compile() -> None:
 def test_a_compiled_run_is_recorded_told_and_goes_on_as_it_began(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    data = make_dataset(tmp_path / "ds", [[9, 8, 9, 8]])
+    data = small(tmp_path)
     folder, plain = tmp_path / "run", tmp_path / "plain"
     policies = train("bc", data, folder, config=CONFIG, compile=True, progress=False)
     assert "bc: compiled" in capsys.readouterr().err
@@ -114,7 +120,7 @@ def test_an_algorithm_without_fusable_methods_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(BC, "_gradient", None)
-    data = make_dataset(tmp_path / "ds", [[9, 8, 9, 8]])
+    data = small(tmp_path)
     with pytest.raises(SchemaError, match=r"bc has nothing to compile.*without"):
         train("bc", data, tmp_path / "run", config=CONFIG, compile=True, progress=False)
 
@@ -124,7 +130,8 @@ def test_a_machine_without_a_compiler_says_so(tmp_path: Path) -> None:
     code = "from swarmdata.learn.fusing import fused\nwith fused(): pass"
     paths = {"CXX": "/no/compiler", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | paths, text=True, capture_output=True
-    )
+        [sys.executable, "-c", code], check=False, env=os.environ | paths,
+        text=True, capture_output=True,
+    )  # fmt: skip
     assert done.returncode != 0
     assert "ProgramError: torch.compile does not work here" in done.stderr
