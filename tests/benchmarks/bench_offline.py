@@ -1,6 +1,6 @@
 """Seed-updates a second of offline training, into BENCHMARKS.md.
 
-    python -m tests.benchmarks.bench_offline [--og-marl CHECKOUT] [--device cuda] [--seconds 0.4]
+    python -m tests.benchmarks.bench_offline [--og-marl CHECKOUT] [--eager] [--device cuda]
 
 All runs of a table learn from the same dataset in one process on one core, in turns, and are timed
 by processor time, which the load of others changes less than the clock. A seed-update is one
@@ -12,6 +12,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from tests.benchmarks.measuring import Rate, table, write_section
 from tests.benchmarks.og_marl import SYSTEMS, og_marl
 from tests.benchmarks.plain_td3_bc import PlainTD3BC
 
-DATASET, HIDDEN, N_SEEDS, ROUNDS = "coop_nav-medium-mini", (64, 128), 5, 9
+DATASET, HIDDEN, N_SEEDS, ROUNDS = "coop_nav-medium-mini", (64, 128), 5, 5
 
 INTRODUCTION = f"""\
 `maddpg_bc` on `{DATASET}` (4 robots, batches of 256 joint transitions), without evaluation and
@@ -92,14 +93,11 @@ def measure(
 ) -> dict[str, list[float]]:
     """Updates a second of each run in each round; every other update moves the actors."""
     rates: dict[str, list[float]] = {name: [] for name in runs}
-    with fused():
+    with fused() if is_fused else nullcontext():
         for turn in range(ROUNDS + 1):
             for name, update in runs.items():
-                if name in is_fused:
+                with nullcontext() if name in is_fused else unfused():
                     rate = _rate(update, seconds, clock)
-                else:
-                    with unfused():
-                        rate = _rate(update, seconds, clock)
                 if turn:  # the first warms up
                     rates[name].append(rate)
     return rates
@@ -134,13 +132,15 @@ def networks_table(
         PLAIN: PlainTD3BC(whole, hidden).train,
         ONE: ours(data, statistics, hidden, 1, "cpu"),
         STACK: ours(data, statistics, hidden, N_SEEDS, "cpu"),
-        ONE_COMPILED: compiled(ours(data, statistics, hidden, 1, "cpu")),
-        STACK_COMPILED: compiled(ours(data, statistics, hidden, N_SEEDS, "cpu")),
     }
+    if not arguments.eager:
+        runs[ONE_COMPILED] = compiled(ours(data, statistics, hidden, 1, "cpu"))
+        runs[STACK_COMPILED] = compiled(ours(data, statistics, hidden, N_SEEDS, "cpu"))
     if arguments.og_marl is not None and hidden == HIDDEN[0]:
         for name in SYSTEMS:
             runs[f"OG-MARL `{name}`"] = og_marl(arguments.og_marl, name, whole)
-    rates = measure(runs, (ONE_COMPILED, STACK_COMPILED), arguments.seconds, time.process_time)
+    is_fused = [name for name in (ONE_COMPILED, STACK_COMPILED) if name in runs]
+    rates = measure(runs, is_fused, arguments.seconds, time.process_time)
     n_seeds = {name: N_SEEDS if name in (STACK, STACK_COMPILED) else 1 for name in runs}
     rows = rows_of(rates, n_seeds, PLAIN)
     own = [row[2] for row in rows_of(rates, n_seeds, ONE)]
@@ -169,6 +169,7 @@ def main() -> None:
     """Measures and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--og-marl", type=Path, help="checkout of instadeepai/og-marl")
+    parser.add_argument("--eager", action="store_true", help="without the compiled runs")
     parser.add_argument("--device", default="cpu", help="cuda measures 20 seeds against one")
     parser.add_argument("--seconds", type=float, default=0.4, help="of each turn")
     arguments = parser.parse_args()
@@ -186,3 +187,7 @@ def main() -> None:
         body.append(networks_table(data, whole, statistics, hidden, arguments))
     write_section("Offline training", "\n".join(body))
     print("\n".join(body))
+
+
+if __name__ == "__main__":
+    main()
