@@ -41,6 +41,8 @@ from torch import Tensor
 
 from swarmdata.learn.actor import DelayedActor
 from swarmdata.learn.critics import JointCritics, JointGradient, information
+from swarmdata.learn.exploration import normal_like
+from swarmdata.learn.fusing import fusable
 from swarmdata.learn.inputs import generator_states, generators, restore_generators
 from swarmdata.learn.normalizer import Normalizer
 from swarmdata.learn.optimizer import cosine
@@ -116,33 +118,42 @@ class MADDPGBC:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves."""
         config = self.config
         scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
+        noise = normal_like(self.generators, batch.actions)
         x = self.information(batch.states, batch.observations)
-        losses = self._update_critics(batch, x, scale)
+        losses = self._critic_gradient(batch, x, noise)
+        self.critics.optimizer.descend(scale)
         self.n_updates += 1
         is_warm = self.n_updates <= config.warm_start
         if is_warm or self.n_updates % config.policy_delay == 0:
-            losses |= self._update_actor(batch, x, 0.0 if is_warm else config.alpha, scale)
+            losses |= self._actor_gradient(batch, x, 0.0 if is_warm else config.alpha)
+            self.actor.optimizer.descend(scale)
             self.actor.follow(config.polyak)
             self.critics.follow(config.polyak)
-        return {name: loss.detach() for name, loss in losses.items()}
+        return losses
 
     def information(self, states: Tensor, observations: Tensor) -> Tensor:
         """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
         known = self.normalizer
         return information(known.states(states), known.observations(observations))
 
-    def _update_critics(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
-        y = self.targets(batch)  # [K, B]
+    @fusable
+    def _critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
+        y = self.targets(batch, noise)  # [K, B]
         q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
         critic_loss = (q - y[:, None]).square().mean(2).sum(1)  # [K]
-        self.critics.step(critic_loss, scale)
-        return {"critic_loss": critic_loss, "q": q.mean((1, 2))}
+        self.critics.online.backward(critic_loss.sum())
+        return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2))}
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
+    def targets(self, batch: Batch, noise: Tensor) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards.
+
+        Args:
+            batch: tensors [K, B, ...].
+            noise: standard normal, [K, B, N, A], of the target policies' smoothing.
+        """
         config, o_next = self.config, batch.next_observations
-        a_next = self.actor.smoothed(o_next, self.generators, config.noise, config.noise_clip)
+        a_next = self.actor.smoothed_by(noise, o_next, config.noise, config.noise_clip)
         x_next = self.information(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B]
         if config.clip_target:
@@ -152,23 +163,25 @@ class MADDPGBC:
 
     @torch.no_grad()
     def td_error(self, batch: Batch) -> Tensor:
-        """Returns the mean of (Q_j - y)^2 over critics and rows, [K], and changes no parameter."""
+        """Returns the mean of (Q_j - y)^2, [K], over critics and rows; y without noise."""
+        y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B]
         q = self.critics.q(self.information(batch.states, batch.observations), batch.actions)
-        return (q[..., 0] - self.targets(batch)[:, None]).square().mean((1, 2))
+        return (q[..., 0] - y[:, None]).square().mean((1, 2))
 
-    def _update_actor(
-        self, batch: Batch, x: Tensor, alpha: float, scale: float
-    ) -> dict[str, Tensor]:
+    @fusable
+    def _actor_gradient(self, batch: Batch, x: Tensor, alpha: float) -> dict[str, Tensor]:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss = (pi - batch.actions).square().sum(2).mean((1, 2))  # [K]
-        if alpha == 0:
-            self.actor.step(bc_loss, scale)
-            return {"bc_loss": bc_loss}
-        # [K, B], or [K, B N] for "own"; the critics' parameters are constants here
-        q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
-        lam = alpha / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
-        self.actor.step(-lam * q.mean(1) + bc_loss, scale)
-        return {"bc_loss": bc_loss, "policy_q": q.mean(1), "lambda": lam}
+        losses = {"bc_loss": bc_loss}
+        actor_loss = bc_loss
+        if alpha != 0:
+            # [K, B], or [K, B N] for "own"; the critics' parameters are constants here
+            q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+            lam = alpha / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+            actor_loss = bc_loss - lam * q.mean(1)
+            losses |= {"policy_q": q.mean(1), "lambda": lam}
+        self.actor.online.network.backward(actor_loss.sum())
+        return {name: loss.detach() for name, loss in losses.items()}
 
     def policy(self, index: int) -> TorchPolicy:
         """The policy of seed number `index`, as it is now."""

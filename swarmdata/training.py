@@ -40,6 +40,7 @@ def train_offline(
     curve_every: int = 1000,
     keep: bool = False,
     device: str = "cpu",
+    compile: bool = False,
     progress: bool = True,
 ) -> list[Policy]:
     """Trains seeds 0, 1, ... at once on the train split; goes on where a run in `out` stopped.
@@ -57,10 +58,12 @@ def train_offline(
         curve_every: updates between two points of the learning curve.
         keep: whether every checkpoint is kept, for `rank` to choose among.
         device: of torch.
+        compile: whether to make kernels first, as `learn.trainer.train` takes it.
         progress: whether to show bars.
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
+        ProgramError: `compile` found no working compiler.
         CheckpointError: `out` holds another run.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
@@ -80,6 +83,7 @@ def train_offline(
         evaluate=evaluation,
         device=device,
         keep=keep,
+        compile=compile,
         progress=progress,
     )
 

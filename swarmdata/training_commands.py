@@ -9,7 +9,7 @@ import typer
 from swarmdata.task_commands import Communication, Observation, setting
 
 ONLINE = ("first_seed", "steps", "workers")
-OFFLINE = ("updates", "regulariser", "curve_every", "keep", "device")
+OFFLINE = ("updates", "regulariser", "curve_every", "keep", "device", "compile")
 """Options of `train` that only one kind of algorithm has."""
 
 Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
@@ -41,6 +41,9 @@ def train(
     communication: Communication = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
     device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
+    compile: Annotated[
+        bool, typer.Option("--compile", help="make kernels first, for long runs, offline")
+    ] = False,
 ) -> None:
     """Train an algorithm, offline on a train split or online in a task; run again to go on.
 
@@ -62,6 +65,7 @@ def train(
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep, "device": device}
+        options["compile"] = compile
         train_offline(algorithm, data, folder, changes=changes, **options)
     typer.echo(folder)
 

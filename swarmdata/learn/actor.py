@@ -130,9 +130,23 @@ class DelayedActor:
             deviation: of the Gaussian noise before it is clipped.
             largest: noise is clipped to [-largest, largest].
         """
+        size = self.target.shape.outputs
+        shape = observations[..., :1].expand(*observations.shape[:-1], size)
+        return self.smoothed_by(normal_like(generators, shape), observations, deviation, largest)
+
+    def smoothed_by(
+        self, noise: Tensor, observations: Tensor, deviation: float, largest: float
+    ) -> Tensor:
+        """As `smoothed`, a pure function: the noise was drawn before.
+
+        Args:
+            noise: standard normal, [K, B, N, A].
+            observations: as recorded, [K, B, N, O].
+            deviation: factor on the noise before it is clipped.
+            largest: noise is clipped to [-largest, largest].
+        """
         actions = self.online(observations, self.target)
-        noise = (normal_like(generators, actions) * deviation).clamp(-largest, largest)
-        return (actions + noise).clamp(-1, 1)
+        return (actions + (noise * deviation).clamp(-largest, largest)).clamp(-1, 1)
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Moves the policies down the sum over seeds of a loss [K].

@@ -89,9 +89,14 @@ class Run(Frozen):
         return algorithm
 
 
-def versions() -> dict[str, str]:
-    """Versions of what the bits of a run depend on."""
-    return {
+def versions(*, is_compiled: bool = False) -> dict[str, str]:
+    """Versions of what the bits of a run depend on.
+
+    Args:
+        is_compiled: whether torch.compile makes the kernels, which round differently.
+    """
+    compiler = {"inductor": torch.__version__} if is_compiled else {}
+    return compiler | {
         "swarmdata": __version__,
         "torch": torch.__version__,
         "numpy": np.__version__,

@@ -7,7 +7,7 @@ again with the same arguments, it ends with the same parameters, bit for bit, on
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
+from swarmdata.learn.fusing import Fusion, fused, has_fusable, unfused
 from swarmdata.learn.run import (
     CHECKPOINT,
     COMPACT,
@@ -83,6 +84,7 @@ def train(
     device: torch.device | str = "cpu",
     n_threads: int = 1,
     keep: bool = False,
+    compile: bool = False,
     progress: bool = True,
     report: Report | None = None,
 ) -> list[Policy]:
@@ -99,12 +101,17 @@ def train(
         device: where to train.
         n_threads: of torch on the CPU; the networks are too small to gain from more.
         keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
+        compile: whether torch.compile makes kernels first, which takes up to minutes and pays in
+            long runs. Results agree with those of `False` within rounding only, so a run goes on
+            as it began.
         progress: whether to show a bar (on standard error, if that is a terminal).
         report: is told at every row of the losses how many updates were made since the last one.
 
     Raises:
         UnknownNameError: no such algorithm.
-        SchemaError: the algorithm cannot learn the actions of a recorded environment.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, or has
+            nothing to compile.
+        ProgramError: `compile` found no working compiler.
         CheckpointError: the folder holds another run, or a damaged one.
         KeyboardInterrupt: Ctrl-C; the folder can be resumed.
     """
@@ -112,17 +119,28 @@ def train(
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
+    if compile:
+        _check_fusable(algorithm, kind)
     dataset, min_return = _select(dataset, config)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    run = _describe(algorithm, config, dataset, min_return, sizes, seeds, schedule, device)
+    run = _describe(algorithm, config, dataset, min_return, sizes, seeds, schedule, device, compile)
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
     trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-    with _threads(n_threads):
+    with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
+
+
+def _check_fusable(algorithm: str, kind: type) -> None:
+    """Raises SchemaError unless there is something to compile."""
+    if not has_fusable(kind):
+        raise SchemaError(
+            f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "
+            "swarmdata.learn.fusing.fusable. Train it without compiling."
+        )
 
 
 def _check_actions(algorithm: str, dataset: Data) -> None:
@@ -168,6 +186,7 @@ def _describe(
     seeds: Sequence[int],
     schedule: Schedule,
     device: torch.device | str,
+    is_compiled: bool,
 ) -> Run:
     return Run(
         algorithm=algorithm,
@@ -185,7 +204,7 @@ def _describe(
         state_size=sizes.state,
         seeds=tuple(seeds),
         device=str(device),
-        versions=versions(),
+        versions=versions(is_compiled=is_compiled),
         **dataclasses.asdict(schedule),
     )
 
@@ -229,6 +248,8 @@ class _Trainer:
         self.losses = Table(folder / LOSSES, columns, self.first)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
+        self.fusion: Fusion | None = None
+        self.n_told = 0  # of what it compiled
 
     def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
         hidden = None if progress else True  # None: hidden where there is no terminal
@@ -258,6 +279,7 @@ class _Trainer:
         run, is_last = self.run, self.update == n_updates
         if is_last or self.update % run.log_every == 0:
             self._log()
+            self._tell()
         if (
             evaluate is not None
             and run.evaluate_every is not None
@@ -278,9 +300,16 @@ class _Trainer:
             self.report(self.update - self.reported)
             self.reported = self.update
 
+    def _tell(self) -> None:
+        """Says what compiling cost, when something was."""
+        if self.fusion is not None and self.fusion.n_graphs > self.n_told:
+            tqdm.write(f"{self.run.algorithm}: {self.fusion}", file=sys.stderr)
+            self.n_told = self.fusion.n_graphs
+
     def _evaluate(self, evaluate: Evaluate) -> None:
         for index, seed in enumerate(self.run.seeds):
-            measured = evaluate(self.algorithm.policy(index))
+            with unfused():
+                measured = evaluate(self.algorithm.policy(index))
             if self.curve is None:
                 self.curve = Table(self.folder / CURVE, tuple(measured), self.first)
             self.curve.append(self.update, seed, measured)

@@ -106,6 +106,10 @@ def two_episodes() -> MemoryDataset:
     return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
 
 
+def noise_for(batch: Batch) -> Tensor:
+    return torch.randn_like(batch.actions)
+
+
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
     algorithm = made(discount=0.5)
@@ -116,7 +120,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(algorithm.critics, "target_q", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    y = algorithm.targets(batch)
+    y = algorithm.targets(batch, noise_for(batch))
     # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
     torch.testing.assert_close(y, torch.tensor([[2 + 55.0, 6.0, 2 + 105.0, 6 + 110.0]]))
 
@@ -129,11 +133,13 @@ def test_targets_use_the_smaller_twin_the_reward_scale_and_the_bound() -> None:
         set_bias(algorithm.critics.target, 0, low)
         set_bias(algorithm.critics.target, 1, 5.0)
         expected = team / 2 + 0.9 * bounded * ~batch.terminations
-        torch.testing.assert_close(algorithm.targets(batch), expected)
+        torch.testing.assert_close(algorithm.targets(batch, noise_for(batch)), expected)
     free = made(changes={"max_return": 3.0}, discount=0.9, clip_target=False)
     for row in (0, 1):
         set_bias(free.critics.target, row, 8.0)
-    torch.testing.assert_close(free.targets(batch), team + 7.2 * ~batch.terminations)
+    torch.testing.assert_close(
+        free.targets(batch, noise_for(batch)), team + 7.2 * ~batch.terminations
+    )
 
 
 def test_target_actions_are_smoothed_clipped_and_stay_in_range(
@@ -148,8 +154,8 @@ def test_target_actions_are_smoothed_clipped_and_stay_in_range(
 
     monkeypatch.setattr(algorithm.critics, "target_q", record)
     batch = random_batch()
-    algorithm.targets(batch)
-    algorithm.targets(batch)
+    algorithm.targets(batch, noise_for(batch))
+    algorithm.targets(batch, noise_for(batch))
     with torch.no_grad():
         plain = algorithm.actor(batch.next_observations)
     gaps = seen[0] - plain
@@ -194,7 +200,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
     loss = -weight * q.mean() + (pi - batch.actions[0]).square().sum(1).mean()
     algorithm.actor.online.network.backward(loss)
     expected = algorithm.actor.online.network.gradient.clone()
-    losses = algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
+    losses = algorithm._actor_gradient(batch, seen_by(algorithm, batch), 2.5)
     torch.testing.assert_close(
         algorithm.actor.online.network.gradient, expected, rtol=1e-4, atol=1e-6
     )
@@ -210,7 +216,7 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
             head.weight.mul_(factor)
             head.bias.mul_(factor)
         batch = random_batch()
-        algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
+        algorithm._actor_gradient(batch, seen_by(algorithm, batch), 2.5)
         gradients.append(algorithm.actor.online.network.gradient.clone())
     assert gradients[0].abs().sum() > 0
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-6)
@@ -220,7 +226,7 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
     algorithm, batch = made(alpha=2.5), random_batch()
     for row in (0, 1):
         set_bias(algorithm.critics.online, row, 1e-3)
-    losses = algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
+    losses = algorithm._actor_gradient(batch, seen_by(algorithm, batch), 2.5)
     assert losses["lambda"].item() == pytest.approx(2.5)
 
 
@@ -231,7 +237,7 @@ def test_the_actors_step_leaves_the_critics_alone() -> None:
         algorithm.critics.online.flat.clone(),
         algorithm.critics.online.gradient.clone(),
     )
-    algorithm._update_actor(batch, seen_by(algorithm, batch), 2.5, 1.0)
+    algorithm._actor_gradient(batch, seen_by(algorithm, batch), 2.5)
     assert torch.equal(algorithm.critics.online.flat, parameters)
     assert torch.equal(algorithm.critics.online.gradient, gradient)
 
