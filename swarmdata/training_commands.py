@@ -21,6 +21,8 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
 ]
 
+Compile = Annotated[bool, typer.Option(help="make kernels first, for long runs, offline")]
+
 
 def train(
     context: typer.Context,
@@ -41,9 +43,7 @@ def train(
     communication: Communication = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
     device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
-    compile: Annotated[
-        bool, typer.Option("--compile", help="make kernels first, for long runs, offline")
-    ] = False,
+    compile: Compile = False,
 ) -> None:
     """Train an algorithm, offline on a train split or online in a task; run again to go on.
 
@@ -64,9 +64,8 @@ def train(
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"n_seeds": seeds, "curve_every": curve_every, "keep": keep, "device": device}
-        options["compile"] = compile
-        train_offline(algorithm, data, folder, changes=changes, **options)
+        options |= {"curve_every": curve_every, "keep": keep, "device": device, "compile": compile}
+        train_offline(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
 

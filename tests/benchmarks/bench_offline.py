@@ -38,8 +38,8 @@ INTRODUCTION = f"""\
 files, on one core: seed-updates for a second of processor time. Five sequential runs make as many
 as one of them. The plain loop is TD3+BC as single-file implementations write it, with the same
 networks, batch and losses (`tests/benchmarks/plain_td3_bc.py`). OG-MARL's torch systems are its
-own source with the defaults of its constructors: a GRU of 64 over windows of 20 steps, 32 of them in
-a batch.
+own source with the defaults of its constructors: a GRU of 64 over windows of 20 steps, 32 of them
+in a batch.
 """
 
 Update = Callable[[], object]
