@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.cards import markdown
+from swarmdata.cards.baselines import baselines_section, study_runs
 from swarmdata.cards.facts import Facts, facts_of
 from swarmdata.cards.heading import bullets, front_matter, snippet
 from swarmdata.cards.meaning import limits_of
@@ -88,6 +89,7 @@ def render(facts: Facts, picture: str | None = None) -> str:
         log_probs_section(facts),
         splits_section(facts.table, facts.recipe),
         _references(facts),
+        baselines_section(facts.recipe.id, facts.manifest.digest, study_runs()),
         bullets("Checks passed", check(facts)),
         bullets("Known limits", _limits(facts)),
         origin_section(facts.recipe, facts.manifest),

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from swarmdata.learn.actor import StackedActor
 from swarmdata.learn.checkpoint import part
+from swarmdata.learn.fusing import fusable
 from swarmdata.learn.optimizer import StackedAdam, cosine
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.sizes import Sizes
@@ -77,11 +78,17 @@ class BC:
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns `bc_loss`, [K]."""
+        losses = self._gradient(batch)
+        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
+        self.optimizer.descend(scale)
+        self.n_updates += 1
+        return losses
+
+    @fusable
+    def _gradient(self, batch: Batch) -> dict[str, Tensor]:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]
-        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
-        self.optimizer.step(bc_loss, scale)
-        self.n_updates += 1
+        self.actor.network.backward(bc_loss.sum())
         return {"bc_loss": bc_loss.detach()}
 
     def policy(self, index: int) -> TorchPolicy:

@@ -8,18 +8,20 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from swarmdata.learn.actor import ACTOR_STREAM
 from swarmdata.learn.checkpoint import part
+from swarmdata.learn.critics import JointCritics, JointGradient, information
 from swarmdata.learn.exploration import normal_like
 from swarmdata.learn.inputs import generator_states, generators, restore_generators
-from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks import MLPShape, StackedMLP
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.targets import polyak, td_target
 from swarmdata.learn.team import Parameters, Team
 from swarmdata.types import Batch
 
-ACTOR_STREAM, CRITIC_STREAM, NOISE_STREAM = 0, 1, 2
-"""Streams of a seed's initial parameters and of its smoothing noise."""
+NOISE_STREAM = 2
+"""Stream of a seed's smoothing noise; the networks have the streams before it."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class MADDPGConfig:
     margin: int = 262_144  # most frames between two checkpoints of a run that can be resumed
     warm_up: int = 8_192  # frames before the first gradient step, with random actions
     corrections: Literal["td3", "none"] = "td3"
-    joint_gradient: Literal["all", "own"] = "all"
+    joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
     critic_hidden: tuple[int, ...] = (128, 128)
     parameters: Parameters = "shared"
@@ -85,16 +87,15 @@ class Learner:
         self.actors = Team(
             shape, sizes.n_agents, seeds, ACTOR_STREAM, parameters=config.parameters, device="cpu"
         )
-        inputs = sizes.state + sizes.n_agents * (sizes.observation + sizes.action)
-        shape = MLPShape(inputs, config.critic_hidden, sizes.n_agents, layer_norm=True)
-        # rows: seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
-        self.critics = StackedMLP(shape, config.n_critics * len(seeds), "cpu")
-        initialize(self.critics, seeds, CRITIC_STREAM)
+        self.critics = JointCritics(
+            sizes, seeds, config.critic_hidden,
+            step_size=config.critic_step_size, max_norm=config.max_gradient_norm,
+            n_critics=config.n_critics, n_values=sizes.n_agents,
+        )  # fmt: skip
         self.target_actors = self.actors.network.clone()
-        self.target_critics = self.critics.clone()
-        norm, k = config.max_gradient_norm, len(seeds)
-        self.actor_optimizer = StackedAdam(self.actors.network, k, config.step_size, norm)
-        self.critic_optimizer = StackedAdam(self.critics, k, config.critic_step_size, norm)
+        self.actor_optimizer = StackedAdam(
+            self.actors.network, len(seeds), config.step_size, config.max_gradient_norm
+        )
         self.generators = generators(seeds, "cpu", NOISE_STREAM)
 
     def actions(self, observations: Tensor, network: StackedMLP | None = None) -> Tensor:
@@ -114,7 +115,7 @@ class Learner:
         if self.n_updates % self.config.delay == 0:
             losses |= self._update_actors(batch, x, scale)
             polyak(self.target_actors, self.actors.network, self.config.polyak)
-            polyak(self.target_critics, self.critics, self.config.polyak)
+            self.critics.follow(self.config.polyak)
         return {name: loss.detach() for name, loss in losses.items()}
 
     @torch.no_grad()
@@ -126,54 +127,25 @@ class Learner:
             noise = config.smoothing * normal_like(self.generators, a_next)
             a_next = a_next + noise.clamp(-config.smoothing_clip, config.smoothing_clip)
         x_next = information(batch.next_states, batch.next_observations)
-        q_next = self.q(self.target_critics, x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B, N]
+        q_next = self.critics.target_q(x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B, N]
         r = batch.rewards * config.reward_scale
         return td_target(r, batch.terminations[..., None], q_next, config.discount)
 
-    def q(self, critics: StackedMLP, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values of every robot's reward, [K, J, B, N].
-
-        Args:
-            critics: the critics or their targets.
-            x: what the critics see, [K, B, S + N O].
-            actions: joint actions, [K, B, N, A].
-        """
-        n_critics = self.config.n_critics
-        inputs = torch.cat([x, actions.flatten(2)], 2)
-        values = critics(inputs.repeat_interleave(n_critics, 0))
-        return values.view(-1, n_critics, *values.shape[1:])
-
-    def policy_values(self, x: Tensor, pi: Tensor, actions: Tensor) -> Tensor:
-        """Returns Q_1 of the policies' actions, the mean over robots, [K, B].
-
-        For `joint_gradient` "own" there is one value for each robot that leaves the data, [K, B N].
-
-        The critics' parameters are constants here: the actors' loss must not move them.
-
-        Args:
-            x: what the critics see, [K, B, S + N O].
-            pi: actions of the policies, [K, B, N, A].
-            actions: of the replay, [K, B, N, A].
-        """
-        if self.config.joint_gradient == "own":
-            n_agents = self.sizes.n_agents
-            own = torch.eye(n_agents, dtype=torch.bool, device=pi.device)[:, :, None]
-            pi = torch.where(own, pi[:, :, None], actions[:, :, None]).flatten(1, 2)
-            x = x.repeat_interleave(n_agents, 1)
-        joint = torch.cat([x, pi.flatten(2)], 2)
-        return self.critics.frozen(joint, every=self.config.n_critics).mean(-1)
-
     def _update_critics(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
         y = self.targets(batch)  # [K, B, N]
-        q = self.q(self.critics, x, batch.actions)  # [K, J, B, N]
+        q = self.critics.q(x, batch.actions)  # [K, J, B, N]
         errors = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
         loss = errors.mean((2, 3)).sum(1)  # [K]
-        self.critic_optimizer.step(loss, scale)
+        self.critics.step(loss, scale)
         return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
 
     def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
         logits = self.actors(batch.observations)
-        q = self.policy_values(x, logits.tanh(), batch.actions).mean(1)  # [K]
+        # [K, B, N], or [K, B N, N] for "own"; the critics' parameters are constants here
+        values = self.critics.policy_values(
+            x, logits.tanh(), batch.actions, self.config.joint_gradient
+        )
+        q = values.mean(-1).mean(1)  # [K]
         size = logits.square().mean((1, 2, 3))
         self.actor_optimizer.step(self.config.logit_penalty * size - q, scale)
         return {"policy_q": q}
@@ -183,34 +155,17 @@ class Learner:
         return {
             "n_updates": torch.tensor(self.n_updates),
             "generators": generator_states(self.generators),
-            **{name: network.flat.clone() for name, network in self._networks().items()},
+            "actors": self.actors.network.flat.clone(),
+            "target_actors": self.target_actors.flat.clone(),
             **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
-            **{f"critic_adam.{k}": v for k, v in self.critic_optimizer.state_dict().items()},
+            **self.critics.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
-        for name, network in self._networks().items():
-            network.load(state[name])
+        self.actors.network.load(state["actors"])
+        self.target_actors.load(state["target_actors"])
         self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
-        self.critic_optimizer.load_state_dict(part(state, "critic_adam"))
-
-    def _networks(self) -> dict[str, StackedMLP]:
-        return {
-            "actors": self.actors.network,
-            "critics": self.critics,
-            "target_actors": self.target_actors,
-            "target_critics": self.target_critics,
-        }
-
-
-def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns what the critics see besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
-
-    Args:
-        states: normalized, [K, B, S].
-        observations: normalized, [K, B, N, O].
-    """
-    return torch.cat([states, observations.flatten(2)], 2)
+        self.critics.load_state_dict(state)

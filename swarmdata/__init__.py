@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from swarmdata.catalog import DatasetInfo, list_datasets, load
     from swarmdata.dataset import Dataset
     from swarmdata.errors import SwarmdataError
+    from swarmdata.function_policy import FunctionPolicy
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry import make_env
     from swarmdata.spec import Recipe, TaskSpec
@@ -29,6 +30,7 @@ __all__ = [
     "DatasetInfo",
     "Episode",
     "EvalResult",
+    "FunctionPolicy",
     "Recipe",
     "Recorder",
     "Step",
@@ -45,6 +47,7 @@ _HOMES = {
     "DatasetInfo": "swarmdata.catalog",
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
+    "FunctionPolicy": "swarmdata.function_policy",
     "Recipe": "swarmdata.spec",
     "Recorder": "swarmdata.record.recorder",
     "Step": "swarmdata.types",

@@ -13,8 +13,10 @@ from swarmdata import (
     convert_commands,
     editing_commands,
     integrity_commands,
+    ranking_commands,
     remote_commands,
     result_commands,
+    study_commands,
     sweep_commands,
     training_commands,
 )
@@ -176,9 +178,11 @@ app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
 app.command()(result_commands.evaluate)
 app.command()(result_commands.report)
+app.command()(study_commands.study)
 app.command()(sweep_commands.sweep)
 
 

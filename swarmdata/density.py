@@ -46,6 +46,18 @@ def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
     return _joint(np.concatenate([parts, _certain(np.float32(0.0), actions[..., size:])], axis=-1))
 
 
+def certain_log_probs(chosen: Float, actions: Float) -> Float:
+    """Returns the log-probability of each robot's action where a policy has no noise, [E, N].
+
+    Args:
+        chosen: what it does for certain, [E, N, C]; choices may lie outside [-1, 1].
+        actions: what was done, [E, N, A], A >= C; components beyond C are zeros for certain.
+    """
+    size = chosen.shape[-1]
+    beyond = _certain(np.float32(0.0), actions[..., size:])
+    return _joint(np.concatenate([_certain(chosen, actions[..., :size]), beyond], axis=-1))
+
+
 def uniform_log_probs(actions: Float) -> Float:
     """Returns the log-probability of actions drawn uniformly from [-1, 1]^A, [E, N]."""
     return _joint(np.where(np.abs(actions) <= 1.0, -LOG_2, -np.inf))

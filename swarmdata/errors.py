@@ -11,6 +11,8 @@ SwarmdataError
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
+├── StudyError (RuntimeError)           a study, or a cell of it, could not be finished
+│   └── StaleCellError                  a cell's folder holds results of another configuration
 ├── DiskFullError (OSError)             no space was left; what was finished before is kept
 ├── AddressError (ValueError)           an address or a dataset's id is malformed
 ├── GateError (ValueError)              a dataset may not be published
@@ -98,6 +100,14 @@ class BuildError(SwarmdataError, RuntimeError):
 
 class RecipeConflictError(BuildError):
     """The build folder holds parts of another recipe."""
+
+
+class StudyError(SwarmdataError, RuntimeError):
+    """A study, or a cell of it, could not be finished; what is done is kept."""
+
+
+class StaleCellError(StudyError):
+    """A cell's folder holds results of another configuration, dataset or version."""
 
 
 class DiskFullError(SwarmdataError, OSError):

@@ -34,11 +34,21 @@ in the others."""
 
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
+    "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
+    "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
+    "iql": "swarmdata.offline_algos.iql:IQL",
+    "omiga": "swarmdata.offline_algos.omiga:OMIGA",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+    "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
+    "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
+    "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",
+    "omar": "swarmdata.offline_algos.omar:OMAR",
+    "vdn": "swarmdata.offline_algos.vdn:VDN",
+    "qmix": "swarmdata.offline_algos.qmix:QMIX",
 }
 
-DISCRETE_ALGORITHMS: tuple[str, ...] = ()
-"""Offline algorithms that learn choices as well as continuous actions; none yet."""
+DISCRETE_ALGORITHMS = ("vdn", "qmix")
+"""Offline algorithms that learn choices as well as continuous actions."""
 
 ONLINE_ALGORITHMS = {
     "mappo": "swarmdata.online_algos.mappo:MAPPO",

@@ -48,7 +48,7 @@ def _stale_runs(results: Sequence[Result]) -> Iterator[str]:
         if provenance.algorithm is None or provenance.seed is None:
             continue
         seed = 0 if provenance.frames is None else provenance.seed
-        if hash_of(folder, provenance.algorithm, seed) != provenance.content:
+        if hash_of(folder, seed) != provenance.content:
             stale.append(result)
     if stale:
         runs = sorted({str(each.provenance.run) for each in stale})
@@ -128,8 +128,9 @@ def _mixed_specs(results: Sequence[Result]) -> Iterator[str]:
 
 
 def _is_same_world(one: Frozen, other: Frozen) -> bool:
-    both = isinstance(one, TaskSpec) and isinstance(other, TaskSpec)
-    return both and is_same_world(one, other)
+    if not isinstance(one, TaskSpec) or not isinstance(other, TaskSpec):
+        return False
+    return is_same_world(one, other)
 
 
 def _models(spec: Frozen) -> str:

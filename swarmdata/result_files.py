@@ -148,6 +148,7 @@ def load(path: Path) -> Result:
     """
     path = Path(path)
     document = _read(path)
+    spec: AnySpec
     if isinstance(document, _First):
         provenance, spec = _first_provenance(document), _spec_of(document, path)
     else:

@@ -14,7 +14,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.scaling import ActionScale
 from swarmdata.seeding import derive, uniform
 from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Bool, Int
+from swarmdata.types import Batch, Bool, Float, Int
 
 _AHEAD = 1 << 14
 """Random numbers made at once; NumPy calls on single batches would cost as much as the gather."""
@@ -58,7 +58,8 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
     """
     _refuse_negative(index)
     here = index + rows.episode.take(index)
-    return _gather(arrays, index, here, np.ones(index.shape, dtype=np.bool_))
+    last = rows.ends.take(here - index) - 1
+    return _gather(arrays, index, here, last, np.ones(index.shape, dtype=np.bool_))
 
 
 def gather_windows(
@@ -83,7 +84,7 @@ def gather_windows(
     end = rows.ends.take(episode)
     mask = steps < end
     steps = np.minimum(steps, end - 1)
-    batch = _gather(arrays, steps, steps + episode, mask)
+    batch = _gather(arrays, steps, steps + episode, end - 1, mask)
     _clear_padding(batch, mask)
     return batch
 
@@ -94,8 +95,13 @@ def _refuse_negative(index: Int) -> None:
         raise IndexError(f"index {index.min()} is negative, expected rows of the dataset")
 
 
-def _gather(arrays: Mapping[str, NDArray[Any]], index: Int, here: Int, mask: Bool) -> Batch:
+def _gather(
+    arrays: Mapping[str, NDArray[Any]], index: Int, here: Int, last: Int, mask: Bool
+) -> Batch:
+    """Gathers steps `index`, observations `here`; the episodes' last steps are `last`."""
     there = here + 1
+    next_actions = arrays["actions"].take(np.minimum(index + 1, last), axis=0)
+    next_actions[index == last] = 0  # nobody acts after the end
     return Batch(
         observations=arrays["observations"].take(here, axis=0),
         actions=arrays["actions"].take(index, axis=0),
@@ -106,6 +112,7 @@ def _gather(arrays: Mapping[str, NDArray[Any]], index: Int, here: Int, mask: Boo
         terminations=arrays["terminations"].take(index),
         truncations=arrays["truncations"].take(index),
         mask=mask,
+        next_actions=next_actions,
     )
 
 
@@ -122,6 +129,7 @@ def _clear_padding(batch: Batch, mask: Bool) -> None:
             batch.next_states,
             batch.terminations,
             batch.truncations,
+            batch.next_actions,
         ):
             values[padding] = 0
 
@@ -223,21 +231,30 @@ class Sampler:
             batch = gather_windows(self._arrays, self.rows, index, self.horizon)
         if self._scale is None:
             return batch
-        acting = self._acting(index, batch.mask)[..., None]
-        actions = np.where(acting, batch.actions, self._scale.middle)  # else 0 in [-1, 1]
-        return replace(batch, actions=self._scale.to_unit(actions))
+        steps, last = self._steps(index)
+        there = np.minimum(steps + 1, last)
+        return replace(
+            batch,
+            actions=self._to_unit(batch.actions, steps, batch.mask),
+            next_actions=self._to_unit(batch.next_actions, there, batch.mask & (steps < last)),
+        )
 
-    def _acting(self, index: Int, mask: Bool) -> Bool:
-        """Who takes the actions of a batch that starts at `index`, bool [..., N] or [..., 1]."""
-        if "alive" not in self._arrays:
-            return mask[..., None]
-        steps = index
-        if self.horizon is not None:
-            end = self.rows.ends.take(self.rows.episode.take(index))[..., None]
-            steps = np.minimum(index[..., None] + np.arange(self.horizon), end - 1)
-        here = steps + self.rows.episode.take(steps)
-        acting: Bool = self._arrays["alive"].take(here, axis=0) & mask[..., None]
-        return acting
+    def _steps(self, index: Int) -> tuple[Int, Int]:
+        """Rows of the actions of a batch, [...] or [..., L], and of their episodes' last ones."""
+        last = self.rows.ends.take(self.rows.episode.take(index)) - 1
+        if self.horizon is None:
+            return index, last
+        steps = np.minimum(index[..., None] + np.arange(self.horizon), last[..., None])
+        return steps, np.broadcast_to(last[..., None], steps.shape)
+
+    def _to_unit(self, actions: Float, steps: Int, mask: Bool) -> Float:
+        """Scales the actions of some steps, [..., N, A]; those that nobody took become 0."""
+        assert self._scale is not None  # only called with one
+        acting = mask[..., None]
+        if "alive" in self._arrays:
+            here = steps + self.rows.episode.take(steps)
+            acting = acting & self._arrays["alive"].take(here, axis=0)
+        return self._scale.to_unit(np.where(acting[..., None], actions, self._scale.middle))
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""

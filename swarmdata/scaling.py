@@ -1,4 +1,4 @@
-"""The affine map between actions of a recorded environment and [-1, 1], in which policies act."""
+"""How actions of a recorded environment look to policies: mapped to [-1, 1], or as its choices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,17 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.origins import RecordedSpec
-from swarmdata.spaces import BoxSpace, DictSpace, Space, TupleSpace, bounds, width
+from swarmdata.spaces import (
+    BoxSpace,
+    DictSpace,
+    DiscreteSpace,
+    MultiBinarySpace,
+    MultiDiscreteSpace,
+    Space,
+    TupleSpace,
+    bounds,
+    width,
+)
 from swarmdata.types import Double, Float
 
 TOLERANCE = 1e-5
@@ -100,3 +110,31 @@ def _all_continuous(parts: Sequence[Space]) -> bool:
 def has_choices(spec: RecordedSpec) -> tuple[str, ...]:
     """Names of the agents whose actions are not continuous."""
     return tuple(agent.name for agent in spec.agents if not is_continuous(agent.action))
+
+
+def choices_of(spec: RecordedSpec) -> tuple[tuple[range, ...], ...]:
+    """Returns the whole numbers that each agent chooses from, by column; empty if none chooses.
+
+    Raises:
+        SchemaError: some actions are choices and others are not.
+    """
+    if not has_choices(spec):
+        return ()
+    return tuple(_ranges(agent.action, agent.name, spec) for agent in spec.agents)
+
+
+def _ranges(space: Space, name: str, spec: RecordedSpec) -> tuple[range, ...]:
+    match space:
+        case DiscreteSpace() | MultiDiscreteSpace() | MultiBinarySpace():
+            low, high = bounds(space)
+            return tuple(range(int(a), int(b) + 1) for a, b in zip(low, high, strict=True))
+        case TupleSpace():
+            return tuple(each for part in space.spaces for each in _ranges(part, name, spec))
+        case DictSpace():
+            parts = (space.spaces[key] for key in sorted(space.spaces))
+            return tuple(each for part in parts for each in _ranges(part, name, spec))
+    raise SchemaError(
+        f"actions of {name} in {spec.task} have a part that is no choice ({space}), and others "
+        "are. Algorithms learn either continuous actions or choices: wrap the environment so that "
+        "it has one kind."
+    )

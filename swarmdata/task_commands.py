@@ -104,3 +104,11 @@ def play(
         f"{out}: {len(played)} steps, ended by {END_REASONS[played.end_reason]}, return "
         f"{played.team_return:.2f}"
     )
+
+
+def setting(text: str) -> tuple[str, str]:
+    """Splits the text of one `--set`."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+    return key, value

@@ -1,6 +1,5 @@
 """Who the policies of a run folder are, and the policies themselves, whatever trained them."""
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,8 +11,7 @@ from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import read_online_run
 from swarmdata.provenance import Provenance
-from swarmdata.registry import ONLINE_ALGORITHMS
-from swarmdata.run_files import CONFIG, run_folders, run_hash
+from swarmdata.run_files import is_online, run_folders, run_hash
 
 
 class Trained(NamedTuple):
@@ -33,12 +31,8 @@ def read_trained(folder: Path) -> Trained:
         CheckpointError: the folder holds no run, or one without a checkpoint.
         BuildError: an online run has no policy yet.
     """
-    first = (run_folders(folder) or (folder,))[0] / CONFIG
-    is_online = (
-        first.exists()
-        and json.loads(first.read_text(encoding="utf-8")).get("algorithm") in ONLINE_ALGORITHMS
-    )
-    return _online_run(folder) if is_online else _offline_run(folder)
+    first = (run_folders(folder) or (folder,))[0]
+    return _online_run(folder) if is_online(first) else _offline_run(folder)
 
 
 def load_policies(trained: Trained) -> list[Policy]:
@@ -62,7 +56,7 @@ def _online_run(folder: Path) -> Trained:
             seed=seed.seed,
             frames=int(path.stem),
             run=str(seed.folder.resolve()),
-            content=run_hash(seed.folder, run.algorithm, seed.seed),
+            content=run_hash(seed.folder, seed.seed),
         )
         for index, (seed, path) in enumerate(zip(seeds, paths, strict=True))
     )
@@ -74,7 +68,7 @@ def _offline_run(folder: Path) -> Trained:
     run = read_run(folder)
     _, metadata = load_checkpoint(folder / CHECKPOINT)
     label = label_of(folder.resolve().name, run.dataset)
-    content = run_hash(folder, run.algorithm, 0)  # one checkpoint holds all seeds
+    content = run_hash(folder, 0)  # one checkpoint holds all seeds
     document = run.model_dump(mode="json")
     provenances = tuple(
         Provenance(

@@ -38,7 +38,9 @@ def train_offline(
     observation: Source | None = None,
     communication: Source | None = None,
     curve_every: int = 1000,
+    keep: bool = False,
     device: str = "cpu",
+    compile: bool = False,
     progress: bool = True,
 ) -> list[Policy]:
     """Trains seeds 0, 1, ... at once on the train split; goes on where a run in `out` stopped.
@@ -54,11 +56,14 @@ def train_offline(
         observation: trains on, and evaluates under, another model than the recorded one.
         communication: the same.
         curve_every: updates between two points of the learning curve.
+        keep: whether every checkpoint is kept, for `rank` to choose among.
         device: of torch.
+        compile: whether to make kernels first, as `learn.trainer.train` takes it.
         progress: whether to show bars.
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
+        ProgramError: `compile` found no working compiler.
         CheckpointError: `out` holds another run.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
@@ -77,6 +82,8 @@ def train_offline(
         schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
         evaluate=evaluation,
         device=device,
+        keep=keep,
+        compile=compile,
         progress=progress,
     )
 

@@ -1,14 +1,27 @@
 """The commands that train algorithms, and that put what they learned into the package."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from swarmdata.task_commands import Communication, Observation
+from swarmdata.task_commands import Communication, Observation, setting
 
-ONLINE, OFFLINE = ("first_seed", "steps", "workers"), ("updates", "curve_every", "device")
+ONLINE = ("first_seed", "steps", "workers")
+OFFLINE = ("updates", "regulariser", "curve_every", "keep", "device", "compile")
 """Options of `train` that only one kind of algorithm has."""
+
+Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
+Regulariser = Annotated[
+    str | None, typer.Option(help="of vdn and qmix, offline: none, bc, bcq or cql")
+]
+Config = Annotated[str | None, typer.Option(help="settings: a shipped name or a YAML file")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
+]
+
+Compile = Annotated[bool, typer.Option(help="make kernels first, for long runs, offline")]
 
 
 def train(
@@ -19,21 +32,18 @@ def train(
     out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
-    steps: Annotated[
-        float | None, typer.Option(min=1, help="joint steps of a seed, online")
-    ] = None,
+    steps: Steps = None,
     updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
-    config: Annotated[
-        str | None, typer.Option(help="settings: a shipped name or a YAML file")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
-    ] = None,
+    regulariser: Regulariser = None,
+    config: Config = None,
+    settings: Settings = None,
     curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
     observation: Observation = None,
     communication: Communication = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
     device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
+    compile: Compile = False,
 ) -> None:
     """Train an algorithm, offline on a train split or online in a task; run again to go on.
 
@@ -45,15 +55,17 @@ def train(
     from swarmdata.training import train_offline, train_online
 
     _check_subject(context, algorithm, data, task)
-    changes = _changes(config, steps, updates, settings or [])
+    n_frames = None if steps is None else round(steps)
+    lengths = {"n_frames": n_frames, "n_updates": updates}
+    changes = _changes(config, {**lengths, "regulariser": regulariser}, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"n_seeds": seeds, "curve_every": curve_every, "device": device}
-        train_offline(algorithm, data, folder, changes=changes, **options)
+        options |= {"curve_every": curve_every, "keep": keep, "device": device, "compile": compile}
+        train_offline(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
 
@@ -64,15 +76,18 @@ def _check_subject(
     from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
     resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
-    is_online = algorithm in ONLINE_ALGORITHMS
-    if (task is None) == is_online or (data is None) != is_online:
-        wanted = "--task TASK" if is_online else "a dataset's ID"
+    ways = {"a dataset's ID": OFFLINE_ALGORITHMS, "--task TASK": ONLINE_ALGORITHMS}
+    wanted = " or ".join(way for way, table in ways.items() if algorithm in table)
+    is_online = task is not None
+    known = ONLINE_ALGORITHMS if is_online else OFFLINE_ALGORITHMS
+    if (data is None) != is_online or algorithm not in known:
         raise typer.BadParameter(f"{algorithm} needs {wanted}, and nothing else to train on")
     for name in OFFLINE if is_online else ONLINE:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
             option = f"--{name.replace('_', '-')}"
-            raise typer.BadParameter(f"{algorithm} has no such option", param_hint=option)
+            place = "in a task" if is_online else "on a dataset"
+            raise typer.BadParameter(f"{algorithm} has no such option {place}", param_hint=option)
 
 
 def ship(
@@ -103,22 +118,14 @@ def ship(
 
 
 def _changes(
-    config: str | None, steps: float | None, updates: int | None, settings: list[str]
+    config: str | None, options: Mapping[str, int | str | None], settings: list[str]
 ) -> dict[str, str]:
     """Settings of an algorithm as text: of a file, then of options, then of `--set`, which wins."""
     from swarmdata.training import read_settings
 
-    lengths = {"n_frames": steps and round(steps), "n_updates": updates}
-    changes = {name: str(length) for name, length in lengths.items() if length is not None}
-    named = dict(_setting(text) for text in settings)
+    changes = {name: str(value) for name, value in options.items() if value is not None}
+    named = dict(setting(text) for text in settings)
     return (read_settings(config) if config else {}) | changes | named
-
-
-def _setting(text: str) -> tuple[str, str]:
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
-    return key, value
 
 
 def learning(

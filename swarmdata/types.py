@@ -179,6 +179,9 @@ class Batch:
     """Transitions (L = 1, time axis dropped) or fixed-length sequences, batch first.
 
     `mask` is False on padding. `terminations` stop a bootstrap, `truncations` do not.
+
+    `next_actions` are those of the next step of the same episode, zero where it ended, by either
+    flag; None where they are not known, as in the replay of online training.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]
@@ -190,6 +193,7 @@ class Batch:
     terminations: Any  # [B] or [B, L]
     truncations: Any  # [B] or [B, L]
     mask: Any  # [B] or [B, L]
+    next_actions: Any = None  # as actions
 
     def __len__(self) -> int:
         """Batch size, B."""
@@ -201,8 +205,13 @@ class Batch:
             import torch  # noqa: PLC0415  (torch is an extra)
         except ImportError as error:
             raise MissingExtraError("torch", "torch", "Batch.to_torch") from error
-        arrays = {f.name: torch.from_numpy(getattr(self, f.name)) for f in fields(self)}
-        return Batch(**{name: tensor.to(device) for name, tensor in arrays.items()})
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Batch(
+            **{
+                name: None if array is None else torch.from_numpy(array).to(device)
+                for name, array in arrays.items()
+            }
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -179,9 +179,9 @@ def test_every_reason_is_named_with_its_files(tmp_path: Path) -> None:
 def test_results_of_a_run_that_went_on_are_stale(tmp_path: Path) -> None:
     run = tmp_path / "runs" / "bc"
     run.mkdir(parents=True)
-    (run / "config.json").write_text("{}")
+    (run / "config.json").write_text('{"dataset": "x"}')
     (run / "checkpoint.safetensors").write_text("1000 updates")
-    made = with_(result(), run=str(run), content=run_hash(run, "bc", 0))
+    made = with_(result(), run=str(run), content=run_hash(run, 0))
     folder = tmp_path / "results"
     save(made, folder)
     read([folder])

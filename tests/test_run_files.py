@@ -28,28 +28,29 @@ def test_names_are_those_that_training_writes() -> None:
 
 
 def test_every_measured_file_counts_and_no_other(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "bc", **{"checkpoint.safetensors": "a", "curve.csv": "1"})
-    before = run_hash(run, "bc", 0)
-    make_run(run, **{"curve.csv": "2"})
-    assert run_hash(run, "bc", 0) == before
-    make_run(run, **{"checkpoint.safetensors": "b"})
-    changed = run_hash(run, "bc", 0)
+    offline = {"config.json": '{"dataset": "x"}', "checkpoint.safetensors": "a", "curve.csv": "1"}
+    run = make_run(tmp_path / "bc", **offline)
+    before = run_hash(run, 0)
+    (run / "curve.csv").write_text("2")
+    assert run_hash(run, 0) == before
+    (run / "checkpoint.safetensors").write_text("b")
+    changed = run_hash(run, 0)
     assert changed != before
-    make_run(run, **{"config.json": "[]"})
-    assert run_hash(run, "bc", 0) not in {before, changed}
+    (run / "config.json").write_text('{"dataset": "y"}')
+    assert run_hash(run, 0) not in {before, changed}
     (run / "checkpoint.safetensors").unlink()
-    assert len({before, changed, run_hash(run, "bc", 0)}) == 3
+    assert len({before, changed, run_hash(run, 0)}) == 3
 
 
 def test_an_online_seed_is_its_newest_policy(tmp_path: Path) -> None:
     name = "policies/seed-1/{:010d}.safetensors".format
     run = make_run(tmp_path / "run", **{name(5): "a", name(20): "b"})
-    assert measured_files(run, "mappo", 1)[-1] == run / name(20)
-    before, other = run_hash(run, "mappo", 1), run_hash(run, "mappo", 0)
+    assert measured_files(run, 1)[-1] == run / name(20)
+    before, other = run_hash(run, 1), run_hash(run, 0)
     assert before != other
     make_run(run, **{name(100): "b"})
-    assert run_hash(run, "mappo", 1) != before
-    assert run_hash(run, "mappo", 0) == other
+    assert run_hash(run, 1) != before
+    assert run_hash(run, 0) == other
 
 
 def test_a_folder_is_a_run_or_holds_those_of_processes(tmp_path: Path) -> None:

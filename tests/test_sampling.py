@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.sampling import Sampler
+from swarmdata.scaling import ActionScale
 from swarmdata.testing.synthetic import make_dataset
-from swarmdata.types import Batch
+from swarmdata.types import Batch, Episode, Float
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
 
@@ -26,6 +27,11 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def assert_equal_batches(first: Batch, second: Batch) -> None:
     for name in Batch.__dataclass_fields__:
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+def after(episode: Episode) -> Float:
+    """Actions of the step after each one; nobody acts after the end."""
+    return np.concatenate([episode.actions[1:], np.zeros_like(episode.actions[:1])])
 
 
 def view_of(dataset: Dataset, seed: int) -> Dataset:
@@ -53,6 +59,7 @@ def test_transitions_never_cross(dataset: Dataset, seed: int, batch_size: int) -
         assert np.array_equal(batch.rewards[b], episode.rewards[t])
         assert batch.terminations[b] == episode.terminations[t]
         assert batch.truncations[b] == episode.truncations[t]
+        assert np.array_equal(batch.next_actions[b], after(episode)[t])
     assert batch.mask.all()
 
 
@@ -78,6 +85,7 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
             "terminations": episode.terminations[t : t + n],
             "truncations": episode.truncations[t : t + n],
             "mask": np.ones(n, dtype=bool),
+            "next_actions": after(episode)[t : t + n],
         }
         for name, values in expected.items():
             got = getattr(batch, name)[b]
@@ -213,3 +221,27 @@ def test_torch_batches_share_memory(dataset: Dataset) -> None:
 
 def test_sampler_is_the_documented_type(dataset: Dataset) -> None:
     assert isinstance(dataset.sampler(), Sampler)
+
+
+@pytest.mark.parametrize("horizon", [None, 5])
+def test_next_actions_are_scaled_as_actions_are(dataset: Dataset, horizon: int | None) -> None:
+    """The middle is not 0; what an agent that is gone did is out of bounds, and never looked at."""
+    table, arrays = dataset.stored.table, dict(dataset.stored.arrays)
+    alive = np.random.default_rng(0).random((len(arrays["states"]), 2)) < 0.7
+    here = np.arange(dataset.n_steps) + np.repeat(np.arange(len(table)), table.lengths)
+    acted = alive[here][..., None]
+    arrays["actions"] = np.where(acted, arrays["actions"] + 3, 99).astype(np.float32)
+    arrays["alive"] = alive
+    scale = ActionScale(middle=np.full((2, 2), 3.0), half=np.full((2, 2), 2.0))
+    sampler = Sampler(arrays, table, dataset.selection, horizon=horizon, scale=scale)
+    index = sampler.rows.valid
+    batch = sampler.gather(index)
+    plain = np.where(acted, (arrays["actions"] - 3) / 2, 0)
+    following = np.concatenate([plain[1:], plain[:1]])
+    following[table.starts + table.lengths - 1] = 0
+    ours = batch.next_actions if horizon is None else batch.next_actions[:, 0]
+    np.testing.assert_allclose(ours, following, atol=1e-6)
+    if horizon is not None:
+        both = batch.mask[:, 1:]
+        np.testing.assert_array_equal(batch.next_actions[:, :-1][both], batch.actions[:, 1:][both])
+        assert not batch.next_actions[~batch.mask].any()

@@ -7,8 +7,16 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
 from swarmdata.origins import RecordedAgent, RecordedSpec
-from swarmdata.scaling import action_scale, has_choices, is_continuous
-from swarmdata.spaces import BoxSpace, DictSpace, DiscreteSpace, Space, TupleSpace
+from swarmdata.scaling import action_scale, choices_of, has_choices, is_continuous
+from swarmdata.spaces import (
+    BoxSpace,
+    DictSpace,
+    DiscreteSpace,
+    MultiBinarySpace,
+    MultiDiscreteSpace,
+    Space,
+    TupleSpace,
+)
 
 SEEN = BoxSpace(shape=(1,), dtype="float32")
 
@@ -61,3 +69,19 @@ def test_what_is_continuous() -> None:
         action_scale(spec_of(box(0, 1), choice))
     with pytest.raises(SchemaError, match="column 1 of the actions of a0 in t has the bounds -inf"):
         action_scale(spec_of(BoxSpace(shape=(2,), dtype="float32", low=(0.0, None), high=1.0)))
+
+
+def test_choices_are_whole_numbers_by_column() -> None:
+    many, bits = MultiDiscreteSpace(n=(2, 3)), MultiBinarySpace(n=2)
+    both = DictSpace(spaces={"z": DiscreteSpace(n=4, start=-1), "a": TupleSpace(spaces=(bits,))})
+    assert choices_of(spec_of(many, both)) == (
+        (range(2), range(3)),
+        (range(2), range(2), range(-1, 3)),  # entries in the order of their keys
+    )
+    assert choices_of(spec_of(box(0, 1))) == ()
+
+
+@pytest.mark.parametrize("mixed", [box(0, 1), TupleSpace(spaces=(DiscreteSpace(n=2), box(0, 1)))])
+def test_choices_beside_numbers_are_refused(mixed: Space) -> None:
+    with pytest.raises(SchemaError, match="actions of a1 in t have a part that is no choice"):
+        choices_of(spec_of(DiscreteSpace(n=2), mixed))

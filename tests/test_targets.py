@@ -164,3 +164,36 @@ def test_a_target_may_have_another_label() -> None:
     assert ours.label == "ours"
     assert {each.label for each in ours.provenances} == {"ours"}
     assert len({each.content for each in ours.provenances}) == len(ours.policies)
+
+
+@pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
+def test_names_of_both_kinds_train_offline_on_a_dataset(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Online runs of the same names: test_training."""
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    from typer.testing import CliRunner
+
+    from swarmdata.cli import app
+    from swarmdata.learn.run import read_run
+
+    tiny = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="random",
+        spec=TaskSpec(horizon=15),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=8,
+    )
+    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    out = str(tmp_path / "run")
+    words = ["train", algorithm, "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
+    settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]
+    result = CliRunner().invoke(app, words + settings)
+    assert result.exit_code == 0, result.output
+    assert read_run(tmp_path / "run").config["regulariser"] == "cql"
+    target = find_target(out)
+    assert target.provenances[0].dataset == "coop_nav-tiny-v0"
+    assert len(evaluate_target(target, 2, progress=False)) == 1
+    result = CliRunner().invoke(app, ["train", "bc", "x", "--regulariser", "cql", "--out", "y"])
+    assert "unknown setting 'regulariser'" in result.output

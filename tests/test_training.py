@@ -114,6 +114,11 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         (("mappo",), "mappo needs --task TASK"),
         (("mappo", "coop_nav-random", "--task", "coop_nav"), "mappo needs --task TASK"),
         (("bc", "--task", "coop_nav"), "bc needs a dataset's ID"),
+        (("vdn",), "vdn needs a dataset's ID or --task TASK"),
+        (("qmix", "coop_nav-random", "--task", "coop_nav"), "qmix needs a dataset's ID or --task"),
+        (("vdn", "--task", "coop_nav", "--updates", "8"), "--updates: vdn has no such option in a"),
+        (("qmix", "--task", "coop_nav", "--regulariser", "bc"), "--regulariser: qmix has no such"),
+        (("vdn", "coop_nav-random", "--steps", "8"), "--steps: vdn has no such option on a"),
         (("bc",), "bc needs a dataset's ID"),
         (("mappo", "--task", "coop_nav", "--set", "hidden"), "is not KEY=VALUE"),
         (("mappo", "--task", "coop_nav", "--updates", "8"), "--updates: mappo has no such"),
@@ -179,7 +184,7 @@ def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path
     assert target.spec == TaskSpec(horizon=10)
     assert {each.algorithm for each in target.provenances} == {algorithm}
     assert [each.seed for each in target.provenances] == [4, 2]
-    contents = [run_hash(out, algorithm, seed) for seed in (4, 2)]
+    contents = [run_hash(out, seed) for seed in (4, 2)]
     assert [each.content for each in target.provenances] == contents
     step = make_env(target.spec, 3).reset(np.arange(3, dtype=np.uint64))
     for seed, policy in zip((4, 2), target.policies, strict=True):

@@ -6,19 +6,18 @@ so that D dimensions of C choices cost D C outputs and not C ** D.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame, in_world
 from swarmdata.learn.networks import Layer
-from swarmdata.learn.policy import outputs_of
+from swarmdata.learn.policy import Memoryless, outputs_of
 from swarmdata.learn.team import Parameters
-from swarmdata.types import Float, Int, Step
+from swarmdata.types import Float
 
 
 def knots(n_choices: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -67,17 +66,36 @@ def interpolate(utilities: Tensor, actions: Tensor) -> Tensor:
         utilities: [..., D, C].
         actions: in [-1, 1], beyond which they count as the ends, [..., D].
     """
-    n_choices = utilities.shape[-1]
-    place = (actions.clamp(-1, 1) + 1) * ((n_choices - 1) / 2)
-    below = place.detach().floor().clamp(max=n_choices - 2).long()
-    weight = place - below
+    below, weight = _place(actions, utilities.shape[-1])
     low = utilities.gather(-1, below[..., None])[..., 0]
     high = utilities.gather(-1, below[..., None] + 1)[..., 0]
     return (low + weight * (high - low)).mean(-1)
 
 
+def two_hot(actions: Tensor, n_choices: int) -> Tensor:
+    """Returns the weights of the knots with which `interpolate` values actions, [..., D, C].
+
+    They sum to 1: what a behavior head learns to predict.
+
+    Args:
+        actions: in [-1, 1], beyond which they count as the ends, [..., D].
+        n_choices: knots of each dimension, C.
+    """
+    below, weight = _place(actions, n_choices)
+    weights = actions.new_zeros(*actions.shape, n_choices)
+    weights.scatter_(-1, below[..., None], 1 - weight[..., None])
+    return weights.scatter_(-1, below[..., None] + 1, weight[..., None])
+
+
+def _place(actions: Tensor, n_choices: int) -> tuple[Tensor, Tensor]:
+    """The knot below each action, and how far the action is on the way to the next one."""
+    place = (actions.clamp(-1, 1) + 1) * ((n_choices - 1) / 2)
+    below = place.detach().floor().clamp(max=n_choices - 2).long()
+    return below, place - below
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class BinPolicy:
+class BinPolicy(Memoryless):
     """Takes the best knot of every dimension; computes in float64, as `TorchPolicy` does.
 
     Attributes:
@@ -96,21 +114,6 @@ class BinPolicy:
     frame: Frame | None = None
     parameters: Parameters = "shared"
     uses_state: bool = False
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        actions = self.actions(step.observations)
-        self._last.keep(step, actions.astype(np.float64))
-        return actions
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        means = self._last.recall(step)  # right after `act`: the network need not run again
-        if means is None:
-            means = self.actions(step.observations).astype(np.float64)
-        return noisy_log_probs(means, actions, 0.0)
 
     def actions(self, observations: Float) -> Float:
         """Returns joint actions, float32 [E, N, A], for observations [E, N, O].

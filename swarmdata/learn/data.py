@@ -1,12 +1,12 @@
 """What training needs of a dataset; `swarmdata.dataset.Dataset` and its views have it."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from swarmdata.learn.statistics import Episodes
 from swarmdata.origins import RecordedSpec
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Batch, Int
+from swarmdata.types import Batch, Double, Int
 
 
 class Sampler(Protocol):
@@ -31,3 +31,17 @@ class Data(Episodes, Protocol):
     def spec(self) -> TaskSpec | RecordedSpec: ...
     def __len__(self) -> int: ...  # episodes
     def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...
+    def filter(self, *, min_return: float) -> "Data": ...  # episodes of at least this team return
+
+
+@runtime_checkable
+class Selective(Protocol):
+    """A config of an algorithm that learns from the best episodes only.
+
+    The trainer asks it once, before it measures statistics and draws batches, and the run's
+    `min_return` keeps the answer: `dataset.filter(min_return=...)` is what was learned from.
+    """
+
+    def least_return(self, returns: Double) -> float:
+        """Returns the least team return that is learned from, of those of all episodes, [n]."""
+        ...

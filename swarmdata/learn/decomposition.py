@@ -20,11 +20,10 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.learn import bins
-from swarmdata.learn.checkpoint import part
+from swarmdata.learn.descent import Descent
 from swarmdata.learn.mixers import Mixer
-from swarmdata.learn.networks import StackedMLP, backward
-from swarmdata.learn.optimizer import StackedAdam
-from swarmdata.learn.targets import polyak, td_target, team_reward
+from swarmdata.learn.networks import StackedMLP
+from swarmdata.learn.targets import td_target, team_reward
 from swarmdata.learn.team import Team
 from swarmdata.types import Batch
 
@@ -57,12 +56,12 @@ class Decomposition:
         self, team: Team, mixer: Mixer, n_seeds: int, n_choices: int, rates: Rates
     ) -> None:
         self.team, self.mixer, self.n_choices, self.rates = team, mixer, n_choices, rates
-        self.target_team = team.network.clone()
-        self.target_mixer = None if mixer.network is None else mixer.network.clone()
-        self._adams = {
-            name: StackedAdam(network, n_seeds, rates.step_size, rates.max_gradient_norm)
-            for name, network in self._trained().items()
-        }
+        networks = {"team": team.network}
+        if mixer.network is not None:
+            networks["mixer"] = mixer.network
+        self.descent = Descent(
+            networks, n_seeds, rates.step_size, rates.max_gradient_norm, followed=networks
+        )
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns the utility of every choice, [K, B, N, D, C].
@@ -81,8 +80,10 @@ class Decomposition:
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         choices = bins.greedy(self.utilities(batch.next_observations))
-        utilities = self.utilities(batch.next_observations, self.target_team)
-        q_next = self.mixer(bins.chosen(utilities, choices), batch.next_states, self.target_mixer)
+        targets = self.descent.targets
+        utilities = self.utilities(batch.next_observations, targets["team"])
+        values = bins.chosen(utilities, choices)
+        q_next = self.mixer(values, batch.next_states, targets.get("mixer"))
         r = team_reward(batch.rewards) * self.rates.reward_scale
         return td_target(r, batch.terminations, q_next, self.rates.discount)
 
@@ -96,31 +97,14 @@ class Decomposition:
         y = self.targets(batch)
         q = self.value(batch.observations, batch.states, batch.actions.long())
         td_loss = smooth_l1_loss(q, y, reduction="none").mean(1)  # [K]
-        backward(td_loss.sum(), list(self._trained().values()))
-        for adam in self._adams.values():
-            adam.descend(scale)
-        for target, network in zip(self._targets(), self._trained().values(), strict=True):
-            polyak(target, network, self.rates.polyak)
+        self.descent.step(td_loss, scale)
+        self.descent.follow(self.rates.polyak)
         return {"td_loss": td_loss.detach(), "q": q.detach().mean(1), "target": y.mean(1)}
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""
-        state = {}
-        for (name, network), target in zip(self._trained().items(), self._targets(), strict=True):
-            state[name], state[f"target_{name}"] = network.flat.clone(), target.flat.clone()
-            state |= {f"{name}_adam.{k}": v for k, v in self._adams[name].state_dict().items()}
-        return state
+        return self.descent.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
-        for (name, network), target in zip(self._trained().items(), self._targets(), strict=True):
-            network.load(state[name])
-            target.load(state[f"target_{name}"])
-            self._adams[name].load_state_dict(part(state, f"{name}_adam"))
-
-    def _trained(self) -> dict[str, StackedMLP]:
-        networks = {"team": self.team.network}
-        return networks if self.mixer.network is None else networks | {"mixer": self.mixer.network}
-
-    def _targets(self) -> list[StackedMLP]:
-        return [self.target_team] + ([] if self.target_mixer is None else [self.target_mixer])
+        self.descent.load_state_dict(state)

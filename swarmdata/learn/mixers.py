@@ -4,7 +4,7 @@ A mixer that never falls when a robot's value rises lets every robot act greedil
 team be greedy nevertheless (individual-global-max, Rashid et al. 2018, equation 4).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import torch
@@ -13,13 +13,16 @@ from torch.nn.functional import elu
 
 from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
 
+Network = Callable[[Tensor], Tensor]
+"""Stacked networks, or some of them with their weights as constants."""
+
 
 class Mixer(Protocol):
     """Mixes values, perhaps by the state; `network` has what is learned, None if nothing is."""
 
     network: StackedMLP | None
 
-    def __call__(self, values: Tensor, states: Tensor, network: StackedMLP | None = None) -> Tensor:
+    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         """Returns team values, [K, B].
 
         Args:
@@ -38,7 +41,7 @@ class MeanMixer:
 
     network: StackedMLP | None = None
 
-    def __call__(self, values: Tensor, states: Tensor, network: StackedMLP | None = None) -> Tensor:
+    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         return values.mean(-1)
 
 
@@ -59,6 +62,7 @@ class MonotonicMixer:
         embedding: width of the mixing network's hidden layer, M.
         hidden: width of the hypernetwork's hidden layer.
         device: where the parameters are.
+        n_twins: mixers of each seed, J; K is then J times the number of seeds, twins are neighbors.
     """
 
     def __init__(
@@ -71,16 +75,104 @@ class MonotonicMixer:
         embedding: int,
         hidden: int,
         device: torch.device | str,
+        n_twins: int = 1,
     ) -> None:
         self.embedding = embedding
         self._sizes = [n_agents * embedding, embedding, embedding, 1]
         shape = MLPShape(state_size, (hidden,), sum(self._sizes))
-        self._hyper = StackedMLP(shape, len(seeds), device)
+        self._hyper = StackedMLP(shape, len(seeds) * n_twins, device)
         initialize(self._hyper, seeds, stream)
         self.network: StackedMLP | None = self._hyper
 
-    def __call__(self, values: Tensor, states: Tensor, network: StackedMLP | None = None) -> Tensor:
+    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         parts = torch.split((network or self._hyper)(states), self._sizes, -1)
         first = parts[0].abs().view(*values.shape, self.embedding)  # [K, B, N, M]
         mixed = (values[..., None] * first).mean(-2) + parts[1]  # [K, B, M]
         return (elu(mixed) * parts[2].abs()).sum(-1) + parts[3][..., 0]
+
+
+class FreeMixer:
+    """The same network without the absolute values, so that a robot's rise may lower the team's.
+
+        Q_tot = w_2(s)' elu(W_1(s)' q + b_1(s)) + v(s)
+
+    FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1). Actors need no greedy
+    choice of the critic, so nothing asks for monotonicity.
+
+    Args:
+        n_agents: N.
+        state_size: S.
+        seeds: of the initial parameters, [K].
+        stream: separates the draws of different networks of one seed.
+        embedding: width of the mixing network's hidden layer, M.
+        hidden: width of the hypernetwork's hidden layer.
+        device: where the parameters are.
+        n_twins: mixers of each seed, as of `MonotonicMixer`.
+    """
+
+    def __init__(
+        self,
+        n_agents: int,
+        state_size: int,
+        seeds: Sequence[int],
+        stream: int,
+        *,
+        embedding: int,
+        hidden: int,
+        device: torch.device | str,
+        n_twins: int = 1,
+    ) -> None:
+        self.embedding = embedding
+        self._sizes = [n_agents * embedding, embedding, embedding, 1]
+        shape = MLPShape(state_size, (hidden,), sum(self._sizes))
+        self._hyper = StackedMLP(shape, len(seeds) * n_twins, device)
+        initialize(self._hyper, seeds, stream)
+        self.network: StackedMLP | None = self._hyper
+
+    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
+        parts = torch.split((network or self._hyper)(states), self._sizes, -1)
+        first = parts[0].view(*values.shape, self.embedding)  # [K, B, N, M]
+        mixed = (values[..., None] * first).mean(-2) + parts[1]  # [K, B, M]
+        return (elu(mixed) * parts[2]).sum(-1) + parts[3][..., 0]
+
+
+class LinearMixer:
+    """OMIGA's mixing network (Wang et al. 2023; `MixNet` of the authors' code).
+
+        Q_tot = sum_i w_i(s) Q_i + b(s)        w_i(s) = |1 + h_i(s)| / N
+
+    h and b are outputs of one perceptron of the state. (In the code w_i = |h_i|; the 1 / N lets a
+    fresh mixer take the mean, so that values have the scale of the team's.)
+
+    Args:
+        n_agents: N.
+        state_size: S.
+        seeds: of the initial parameters, [K].
+        stream: separates the draws of different networks of one seed.
+        hidden: width of the perceptron's hidden layer.
+        device: where the parameters are.
+    """
+
+    def __init__(
+        self,
+        n_agents: int,
+        state_size: int,
+        seeds: Sequence[int],
+        stream: int,
+        *,
+        hidden: int,
+        device: torch.device | str,
+    ) -> None:
+        self._n_agents = n_agents
+        self._hyper = StackedMLP(MLPShape(state_size, (hidden,), n_agents + 1), len(seeds), device)
+        initialize(self._hyper, seeds, stream)
+        self.network: StackedMLP | None = self._hyper
+
+    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
+        weights, bias = self.weights(states, network)
+        return (weights * values).sum(-1) + bias
+
+    def weights(self, states: Tensor, network: Network | None = None) -> tuple[Tensor, Tensor]:
+        """Returns w, [K, B, N], at least 0, and b, [K, B]; arguments as of a call."""
+        outputs = (network or self._hyper)(states)
+        return (1 + outputs[..., :-1]).abs() / self._n_agents, outputs[..., -1]

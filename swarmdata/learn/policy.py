@@ -1,5 +1,6 @@
-"""TorchPolicy, the greedy policy of one seed."""
+"""TorchPolicy, the greedy policy of one seed, and what all policies without memory share."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -7,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.density import LastMeans, noisy_log_probs
+from swarmdata.density import LastMeans, certain_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame, in_world
 from swarmdata.learn.inputs import standardize
@@ -17,7 +18,31 @@ from swarmdata.types import Float, Int, Step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TorchPolicy:
+class Memoryless(ABC):
+    """Acting of a policy that is one function of observations, without randomness or memory."""
+
+    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+
+    @abstractmethod
+    def actions(self, observations: Float) -> Float:
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+
+    def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
+        """Does nothing: the policy has no memory."""
+
+    def act(self, step: Step) -> Float:
+        actions = self.actions(step.observations)
+        self._last.keep(step, actions.astype(np.float64))
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        kept = self._last.recall(step)  # right after `act`: the network need not run again
+        chosen = self.actions(step.observations) if kept is None else kept.astype(np.float32)
+        return certain_log_probs(chosen, actions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorchPolicy(Memoryless):
     """Actors on normalized observations: one for all agents, which sees their number, or one each.
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
@@ -40,21 +65,6 @@ class TorchPolicy:
     frame: Frame | None = None
     uses_state: bool = False
     parameters: Parameters = "shared"
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        actions = self.actions(step.observations)
-        self._last.keep(step, actions.astype(np.float64))
-        return actions
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        means = self._last.recall(step)  # right after `act`: the network need not run again
-        if means is None:
-            means = self.actions(step.observations).astype(np.float64)
-        return noisy_log_probs(means, actions, 0.0)
 
     def actions(self, observations: Float) -> Float:
         """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].

@@ -3,7 +3,9 @@
 config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
-checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
+                        run that was made small (`learn.compact`), what its policies are made of
+checkpoints/            earlier ones, by update, if they were to be kept
 """
 
 import csv
@@ -26,15 +28,20 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
-from swarmdata.origins import AnySpec
+from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.scaling import choices_of
 
-CONFIG, LOSSES, CURVE, CHECKPOINT = (
+CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
     "losses.csv",
     "curve.csv",
     "checkpoint.safetensors",
+    "checkpoints",
 )
+
+COMPACT = "is_compact"
+"""In the metadata of a checkpoint that lacks what policies do not need."""
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -49,6 +56,7 @@ class Run(Frozen):
     digest: str  # of the dataset
     view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
     n_episodes: Count  # of the view that was trained on
+    min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec
     spec_hash: str
     n_agents: Count
@@ -64,8 +72,11 @@ class Run(Frozen):
 
     @property
     def sizes(self) -> Sizes:
-        """Numbers of agents and features."""
-        return Sizes(self.n_agents, self.observation_size, self.action_size, self.state_size)
+        """Numbers of agents and features, and the choices of a recorded environment."""
+        choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
+        return Sizes(
+            self.n_agents, self.observation_size, self.action_size, self.state_size, choices
+        )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
         """Makes the algorithm as it is before its first update."""
@@ -78,9 +89,14 @@ class Run(Frozen):
         return algorithm
 
 
-def versions() -> dict[str, str]:
-    """Versions of what the bits of a run depend on."""
-    return {
+def versions(*, is_compiled: bool = False) -> dict[str, str]:
+    """Versions of what the bits of a run depend on.
+
+    Args:
+        is_compiled: whether torch.compile makes the kernels, which round differently.
+    """
+    compiler = {"inductor": torch.__version__} if is_compiled else {}
+    return compiler | {
         "swarmdata": __version__,
         "torch": torch.__version__,
         "numpy": np.__version__,
@@ -109,11 +125,77 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
-    run = read_run(Path(folder))
-    tensors, _ = checkpoint.load_checkpoint(Path(folder) / CHECKPOINT)
-    algorithm = run.build(statistics_of(tensors), device)
-    algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
-    return [algorithm.policy(index) for index in range(len(run.seeds))]
+    return _load(Path(folder), CHECKPOINT, device)[0].policies
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A run's algorithm as of one of its checkpoints."""
+
+    run: Run
+    algorithm: Algorithm
+    statistics: Statistics
+    update: int
+
+    @property
+    def policies(self) -> list[Policy]:
+        """One per seed."""
+        return [self.algorithm.policy(index) for index in range(len(self.run.seeds))]
+
+
+def load_algorithm(
+    folder: Path | str, device: torch.device | str = "cpu", update: int | None = None
+) -> Loaded:
+    """Loads the algorithm of a run folder with all its networks.
+
+    Args:
+        folder: of the run.
+        device: where it computes.
+        update: of a checkpoint that was kept; None for the last one.
+
+    Raises:
+        CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
+            only what policies need (`learn.compact`).
+    """
+    path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
+    loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)
+    if is_compact:
+        raise CheckpointError(
+            f"{path} was made small: it has the policies and no critics. Train the run again, or "
+            "use what needs policies only."
+        )
+    return loaded
+
+
+def _load(folder: Path, name: Path | str, device: torch.device | str) -> tuple[Loaded, bool]:
+    """What a checkpoint of a run holds, and whether it is a compact one."""
+    run = read_run(folder)
+    tensors, metadata = checkpoint.load_checkpoint(folder / name)
+    statistics, is_compact = statistics_of(tensors), bool(metadata.get(COMPACT))
+    algorithm = run.build(statistics, device)
+    restore(algorithm, checkpoint.part(tensors, "algorithm"), is_compact=is_compact)
+    return Loaded(run, algorithm, statistics, int(metadata["update"])), is_compact
+
+
+def kept_path(folder: Path, update: int) -> Path:
+    """The checkpoint that a run has kept of an update."""
+    return folder / KEPT / f"{update}.safetensors"
+
+
+def kept_updates(folder: Path) -> tuple[int, ...]:
+    """The updates whose checkpoints a run has kept, in order; without `keep` it keeps none."""
+    return tuple(sorted(int(path.stem) for path in (folder / KEPT).glob("*.safetensors")))
+
+
+def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool = False) -> None:
+    """Gives an untrained algorithm the state of a checkpoint.
+
+    Args:
+        algorithm: as it was built.
+        state: what its `state_dict` returned; of a compact checkpoint, what its policies need.
+        is_compact: whether the rest is to stay as it was built.
+    """
+    algorithm.load_state_dict({**(algorithm.state_dict() if is_compact else {}), **state})
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:

@@ -1,6 +1,6 @@
 """Sizes, the numbers that shape an algorithm's networks."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from swarmdata.errors import SchemaError
 from swarmdata.types import Batch
@@ -8,7 +8,7 @@ from swarmdata.types import Batch
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Numbers of agents and of features.
+    """Numbers of agents and of features, and what there is to choose from.
 
     Raises:
         SchemaError: a size is below 1.
@@ -18,15 +18,16 @@ class Sizes:
     observation: int  # O
     action: int  # A
     state: int  # S
+    choices: tuple[tuple[range, ...], ...] = ()  # [N], by column; empty: actions are continuous
 
     def __post_init__(self) -> None:
         """Checks that every size is positive."""
-        for field in fields(self):
-            if getattr(self, field.name) < 1:
-                raise SchemaError(f"{self}: {field.name} must be at least 1")
+        for name in ("n_agents", "observation", "action", "state"):
+            if getattr(self, name) < 1:
+                raise SchemaError(f"{self}: {name} must be at least 1")
 
     @classmethod
     def of(cls, batch: Batch) -> "Sizes":
-        """Reads the sizes from the last axes of any batch of arrays or tensors."""
+        """Reads the sizes from the last axes of any batch of continuous arrays or tensors."""
         n_agents, observation = batch.observations.shape[-2:]
         return cls(n_agents, observation, batch.actions.shape[-1], batch.states.shape[-1])

@@ -7,7 +7,7 @@ again with the same arguments, it ends with the same parameters, bit for bit, on
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +19,19 @@ from tqdm import tqdm
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
-from swarmdata.learn.data import Data, Sampler
+from swarmdata.learn.data import Data, Sampler, Selective
+from swarmdata.learn.fusing import Fusion, fused, has_fusable, unfused
 from swarmdata.learn.run import (
     CHECKPOINT,
+    COMPACT,
     CONFIG,
     CURVE,
     LOSSES,
     Run,
     Table,
+    kept_path,
     read_run,
+    restore,
     tensors_of,
     versions,
 )
@@ -35,10 +39,12 @@ from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import RecordedSpec
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
-from swarmdata.scaling import has_choices
+from swarmdata.scaling import choices_of, has_choices
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
+
+Report = Callable[[int], None]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -77,7 +83,10 @@ def train(
     evaluate: Evaluate | None = None,
     device: torch.device | str = "cpu",
     n_threads: int = 1,
+    keep: bool = False,
+    compile: bool = False,
     progress: bool = True,
+    report: Report | None = None,
 ) -> list[Policy]:
     """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
 
@@ -91,11 +100,18 @@ def train(
         evaluate: measures each seed's policy for the learning curve.
         device: where to train.
         n_threads: of torch on the CPU; the networks are too small to gain from more.
+        keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
+        compile: whether torch.compile makes kernels first, which takes up to minutes and pays in
+            long runs. Results agree with those of `False` within rounding only, so a run goes on
+            as it began.
         progress: whether to show a bar (on standard error, if that is a terminal).
+        report: is told at every row of the losses how many updates were made since the last one.
 
     Raises:
         UnknownNameError: no such algorithm.
-        SchemaError: the algorithm cannot learn the actions of a recorded environment.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, or has
+            nothing to compile.
+        ProgramError: `compile` found no working compiler.
         CheckpointError: the folder holds another run, or a damaged one.
         KeyboardInterrupt: Ctrl-C; the folder can be resumed.
     """
@@ -103,30 +119,52 @@ def train(
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
+    if compile:
+        _check_fusable(algorithm, kind)
+    dataset, min_return = _select(dataset, config)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    run = _describe(algorithm, config, dataset, sizes, seeds, schedule, device)
+    run = _describe(algorithm, config, dataset, min_return, sizes, seeds, schedule, device, compile)
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
-    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics)
-    with _threads(n_threads):
+    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
+    with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
         trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
 
+def _check_fusable(algorithm: str, kind: type) -> None:
+    """Raises SchemaError unless there is something to compile."""
+    if not has_fusable(kind):
+        raise SchemaError(
+            f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "
+            "swarmdata.learn.fusing.fusable. Train it without compiling."
+        )
+
+
 def _check_actions(algorithm: str, dataset: Data) -> None:
     """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
-    if not isinstance(dataset.spec, RecordedSpec) or algorithm in DISCRETE_ALGORITHMS:
+    if not isinstance(dataset.spec, RecordedSpec):
+        return
+    if algorithm in DISCRETE_ALGORITHMS:
+        choices_of(dataset.spec)  # raises where choices and numbers are mixed
         return
     if names := has_choices(dataset.spec):
-        able = ", ".join(DISCRETE_ALGORITHMS) or "no algorithm of this version does"
         raise SchemaError(
             f"{algorithm} learns continuous actions; in {dataset.id} {', '.join(names)} "
-            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. Of those that "
-            f"learn choices: {able}. Record the environment with continuous actions, if it has "
-            "them."
+            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. These learn "
+            f"choices: {', '.join(DISCRETE_ALGORITHMS)}. Or record the environment with continuous "
+            "actions, if it has them."
         )
+
+
+def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
+    """Returns the episodes that the algorithm wants, and the least return that it asked for."""
+    if not isinstance(config, Selective):
+        return dataset, None
+    least = config.least_return(np.array([episode.team_return for episode in dataset]))
+    return dataset.filter(min_return=least), least
 
 
 @contextmanager
@@ -143,10 +181,12 @@ def _describe(
     algorithm: str,
     config: Any,
     dataset: Data,
+    min_return: float | None,
     sizes: Sizes,
     seeds: Sequence[int],
     schedule: Schedule,
     device: torch.device | str,
+    is_compiled: bool,
 ) -> Run:
     return Run(
         algorithm=algorithm,
@@ -155,6 +195,7 @@ def _describe(
         digest=dataset.digest,
         view=dataset.view,
         n_episodes=len(dataset),
+        min_return=min_return,
         spec=dataset.spec,
         spec_hash=dataset.spec.hash(),
         n_agents=sizes.n_agents,
@@ -163,7 +204,7 @@ def _describe(
         state_size=sizes.state,
         seeds=tuple(seeds),
         device=str(device),
-        versions=versions(),
+        versions=versions(is_compiled=is_compiled),
         **dataclasses.asdict(schedule),
     )
 
@@ -194,15 +235,21 @@ class _Trainer:
         columns: Sequence[str],
         samplers: Sequence[Sampler],
         statistics: Statistics,
+        *,
+        keep: bool,
+        report: Report | None,
     ) -> None:
+        self.report = report
         self.folder, self.run, self.samplers = folder, run, samplers
-        self.statistics = statistics
+        self.statistics, self.keep = statistics, keep
         self.algorithm = run.build(statistics, run.device)
         self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
-        self.update = self.first
+        self.update = self.reported = self.first
         self.losses = Table(folder / LOSSES, columns, self.first)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
+        self.fusion: Fusion | None = None
+        self.n_told = 0  # of what it compiled
 
     def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
         hidden = None if progress else True  # None: hidden where there is no terminal
@@ -232,6 +279,7 @@ class _Trainer:
         run, is_last = self.run, self.update == n_updates
         if is_last or self.update % run.log_every == 0:
             self._log()
+            self._tell()
         if (
             evaluate is not None
             and run.evaluate_every is not None
@@ -248,10 +296,20 @@ class _Trainer:
                 self.update, seed, {name: float(mean[index]) for name, mean in means.items()}
             )
         self.window.clear()
+        if self.report is not None:
+            self.report(self.update - self.reported)
+            self.reported = self.update
+
+    def _tell(self) -> None:
+        """Says what compiling cost, when something was."""
+        if self.fusion is not None and self.fusion.n_graphs > self.n_told:
+            tqdm.write(f"{self.run.algorithm}: {self.fusion}", file=sys.stderr)
+            self.n_told = self.fusion.n_graphs
 
     def _evaluate(self, evaluate: Evaluate) -> None:
         for index, seed in enumerate(self.run.seeds):
-            measured = evaluate(self.algorithm.policy(index))
+            with unfused():
+                measured = evaluate(self.algorithm.policy(index))
             if self.curve is None:
                 self.curve = Table(self.folder / CURVE, tuple(measured), self.first)
             self.curve.append(self.update, seed, measured)
@@ -263,8 +321,12 @@ class _Trainer:
             "update": self.update,
             "samplers": [sampler.state_dict() for sampler in self.samplers],
         }
-        path = self.folder / CHECKPOINT
-        checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
+        paths = [self.folder / CHECKPOINT]
+        if self.keep:
+            paths.append(kept_path(self.folder, self.update))
+            paths[-1].parent.mkdir(exist_ok=True)
+        for path in paths:
+            checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
 
     def _restore(self) -> int:
         path = self.folder / CHECKPOINT
@@ -274,7 +336,8 @@ class _Trainer:
                 f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
                 "again."
             )
-        self.algorithm.load_state_dict(checkpoint.part(tensors, "algorithm"))
+        state = checkpoint.part(tensors, "algorithm")
+        restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))
         for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
             sampler.load_state_dict(state)
         return int(metadata["update"])

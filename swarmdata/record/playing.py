@@ -1,7 +1,7 @@
 """Runs trained policies in the environments that datasets were recorded in."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from swarmdata.origins import RecordedSpec
 from swarmdata.record.describing import state_source
 from swarmdata.record.foreign import agents_of
 from swarmdata.record.reading import Reader
-from swarmdata.scaling import ActionScale, action_scale
+from swarmdata.scaling import ActionScale, action_scale, choices_of
 from swarmdata.spaces import unflatten
 from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages
 
@@ -19,24 +19,70 @@ METRICS = ("return", "length", "success")
 """What is measured of each episode; success is NaN where the environment does not say."""
 
 
-def policy_actions(policy: Policy, spec: RecordedSpec, step: Step) -> dict[str, Any]:
+@runtime_checkable
+class ChoosesAmong(Protocol):
+    """A policy that can be told which choices are allowed."""
+
+    def act_among(self, step: Step, allowed: Bool) -> Float:
+        """Returns joint actions, [E, N, A], of allowed choices, bool [E, N, C] as recorded."""
+        ...
+
+
+def policy_actions(
+    policy: Policy, spec: RecordedSpec, step: Step, allowed: Bool | None = None
+) -> dict[str, Any]:
     """Returns a policy's actions as the environment takes them, by agent.
 
     Args:
-        policy: chooses in [-1, 1], in which it was trained.
+        policy: acts in [-1, 1], or takes choices as they were recorded, as it was trained.
         spec: of the recording.
         step: what the agents see, of one copy: `step_of`.
+        allowed: choices that the environment allows, [N, C] as `action_masks` has them; None: all.
 
     Raises:
-        SchemaError: the environment's actions are choices, or without bounds.
+        SchemaError: the environment's actions are without bounds or of mixed kinds, or the policy
+            took what is no choice, or it cannot be told what is allowed.
     """
-    return _in_units(policy.act(step)[0], spec, action_scale(spec))
+    return _in_units(_acts(policy, step, allowed), spec, _scale_of(spec))
 
 
-def _in_units(unit: Float, spec: RecordedSpec, scale: ActionScale) -> dict[str, Any]:
-    """Joint actions in [-1, 1], [N, A], as the environment takes them."""
-    agents = zip(spec.agents, scale.to_environment(unit), strict=True)
+def _scale_of(spec: RecordedSpec) -> ActionScale | None:
+    """The map from [-1, 1]; None for choices."""
+    return None if choices_of(spec) else action_scale(spec)
+
+
+def _acts(policy: Policy, step: Step, allowed: Bool | None) -> Float:
+    """A policy's joint action, [N, A]."""
+    if allowed is None:
+        return policy.act(step)[0]
+    if not isinstance(policy, ChoosesAmong):
+        raise SchemaError(
+            "the environment says which choices are allowed, and the policy cannot be told: it "
+            f"has no act_among(step, allowed), got {type(policy).__name__}. Policies of vdn and "
+            "qmix have it."
+        )
+    return policy.act_among(step, allowed[None])[0]
+
+
+def _in_units(actions: Float, spec: RecordedSpec, scale: ActionScale | None) -> dict[str, Any]:
+    """Joint actions in [-1, 1], or choices, [N, A], as the environment takes them."""
+    rows = actions if scale is None else scale.to_environment(actions)
+    if scale is None:
+        _check_choices(actions, spec)
+    agents = zip(spec.agents, rows, strict=True)
     return {agent.name: unflatten(agent.action, row) for agent, row in agents}
+
+
+def _check_choices(actions: Float, spec: RecordedSpec) -> None:
+    """Raises SchemaError unless all actions are choices that there are."""
+    for agent, row, columns in zip(spec.agents, actions, choices_of(spec), strict=True):
+        for column, (choice, known) in enumerate(zip(row, columns, strict=False)):
+            if float(choice) not in known:
+                raise SchemaError(
+                    f"the policy chose {choice:g} in column {column} of the action of "
+                    f"{agent.name}, expected a whole number from {known.start} to "
+                    f"{known.stop - 1}. Train it with an algorithm that learns choices."
+                )
 
 
 def step_of(observations: Float, state: Float, *, seed: int, time: int) -> Step:
@@ -75,14 +121,16 @@ def evaluate_parallel(
     """Plays one episode for each seed with a policy that was trained on a recording.
 
     Args:
-        policy: chooses in [-1, 1], such as `learn.trainer.train` returns.
+        policy: such as `learn.trainer.train` returns. Where the environment says which choices are
+            allowed, it must have `act_among`.
         make_env: gives a `ParallelEnv` like the recorded one; it is closed in the end.
         spec: of the recording.
         seeds: of the resets, such as `foreign_evaluation_seeds(100)`, [n].
         name: of the policy, for tables.
 
     Raises:
-        SchemaError: the environment is not like the recorded one, or no seeds.
+        SchemaError: the environment is not like the recorded one, there are no seeds, or the policy
+            does not act as the environment needs it.
     """
     if not len(seeds):
         raise SchemaError("there are no seeds, expected at least one episode to play")
@@ -108,7 +156,7 @@ def _play(
     observations, infos = env.reset(seed=seed)
     alive, total, time = reader.alive(env.agents), 0.0, 0
     source, _ = state_source(env, reader, spec.state_from)
-    scale = action_scale(spec)
+    scale = _scale_of(spec)
     seen = alive
     while alive.any():
         rows, plain = reader.observations(observations, seen)
@@ -116,7 +164,10 @@ def _play(
         step = step_of(rows, state, seed=seed, time=time)
         if time == 0:
             policy.reset(step, np.zeros(1, np.int64))
-        acted, chosen = alive, _in_units(policy.act(step)[0], spec, scale)
+        allowed = None
+        if reader.has_masks(observations, infos):
+            allowed = reader.masks(observations, infos, alive)
+        acted, chosen = alive, _in_units(_acts(policy, step, allowed), spec, scale)
         observations, rewards, terminations, truncations, infos = env.step(
             _acting(chosen, reader, acted)
         )

@@ -51,7 +51,8 @@ def check_algorithm(
 def check_losses(build: Build, draw: Draw) -> None:
     """Losses are finite, one per seed, and updating does not write to the batch."""
     algorithm, batch = build(SEEDS), draw(SEEDS, 0)
-    before = {f.name: values_of(getattr(batch, f.name)).copy() for f in fields(batch)}
+    given = {f.name: getattr(batch, f.name) for f in fields(batch)}
+    before = {k: values_of(v).copy() for k, v in given.items() if v is not None}
     for _ in range(3):
         losses = algorithm.update(batch)
         assert losses, "update returned no losses"

@@ -1,7 +1,7 @@
 """MemoryDataset, a few episodes in memory that can be trained on like a stored dataset."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -48,6 +48,11 @@ class MemoryDataset:
         """Yields the episodes."""
         return iter(self.episodes)
 
+    def filter(self, *, min_return: float) -> "MemoryDataset":
+        """Returns the episodes of at least this team return."""
+        kept = [episode for episode in self.episodes if episode.team_return >= min_return]
+        return replace(self, episodes=kept)
+
     @cached_property
     def statistics(self) -> MemoryStatistics:
         """Normalization statistics of the observations."""
@@ -69,6 +74,7 @@ class MemoryDataset:
                 "terminations": e.terminations,
                 "truncations": e.truncations,
                 "mask": np.ones(len(e), dtype=np.bool_),
+                "next_actions": np.concatenate([e.actions[1:], np.zeros_like(e.actions[:1])]),
             }
             for name, rows in columns_of.items():
                 columns.setdefault(name, []).append(rows)

@@ -17,14 +17,25 @@ from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
 BATCH = 16
 
+ACTOR_CRITIC: dict[str, Any] = {
+    "actor_hidden": (32, 32),
+    "critic_hidden": (32, 32),
+    "warm_start": 2,
+    "n_updates": 200,
+}
 SMALL: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (32, 32), "n_updates": 200},
-    "maddpg_bc": {
-        "actor_hidden": (32, 32),
-        "critic_hidden": (32, 32),
-        "warm_start": 2,
-        "n_updates": 200,
-    },
+    "filtered_bc": {"hidden": (32, 32), "n_updates": 200},
+    "facmac_bc": ACTOR_CRITIC,
+    "iql": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
+    "omiga": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
+    "maddpg_bc": ACTOR_CRITIC,
+    "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},
+    "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
+    "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},
+    "omar": {**ACTOR_CRITIC, "n_samples": 2, "n_candidates": 4},
+    "vdn": {"hidden": (32, 32), "n_updates": 200},
+    "qmix": {"hidden": (32, 32), "n_updates": 200, "mixer_hidden": 16},
 }
 
 
@@ -49,15 +60,17 @@ def draw(seeds: Sequence[int], index: int) -> Batch:
         "next_observations": (BATCH, SIZES.n_agents, SIZES.observation),
         "states": (BATCH, SIZES.state),
         "next_states": (BATCH, SIZES.state),
+        "next_actions": (BATCH, SIZES.n_agents, SIZES.action),
     }
     rngs = [np.random.default_rng([seed, index]) for seed in seeds]
     columns = {
         name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
         for name, shape in shapes.items()
     }
-    flags = np.stack([rng.uniform(size=BATCH) < 0.2 for rng in rngs])
+    ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
+    flags, cut = ends < 0.2, ends > 0.8
     mask = np.ones_like(flags)
-    return Batch(**columns, terminations=flags, truncations=~flags, mask=mask).to_torch()
+    return Batch(**columns, terminations=flags, truncations=cut, mask=mask).to_torch()
 
 
 def step() -> Step:
@@ -93,3 +106,21 @@ def test_own_joint_gradient_keeps_the_contract() -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
     config = kind.Config(**SMALL["maddpg_bc"], joint_gradient="own")
     check_algorithm(lambda seeds: kind(SIZES, seeds, config, statistics=statistics()), draw, step())
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
+        ("vdn", {"regulariser": "none", "parameters": "separate"}),
+        ("qmix", {"regulariser": "bcq"}),
+    ],
+)
+def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    config = kind.Config(**SMALL[name], **changes)
+
+    def build(seeds: Sequence[int]) -> Any:
+        return kind(SIZES, seeds, config, statistics=statistics())
+
+    check_algorithm(build, draw, step(), n_updates=20)

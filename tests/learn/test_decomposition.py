@@ -59,26 +59,27 @@ def random_batch(n_seeds: int = 2, size: int = 12) -> Batch:
         terminations=flags,
         truncations=~flags,
         mask=torch.ones_like(flags),
+        next_actions=choices.float().flip(1),
     )
 
 
 @pytest.mark.parametrize("kind", ["mean", "monotonic"])
 def test_the_online_networks_choose_and_the_targets_value(kind: str) -> None:
     learner, batch = made(kind), random_batch()
-    learner.target_team.flat.normal_(generator=torch.Generator().manual_seed(1))
+    learner.descent.targets["team"].flat.normal_(generator=torch.Generator().manual_seed(1))
     y = learner.targets(batch)
     k, b = 1, 7
     seen = batch.next_observations[k : k + 1, b : b + 1]
     both = seen.expand(2, -1, -1, -1)
     online = learner.utilities(both)[k, 0]  # [N, D, C]
-    target = learner.utilities(both, learner.target_team)[k, 0]
+    target = learner.utilities(both, learner.descent.targets["team"])[k, 0]
     values = []
     for robot in range(N_AGENTS):
         picked = [target[robot, d, int(online[robot, d].argmax())] for d in range(N_DIMENSIONS)]
         values.append(torch.stack(picked).mean())
     q = torch.stack(values)[None, None].expand(2, 1, -1)
     state = batch.next_states[:, b : b + 1]
-    mixed = learner.mixer(q, state, learner.target_mixer)[k, 0]
+    mixed = learner.mixer(q, state, learner.descent.targets.get("mixer"))[k, 0]
     alive = 0.0 if batch.terminations[k, b] else 1.0
     expected = 2.0 * batch.rewards[k, b].mean() + 0.5 * alive * mixed
     torch.testing.assert_close(y[k, b], expected)
@@ -93,7 +94,7 @@ def test_a_step_moves_everything_towards_the_targets(kind: str) -> None:
         q = learner.value(batch.observations, batch.states, batch.actions.long())
         return (q - frozen).abs().mean(1).detach()
 
-    before, networks = error(), learner._trained()
+    before, networks = error(), learner.descent.networks
     old = {name: network.flat.clone() for name, network in networks.items()}
     for _ in range(20):
         learner.update(batch)
@@ -104,10 +105,10 @@ def test_a_step_moves_everything_towards_the_targets(kind: str) -> None:
 
 def test_targets_follow_by_the_polyak_rate() -> None:
     learner, batch = made("monotonic"), random_batch()
-    old = [target.flat.clone() for target in learner._targets()]
+    old = [target.flat.clone() for target in learner.descent.targets.values()]
     learner.update(batch)
     for start, target, network in zip(
-        old, learner._targets(), learner._trained().values(), strict=True
+        old, learner.descent.targets.values(), learner.descent.networks.values(), strict=True
     ):
         torch.testing.assert_close(target.flat, start + 0.25 * (network.flat - start))
 
@@ -132,7 +133,7 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone(kind: str) -> None:
         stack.update(batch)
         alone.update(first)
     for ours, theirs in zip(
-        stack._trained().values(), alone._trained().values(), strict=True
+        stack.descent.networks.values(), alone.descent.networks.values(), strict=True
     ):  # fmt: skip
         torch.testing.assert_close(ours.flat[:1], theirs.flat, rtol=0, atol=2e-5)
 

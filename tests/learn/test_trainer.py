@@ -19,7 +19,8 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 from swarmdata.errors import CheckpointError, SchemaError, UnknownNameError  # noqa: E402
 from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.checkpoint import load_checkpoint  # noqa: E402
-from swarmdata.learn.policy import TorchPolicy  # noqa: E402
+from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
 from swarmdata.learn.trainer import Schedule, train  # noqa: E402
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve  # noqa: E402
@@ -30,7 +31,17 @@ SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
+    "filtered_bc": {"hidden": (8,), "fraction": 0.5},
+    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    **{
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6, "n_samples": 2}
+        for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
+    },
+    "vdn": {"hidden": (8,)},
+    "qmix": {"hidden": (8,), "mixer_hidden": 4, "mixer_embedding": 4},
 }
 
 
@@ -65,7 +76,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 
 
 def size_of_first_layer(policy: Policy) -> Mapping[str, float]:
-    assert isinstance(policy, TorchPolicy)
+    assert isinstance(policy, TorchPolicy | ChoicePolicy)
     return {"norm": float(policy.layers[0].weight.norm()), "count": 1.0}
 
 
@@ -168,8 +179,8 @@ def test_a_loaded_policy_acts_like_the_trained_one(algorithm: str, tmp_path: Pat
     rng = np.random.default_rng(1)
     observations = rng.normal(size=(4, 2, 5)).astype(np.float32)
     for one, two in zip(trained, loaded, strict=True):
-        assert isinstance(one, TorchPolicy)
-        assert isinstance(two, TorchPolicy)
+        assert isinstance(one, Memoryless)
+        assert isinstance(two, Memoryless)
         np.testing.assert_array_equal(one.actions(observations), two.actions(observations))
 
 

@@ -9,14 +9,11 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.learn.critics import information  # noqa: E402
 from swarmdata.learn.networks import StackedMLP  # noqa: E402
 from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG  # noqa: E402
-from swarmdata.online_algos.maddpg_learner import (  # noqa: E402
-    Learner,
-    MADDPGConfig,
-    information,
-)
+from swarmdata.online_algos.maddpg_learner import Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
@@ -46,6 +43,7 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
         terminations=flags,
         truncations=~flags,
         mask=torch.ones_like(flags),
+        next_actions=torch.rand(*shape, 2, 2, generator=g) * 2 - 1,
     )
 
 
@@ -57,8 +55,8 @@ def make_constant(network: StackedMLP, row: int, values: list[float]) -> None:
 
 def test_targets_take_the_lower_twin_robot_by_robot() -> None:
     learner, batch = made(discount=0.5, reward_scale=2.0), random_batch()
-    make_constant(learner.target_critics, 0, [4.0, 1.0])
-    make_constant(learner.target_critics, 1, [3.0, 5.0])
+    make_constant(learner.critics.target, 0, [4.0, 1.0])
+    make_constant(learner.critics.target, 1, [3.0, 5.0])
     alive = ~batch.terminations[..., None]
     expected = 2.0 * batch.rewards + 0.5 * alive * torch.tensor([3.0, 1.0])
     torch.testing.assert_close(learner.targets(batch), expected)
@@ -66,12 +64,12 @@ def test_targets_take_the_lower_twin_robot_by_robot() -> None:
 
 def test_the_original_has_one_critic_and_no_noise() -> None:
     learner, batch = made(corrections="none", policy_delay=7), random_batch()
-    assert len(learner.critics.flat) == 1
+    assert len(learner.critics.online.flat) == 1
     assert torch.equal(learner.targets(batch), learner.targets(batch))
     assert "policy_q" in learner.update(batch)  # no delay
     a_next = learner.actions(batch.next_observations, learner.target_actors)
     x_next = information(batch.next_states, batch.next_observations)
-    q_next = learner.q(learner.target_critics, x_next, a_next)[:, 0]
+    q_next = learner.critics.target_q(x_next, a_next)[:, 0]
     expected = batch.rewards + 0.97 * ~batch.terminations[..., None] * q_next
     torch.testing.assert_close(learner.targets(batch), expected)
 
@@ -88,10 +86,10 @@ def test_smoothing_noise_is_clipped_and_per_seed() -> None:
 
 def test_twins_begin_apart_and_both_learn() -> None:
     learner, batch = made(), random_batch()
-    before = learner.critics.flat.clone()
+    before = learner.critics.online.flat.clone()
     assert not torch.equal(before[0], before[1])
     learner.update(batch)
-    assert ((learner.critics.flat - before).abs().sum(1) > 0).all()
+    assert ((learner.critics.online.flat - before).abs().sum(1) > 0).all()
 
 
 def test_truncation_bootstraps_and_termination_does_not() -> None:
@@ -117,26 +115,26 @@ def test_the_policy_gradient_by_hand(joint_gradient: Any) -> None:
         mixed[:, robot] = logits[:, robot].tanh()
         joint = mixed if joint_gradient == "own" else logits.tanh()
         inputs = torch.cat([x, joint.flatten(1)], 1).expand(2, -1, -1)
-        values.append(learner.critics(inputs)[0].mean(-1))
+        values.append(learner.critics.online(inputs)[0].mean(-1))
     loss = 0.1 * logits.square().mean() - torch.stack(values).mean()
     learner.actors.network.backward(loss)
     expected = learner.actors.network.gradient.clone()
-    critics = learner.critics.flat.clone()
+    critics = learner.critics.online.flat.clone()
     learner._update_actors(batch, x[None], 1.0)
     torch.testing.assert_close(learner.actors.network.gradient, expected, rtol=1e-4, atol=1e-7)
-    assert torch.equal(learner.critics.flat, critics)
+    assert torch.equal(learner.critics.online.flat, critics)
 
 
 def test_actors_and_targets_move_every_other_update() -> None:
     learner, batch = made(policy_delay=2, polyak=0.5), random_batch()
-    actors, target = learner.actors.network.flat.clone(), learner.target_critics.flat.clone()
+    actors, target = learner.actors.network.flat.clone(), learner.critics.target.flat.clone()
     assert set(learner.update(batch)) == {"critic_loss", "q"}
     assert torch.equal(learner.actors.network.flat, actors)
-    assert torch.equal(learner.target_critics.flat, target)
+    assert torch.equal(learner.critics.target.flat, target)
     assert set(learner.update(batch)) == {"critic_loss", "q", "policy_q"}
     assert not torch.equal(learner.actors.network.flat, actors)
-    halfway = (target + learner.critics.flat) / 2
-    torch.testing.assert_close(learner.target_critics.flat, halfway)
+    halfway = (target + learner.critics.online.flat) / 2
+    torch.testing.assert_close(learner.critics.target.flat, halfway)
 
 
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
@@ -149,8 +147,8 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
         row = {name: getattr(batch, name)[seed : seed + 1] for name in Batch.__dataclass_fields__}
         for _ in range(20):
             alone.update(Batch(**row))
-        ours = stack.critics.flat[2 * seed : 2 * seed + 2]
-        torch.testing.assert_close(ours, alone.critics.flat, rtol=0, atol=2e-5)
+        ours = stack.critics.online.flat[2 * seed : 2 * seed + 2]
+        torch.testing.assert_close(ours, alone.critics.online.flat, rtol=0, atol=2e-5)
         n_rows = stack.actors.n_rows
         ours = stack.actors.network.flat[n_rows * seed : n_rows * (seed + 1)]
         torch.testing.assert_close(ours, alone.actors.network.flat, rtol=0, atol=2e-5)
@@ -168,7 +166,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
         run.update()
     batch = run.collector._draw()
     x = information(batch.states, batch.observations)
-    q = run.learner.q(run.learner.critics, x, batch.actions).detach()[:, 0].mean(-1)
+    q = run.learner.critics.q(x, batch.actions).detach()[:, 0].mean(-1)
     mean, std = (torch.from_numpy(m[0]) for m in run.collector.moments[2:])
     raw = (batch.states * std + mean).round()
     time, even = raw[..., 1], raw[..., 2]

@@ -1,0 +1,90 @@
+"""The part of a card that shows what algorithms learned from the dataset, by a committed study."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from swarmdata.cards import markdown
+from swarmdata.metrics import bootstrap, iqm
+
+RESULTS = ("study", "results.csv")
+"""Of the study, below this folder: one row per run, as `swarmdata study` writes it."""
+
+SHOWN = (
+    ("score", "score", 1.0, 1),
+    ("return", "return", 1.0, 2),
+    ("success", "success (%)", 100.0, 1),
+    ("clean_success", "clean success (%)", 100.0, 1),
+    ("robot_collisions", "robot collisions", 1.0, 2),
+    ("obstacle_collisions", "obstacle collisions", 1.0, 2),
+)
+"""Columns: name in the file, header, factor to the shown unit, decimals."""
+
+Run = Mapping[str, str]
+
+
+@cache
+def study_runs() -> tuple[Run, ...]:
+    """All runs of the committed study; none where there is no such file."""
+    file = files("swarmdata.cards").joinpath(*RESULTS)
+    return read_runs(file.read_text(encoding="utf-8")) if file.is_file() else ()
+
+
+def read_runs(text: str) -> tuple[Run, ...]:
+    """Rows of a `results.csv`."""
+    return tuple(csv.DictReader(io.StringIO(text)))
+
+
+def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
+    """Returns the section: an algorithm a row, or why there is none.
+
+    Args:
+        dataset_id: with its version.
+        digest: of the dataset's arrays; runs on other content are not shown.
+        runs: of a study.
+    """
+    named = [run for run in runs if run["dataset"] == dataset_id]
+    same = [run for run in named if run["digest"] == digest]
+    title = "\n## Baselines\n\n"
+    if not same:
+        stale = " Those of the study were trained on other content under this id." if named else ""
+        return f"{title}None measured on this dataset.{stale}\n"
+    labels = sorted({run["label"] for run in same}, key=lambda label: -_mean(same, label))
+    rows = [_row(label, [run for run in same if run["label"] == label]) for label in labels]
+    head = ("algorithm", "family", "seeds", "updates", *(header for _, header, *_ in SHOWN))
+    episodes = ", ".join(sorted({f"{int(run['episodes']):,}" for run in same}))
+    return (
+        f"{title}{markdown.table(head, rows)}\n"
+        f"The last policy of every training seed on {episodes} "
+        "reserved evaluation seeds; interquartile means over seeds with 95 % bootstrap intervals. "
+        "One setting of an algorithm for all datasets, written out in the study's files; "
+        "`swarmdata study` does them again.\n"
+    )
+
+
+def _mean(runs: Sequence[Run], label: str) -> float:
+    return float(np.mean([float(run["return"]) for run in runs if run["label"] == label]))
+
+
+def _row(label: str, runs: Sequence[Run]) -> tuple[str, ...]:
+    updates = sorted({int(run["updates"]) for run in runs if run["updates"]})
+    return (
+        f"`{label}`",
+        runs[0]["family"],
+        str(len(runs)),
+        " to ".join(f"{n:,}" for n in updates),
+        *(_cell([run[name] for run in runs], factor, digits) for name, _, factor, digits in SHOWN),
+    )
+
+
+def _cell(texts: Sequence[str], factor: float, decimals: int) -> str:
+    if not all(texts):
+        return "–"
+    values = factor * np.array([[float(text)] for text in texts])
+    found = bootstrap(iqm, values, generator=np.random.Generator(np.random.PCG64(0)))
+    value, low, high = (f"{each:.{decimals}f}" for each in found)
+    return f"{value} [{low}, {high}]"

@@ -1,0 +1,167 @@
+"""Multi-agent IQL: values of the data's own actions only, then cloning of the better ones.
+
+Implicit Q-learning (Kostrikov, Nair & Levine 2022) of the team as one agent, with the critics of
+MADDPG (Lowe et al. 2017, eq. 6), which see x = (state, all observations) and all actions. With team
+reward r, the mean over agents, and q = min_j Q'_j(x, a):
+
+    L(V)   = |tau - 1(q < V(x))| (q - V(x))^2                                         eq. 5
+    L(Q_j) = (r + gamma (1 - termination) V(x') - Q_j(x, a))^2                        eq. 6
+    L(pi)  = min(exp(beta (q - V(x))), w*) 1/N sum_i 1/A |pi(o_i, i) - a_i|^2         eq. 7
+
+No action of a policy ever enters a critic, so nothing outside the data can be overestimated. What
+one agent did well and another badly in the same step gets one weight: `omiga` has one per agent.
+
+Deviations:
+- Actors are deterministic and one network for all agents, which sees the agent's number. The
+  weighted squared error is the paper's weighted log-likelihood for a Gaussian of fixed deviation;
+  the paper's Gaussian learns a deviation that does not depend on the state, and acts by its mean.
+- Critics and value network have LayerNorm. Inputs are normalized, rewards divided by the standard
+  deviation of the returns-to-go. In that unit advantages have a deviation of 0.05 (measured on
+  `coop_nav-medium-replay-mini`, after 1,000 updates), so that the paper's beta of 3, for rewards
+  scaled to returns of 1,000, would weigh almost all alike, between 0.85 and 1.2. It is 10, by which
+  one deviation is a factor of 1.7; this is a change of unit, and not tuned by scores.
+- The step size of all networks decays along a cosine; in the paper only the actor's.
+- The discount is 0.95, for the reason that `maddpg_bc` gives.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.actor import StackedActor
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.critics import JointCritics, information
+from swarmdata.learn.factored_critics import VALUE_STREAM
+from swarmdata.learn.in_sample import expectile_loss, exponential_weights, weighted_cloning_loss
+from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
+from swarmdata.learn.normalizer import Normalizer
+from swarmdata.learn.optimizer import StackedAdam, cosine
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.targets import td_target, team_reward
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class IQLConfig:
+    """Implicit Q-learning of a team; one setting for all datasets."""
+
+    n_updates: int = 8_000
+    batch_size: int = 256  # joint transitions
+    actor_hidden: tuple[int, ...] = (128, 128)
+    critic_hidden: tuple[int, ...] = (128, 128)  # of Q and V
+    step_size: float = 1e-3
+    critic_step_size: float = 3e-4  # Kostrikov et al. 2022, appendix B
+    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
+    discount: float = 0.95
+    polyak: float = 0.01
+    expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
+    beta: float = 10.0  # see the deviations above
+    max_weight: float = 100.0  # w*, as in the authors' code
+    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
+
+
+class IQL:
+    """K seeds of actors, twin critics and value networks, trained at once.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of initial parameters, [K].
+        config: settings.
+        statistics: of the dataset: normalization and reward scale.
+        device: where to train.
+    """
+
+    Config = IQLConfig
+    LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        config: IQLConfig,
+        *,
+        statistics: Statistics,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.config, self.n_updates = config, 0
+        step_size, norm = config.critic_step_size, config.max_gradient_norm
+        self.actor = StackedActor(
+            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
+        )
+        self.critics = JointCritics(
+            sizes, seeds, config.critic_hidden, step_size=step_size, max_norm=norm, device=device
+        )
+        inputs = sizes.state + sizes.n_agents * sizes.observation
+        shape = MLPShape(inputs, config.critic_hidden, 1, layer_norm=True)
+        self.value = StackedMLP(shape, len(seeds), device)
+        initialize(self.value, seeds, VALUE_STREAM)
+        self.actor_adam = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
+        self.value_adam = StackedAdam(self.value, len(seeds), step_size, norm)
+        self.normalizer = Normalizer(statistics, device)
+        self.reward_scale = 1 / statistics.return_std
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns losses, each [K]."""
+        config = self.config
+        scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
+        x = self.information(batch.states, batch.observations)
+        with torch.no_grad():
+            q = self.critics.target_q(x, batch.actions)[..., 0].amin(1)  # [K, B]
+        advantages = q - self.value(x)[..., 0]
+        value_loss = expectile_loss(advantages, config.expectile).mean(1)  # [K]
+        y = self.targets(batch)  # of the value network as it was
+        self.value_adam.step(value_loss, scale)
+        critic_loss = (self.critics.q(x, batch.actions)[..., 0] - y[:, None]).square()
+        critic_loss = critic_loss.mean(2).sum(1)
+        self.critics.step(critic_loss, scale)
+        weights = exponential_weights(config.beta * advantages, config.max_weight)  # [K, B]
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        actor_loss = weighted_cloning_loss(pi, batch.actions, weights[..., None])
+        self.actor_adam.step(actor_loss, scale)
+        self.critics.follow(config.polyak)
+        self.n_updates += 1
+        losses = (value_loss, critic_loss, actor_loss, q.mean(1), advantages.std(1))
+        named = zip(self.LOSSES, (*losses, weights.mean(1)), strict=True)
+        return {name: loss.detach() for name, loss in named}
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y of eq. 6, [K, B], in units of scaled rewards."""
+        x_next = self.information(batch.next_states, batch.next_observations)
+        r = team_reward(batch.rewards) * self.reward_scale
+        v_next = self.value(x_next)[..., 0]  # [K, B]
+        return td_target(r, batch.terminations, v_next, self.config.discount)
+
+    def information(self, states: Tensor, observations: Tensor) -> Tensor:
+        """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
+        known = self.normalizer
+        return information(known.states(states), known.observations(observations))
+
+    def policy(self, index: int) -> TorchPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, targets, Adam's moments and the number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "actor": self.actor.network.flat.clone(),
+            "value": self.value.flat.clone(),
+            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
+            **{f"value_adam.{k}": v for k, v in self.value_adam.state_dict().items()},
+            **self.critics.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        self.actor.network.load(state["actor"])
+        self.value.load(state["value"])
+        self.actor_adam.load_state_dict(part(state, "actor_adam"))
+        self.value_adam.load_state_dict(part(state, "value_adam"))
+        self.critics.load_state_dict(state)

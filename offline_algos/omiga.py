@@ -1,0 +1,197 @@
+"""OMIGA: a global regularization of the team becomes a local one of every agent, in the data only.
+
+Wang, Xu, Zheng & Zhan, "Offline multi-agent reinforcement learning with implicit global-to-local
+value regularization", NeurIPS 2023. Names are those of the authors' code (`algos/OMIGA.py`,
+functions in brackets), from which the losses were read. With x = (state, all observations) and team
+reward r, the mean over agents:
+
+    Q(o, a) = sum_i w_i(x) Q_i(o_i, a_i) + b(x),  V(o) = sum_i w_i(x) V_i(o_i) + b(x),  w_i >= 0
+    L(Q, w, b) = (r + gamma (1 - termination) V'(o') - Q(o, a))^2                  [q_loss]
+    z_i        = w'_i(x) (Q'_i(o_i, a_i) - V_i(o_i)) / alpha
+    L(V_i)     = exp(z_i) + w'_i(x) V_i(o_i) / alpha                               [v_loss]
+    L(pi)      = min(exp(z_i), w*) 1/A |pi(o_i, i) - a_i|^2, mean over i           [policy_loss]
+
+Primes are slow copies, which are constants in V_i's and the policy's losses. V_i is the soft
+maximum over the data's actions: L(V_i) is least where the mean of exp(z_i) is 1.
+
+Deviations:
+- alpha is in units of scaled rewards, divided by the standard deviation of the returns-to-go. The
+  paper's 10 is for rewards as the simulators give them. With 0.05, z had a deviation of 0.35
+  (`coop_nav-medium-replay-mini`, after 560 updates); 0.02 should make it about 0.9. This is a
+  change of unit, and not tuned by scores.
+- In L(V_i), exp(z) goes on as its tangent above exp(z) = w*. The code cuts z at 10 instead, which
+  leaves such samples no gradient but that of + w V / alpha: it lowers a V that is too low already.
+  The subtraction of the largest z, which the cut makes necessary, is not needed then.
+- In L(pi), exp(z) is at most w*, 100 as in implicit Q-learning; in the code exp(10) = 22,026.
+- w_i = |1 + h_i(x)| / N rather than |h_i(x)|: `learn.mixers.LinearMixer` says why.
+- Actors are deterministic and cloned with a weighted squared error, as in `iql`; the paper's are
+  Gaussians under a tanh.
+- Utilities and V_i have LayerNorm, and all see normalized inputs. x has the state; in the code it
+  is the observations.
+- Step sizes decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.actor import StackedActor
+from swarmdata.learn.checkpoint import part
+from swarmdata.learn.critics import information
+from swarmdata.learn.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
+from swarmdata.learn.in_sample import exponential_weights, soft_value_loss, weighted_cloning_loss
+from swarmdata.learn.mixers import LinearMixer
+from swarmdata.learn.networks import MLPShape
+from swarmdata.learn.normalizer import Normalizer
+from swarmdata.learn.optimizer import StackedAdam, cosine
+from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.targets import polyak, td_target, team_reward
+from swarmdata.learn.team import Team
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class OMIGAConfig:
+    """Implicit global-to-local regularization; one setting for all datasets."""
+
+    n_updates: int = 8_000
+    batch_size: int = 256  # joint transitions
+    actor_hidden: tuple[int, ...] = (128, 128)
+    critic_hidden: tuple[int, ...] = (128, 128)  # of Q_i and V_i
+    mixer_hidden: int = 64  # of the network of w and b, as in the authors' code
+    step_size: float = 1e-3
+    critic_step_size: float = 3e-4  # the authors' 5e-4 has no decay
+    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
+    discount: float = 0.95
+    polyak: float = 0.01
+    alpha: float = 0.02  # see the deviations above
+    max_weight: float = 100.0  # w*
+    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
+
+
+class OMIGA:
+    """K seeds of actors, factored critics and local value networks, trained at once.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of initial parameters, [K].
+        config: settings.
+        statistics: of the dataset: normalization and reward scale.
+        device: where to train.
+    """
+
+    Config = OMIGAConfig
+    LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        config: OMIGAConfig,
+        *,
+        statistics: Statistics,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.config, self.n_updates = config, 0
+        n_agents, step_size, norm = (
+            sizes.n_agents,
+            config.critic_step_size,
+            config.max_gradient_norm,
+        )
+        self.actor = StackedActor(
+            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
+        )
+        self.mixer = LinearMixer(
+            n_agents, sizes.state + n_agents * sizes.observation, seeds, MIXER_STREAM,
+            hidden=config.mixer_hidden, device=device,
+        )  # fmt: skip
+        self.critics = FactoredCritics(
+            sizes, seeds, config.critic_hidden, self.mixer,
+            step_size=step_size, max_norm=norm, n_critics=1, device=device,
+        )  # fmt: skip
+        shape = MLPShape(sizes.observation, config.critic_hidden, 1, layer_norm=True)
+        self.values = Team(shape, n_agents, seeds, VALUE_STREAM, parameters="shared", device=device)
+        self.target_values = self.values.network.clone()
+        self.actor_adam = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
+        self.value_adam = StackedAdam(self.values.network, len(seeds), step_size, norm)
+        self.normalizer = Normalizer(statistics, device)
+        self.reward_scale = 1 / statistics.return_std
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns losses, each [K]."""
+        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
+        s = self.normalizer.states(batch.states)
+        o = self.normalizer.observations(batch.observations)
+        y = self.targets(batch)
+        value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
+        q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
+        critic_loss = (q - y).square().mean(1)  # [K]
+        weights = exponential_weights(z, self.config.max_weight)  # [K, B, N]
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        actor_loss = weighted_cloning_loss(pi, batch.actions, weights)
+        self.critics.step(critic_loss, scale)
+        self.value_adam.step(value_loss, scale)
+        self.actor_adam.step(actor_loss, scale)
+        self.critics.follow(self.config.polyak)
+        polyak(self.target_values, self.values.network, self.config.polyak)
+        self.n_updates += 1
+        losses = (critic_loss, value_loss, actor_loss, q.mean(1))
+        spread = (z.std((1, 2)), weights.mean((1, 2)))
+        named = zip(self.LOSSES, (*losses, *spread), strict=True)
+        return {name: loss.detach() for name, loss in named}
+
+    def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns L(V_i), [K], and z_i, [K, B, N].
+
+        Args:
+            s: normalized states, [K, B, S].
+            o: normalized observations, [K, B, N, O].
+            actions: of the data, [K, B, N, A].
+        """
+        with torch.no_grad():
+            q = self.critics.agent_values(o, actions, self.critics.target_utilities)[:, 0]
+            w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]
+        v = w * self.values(o)[..., 0] / self.config.alpha  # [K, B, N]
+        z = w * q / self.config.alpha - v
+        return soft_value_loss(z, v, self.config.max_weight).mean((1, 2)), z
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y of `q_loss`, [K, B], in units of scaled rewards."""
+        s_next = self.normalizer.states(batch.next_states)
+        o_next = self.normalizer.observations(batch.next_observations)
+        values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
+        v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
+        r = team_reward(batch.rewards) * self.reward_scale
+        return td_target(r, batch.terminations, v_next, self.config.discount)
+
+    def policy(self, index: int) -> TorchPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, targets, Adam's moments and the number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "actor": self.actor.network.flat.clone(),
+            "values": self.values.network.flat.clone(),
+            "target_values": self.target_values.flat.clone(),
+            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
+            **{f"value_adam.{k}": v for k, v in self.value_adam.state_dict().items()},
+            **self.critics.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        self.actor.network.load(state["actor"])
+        self.values.network.load(state["values"])
+        self.target_values.load(state["target_values"])
+        self.actor_adam.load_state_dict(part(state, "actor_adam"))
+        self.value_adam.load_state_dict(part(state, "value_adam"))
+        self.critics.load_state_dict(state)

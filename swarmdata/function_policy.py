@@ -1,0 +1,66 @@
+"""FunctionPolicy: any function of observations as a policy that can be evaluated and recorded."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from swarmdata.density import LastMeans, noisy_log_probs
+from swarmdata.errors import SchemaError
+from swarmdata.types import Double, Float, Int, Step
+
+Function = Callable[[Float], Any]
+"""Observations, float32 [E, N, O], to actions [E, N, A]: NumPy, or what NumPy reads without a copy,
+such as a tensor on the CPU that needs no gradient."""
+
+
+class FunctionPolicy:
+    """A deterministic policy without memory, of any framework; actions are clipped to [-1, 1].
+
+        policy = FunctionPolicy(lambda observations: network(torch.from_numpy(observations)))
+
+    An episode is the same in any batch only if the function answers each copy alike in any batch.
+    Products in float32 do so but for the last bits; in float64, what remains is lost when actions
+    are rounded to float32.
+
+    Args:
+        function: what the robots do.
+    """
+
+    uses_state = False
+
+    def __init__(self, function: Function) -> None:
+        self._function = function
+        self._last = LastMeans()
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Does nothing: the policy has no memory."""
+
+    def act(self, step: Step) -> Float:
+        means = self._means(step)
+        self._last.keep(step, means)
+        return means.astype(np.float32)
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        means = self._last.recall(step)  # right after `act`: the function need not run again
+        return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
+
+    def _means(self, step: Step) -> Double:
+        """The function's actions, clipped and as float32 keeps them, [E, N, A].
+
+        Raises:
+            SchemaError: they are not one finite row for each robot.
+        """
+        n_copies, n_agents = step.observations.shape[:2]
+        actions = np.asarray(self._function(step.observations), dtype=np.float64)
+        if actions.ndim != 3 or actions.shape[:2] != (n_copies, n_agents):
+            raise SchemaError(
+                f"the policy's function returned shape {actions.shape} for observations "
+                f"{step.observations.shape}, expected ({n_copies}, {n_agents}, A): one action of "
+                "each robot in each copy"
+            )
+        if not np.isfinite(actions).all():
+            raise SchemaError(
+                "the policy's function returned actions that are not finite; check its parameters"
+            )
+        return actions.clip(-1.0, 1.0).astype(np.float32).astype(np.float64)

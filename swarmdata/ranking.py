@@ -1,0 +1,114 @@
+"""How well a criterion that needs no simulator ranks policies: rank correlation and regret.
+
+The measures of Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section 4 (also
+of Paine et al., "Hyperparameter Selection for Offline Reinforcement Learning", 2020). Pure NumPy.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.metrics import Estimate, bootstrap
+from swarmdata.types import Double
+
+
+class Quality(NamedTuple):
+    """How well one criterion ranked n policies."""
+
+    n_policies: int
+    spearman: Estimate  # -1 to 1, with its bootstrap interval
+    regret: dict[int, float]  # k -> regret@k, in units of the scores
+
+
+def ranks(values: Double) -> Double:
+    """Returns ranks from 1 for the smallest, ties sharing their mean rank; [..., n] -> [..., n]."""
+    smaller = (values[..., :, None] > values[..., None, :]).sum(axis=-1)
+    equal = (values[..., :, None] == values[..., None, :]).sum(axis=-1)
+    return np.asarray(smaller + (equal + 1) / 2.0)
+
+
+def spearman(estimates: Double, scores: Double) -> Double:
+    """Spearman's rank correlation, Pearson's of the ranks; [..., n], [..., n] -> [...].
+
+    Where one side is constant there is no order to agree with, and the correlation is 0: a
+    criterion that tells no policies apart has ranked none.
+    """
+    a, b = (ranks(side) for side in (estimates, scores))
+    a, b = (side - side.mean(axis=-1, keepdims=True) for side in (a, b))
+    scale = np.sqrt(np.square(a).sum(axis=-1) * np.square(b).sum(axis=-1))
+    product = (a * b).sum(axis=-1)
+    # ranks are halves, so that a constant side is exactly 0 after centering
+    return np.asarray(np.divide(product, scale, out=np.zeros_like(scale), where=scale > 0))
+
+
+def regret(estimates: Double, scores: Double, k: int = 1) -> float:
+    """Returns how much worse the best of the k policies chosen is than the best of all.
+
+    Regret@k = max_i V_i - max_{j in top-k} V_j (Fu et al. 2021, section 4), with top-k by estimate.
+    Policies of one estimate are chosen from the worst on, so that it is the largest regret that an
+    order of ties can give.
+
+    Args:
+        estimates: what the criterion says, higher is better, [n].
+        scores: what the policies are worth, [n].
+        k: how many may be tried, 1 to n.
+
+    Raises:
+        SchemaError: the arrays differ in shape or are not finite, or k is out of range.
+    """
+    _check(estimates, scores)
+    if not 1 <= k <= len(scores):
+        raise SchemaError(f"regret@{k} of {len(scores)} policies, expected k from 1 to that number")
+    chosen = np.lexsort((scores, -estimates))[:k]
+    return float(scores.max() - scores[chosen].max())
+
+
+def ranking_quality(
+    estimates: Double,
+    scores: Double,
+    *,
+    top: tuple[int, ...] = (1, 3),
+    generator: np.random.Generator | None = None,
+    n_resamples: int = 2000,
+) -> Quality:
+    """Measures a criterion against the scores of the same policies.
+
+    The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
+    replacement. Policies of one run share data and settings, so it is rather too narrow.
+
+    Args:
+        estimates: what the criterion says, higher is better, [n].
+        scores: what the policies are worth, [n].
+        top: values of k for regret@k; those beyond n - 1 are left out, where nothing is chosen.
+        generator: source of the bootstrap; a fixed one by default, so that it is repeatable.
+        n_resamples: of the bootstrap.
+
+    Raises:
+        SchemaError: fewer than two policies, or arrays that differ in shape or are not finite.
+    """
+    _check(estimates, scores)
+    n = len(scores)
+
+    def correlation(rows: Double) -> Double:
+        index = rows[..., 0].astype(np.int64)
+        return spearman(estimates[index], scores[index])
+
+    interval = bootstrap(
+        correlation,
+        np.arange(n, dtype=np.float64)[:, None],
+        generator=np.random.default_rng(0) if generator is None else generator,
+        n_resamples=n_resamples,
+    )
+    return Quality(n, interval, {k: regret(estimates, scores, k) for k in top if k < n})
+
+
+def _check(estimates: Double, scores: Double) -> None:
+    """Raises unless both are finite and of one length, at least 2."""
+    shapes = [list(side.shape) for side in (estimates, scores)]
+    finite = all(np.isfinite(side).all() for side in (estimates, scores))
+    if shapes[0] != shapes[1] or estimates.ndim != 1 or len(estimates) < 2 or not finite:
+        raise SchemaError(
+            f"estimates are {shapes[0]} and scores {shapes[1]}, {'all' if finite else 'not all'} "
+            "finite; expected two finite vectors of one length, at least 2: one number per policy."
+        )

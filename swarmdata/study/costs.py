@@ -1,0 +1,134 @@
+"""What a cell costs: time, memory and speed, kept while it runs, so that a kill loses little."""
+
+import json
+import os
+import platform
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from swarmdata.frozen import Frozen, NonNegative
+from swarmdata.store import write_file
+
+EVERY = 10.0
+"""Seconds between two records of an attempt."""
+
+
+class Attempt(Frozen):
+    """One process that worked on a cell, until its end or the last record before it was killed."""
+
+    updates: Annotated[int, Field(ge=0)] = 0  # done by this process
+    train_seconds: NonNegative = 0.0  # wall clock, without learning curves
+    curve_seconds: NonNegative = 0.0
+    evaluate_seconds: NonNegative = 0.0
+    cpu_seconds: NonNegative = 0.0  # of everything
+    peak_mb: NonNegative = 0.0  # resident, memory maps of the dataset included
+
+
+class Cost(Frozen):
+    """All attempts at a cell."""
+
+    attempts: tuple[Attempt, ...] = ()
+    machine: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def updates_per_second(self) -> float | None:
+        """While training, all seeds at once; None where nothing was trained."""
+        seconds = sum(each.train_seconds for each in self.attempts)
+        return sum(each.updates for each in self.attempts) / seconds if seconds else None
+
+    @property
+    def wall_seconds(self) -> float:
+        """Of everything."""
+        return sum(
+            each.train_seconds + each.curve_seconds + each.evaluate_seconds
+            for each in self.attempts
+        )
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Of everything."""
+        return sum(each.cpu_seconds for each in self.attempts)
+
+    @property
+    def peak_mb(self) -> float:
+        """Of the attempt that needed most."""
+        return max((each.peak_mb for each in self.attempts), default=0.0)
+
+
+def machine() -> dict[str, Any]:
+    """What speed depends on, without the machine's name."""
+    return {
+        "cores": os.cpu_count(),
+        "platform": f"{platform.system()}-{platform.machine()}",
+        "processor": _processor(),
+        "python": platform.python_version(),
+        "load": round(os.getloadavg()[0], 1),  # processes that wanted a core when it began
+    }
+
+
+def _processor() -> str:
+    """The processor's kind, as Linux tells it; elsewhere as Python does."""
+    file = Path("/proc/cpuinfo")
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or "unknown"
+
+
+class Meter:
+    """Measures this process, which works on one cell; `path` holds earlier attempts as well.
+
+    Args:
+        path: the cell's `cost.json`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.earlier = Cost.from_file(path).attempts if path.exists() else ()
+        self.machine = machine()
+        self.seconds = {"train_seconds": 0.0, "curve_seconds": 0.0, "evaluate_seconds": 0.0}
+        self.updates, self.written = 0, time.perf_counter()
+        self.stages: list[str] = []
+        self.since = time.perf_counter()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Counts the time of a block as `<name>_seconds`; inside another, only as its own."""
+        self._count()
+        self.stages.append(f"{name}_seconds")
+        try:
+            yield
+        finally:
+            self._count()
+            self.stages.pop()
+
+    def beat(self, updates: int = 0) -> None:
+        """Adds updates, and writes the cost if that was long ago."""
+        self.updates += updates
+        if time.perf_counter() - self.written > EVERY:
+            self.write()
+
+    def write(self) -> None:
+        """Puts this attempt after the earlier ones."""
+        self._count()
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        now = Attempt(
+            updates=self.updates,
+            cpu_seconds=round(usage.ru_utime + usage.ru_stime, 2),
+            peak_mb=round(usage.ru_maxrss / 1024, 1),  # kilobytes on Linux
+            **{name: round(value, 2) for name, value in self.seconds.items()},
+        )
+        cost = Cost(attempts=(*self.earlier, now), machine=self.machine)
+        write_file(self.path, json.dumps(cost.model_dump(mode="json"), indent=1).encode())
+        self.written = time.perf_counter()
+
+    def _count(self) -> None:
+        now = time.perf_counter()
+        if self.stages:
+            self.seconds[self.stages[-1]] += now - self.since
+        self.since = now

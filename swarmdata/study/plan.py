@@ -1,0 +1,133 @@
+"""Study, the file that says which algorithms are compared on which datasets, and how."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from swarmdata.frozen import Frozen, Positive
+
+Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
+Count = Annotated[int, Field(ge=1)]
+Names = tuple[str, ...]
+Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
+
+Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
+"""Of a dataset: all of it, its published first 5 %, or its first so many joint steps."""
+
+
+class Variant(Frozen):
+    """One algorithm with its settings: a row of the tables."""
+
+    algorithm: str  # registered offline
+    family: str  # such as "value decomposition"; the best of each family is swept
+    settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
+    updates: Count | None = None  # None: its default times the study's budget
+
+
+class Baseline(Frozen):
+    """An online algorithm: a finished run, or what to train."""
+
+    run: str | None = None  # run folder, relative to where the command runs
+    algorithm: str | None = None  # registered online
+    task: str | None = None  # preset or spec's file
+    frames: Count | None = None  # joint steps of each seed; None: the algorithm's default
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_or_the_other(self) -> Self:
+        trains = self.algorithm is not None and self.task is not None
+        if (self.run is None) != trains or (self.run and (self.frames or self.settings)):
+            raise ValueError("expected either `run`, or `algorithm` and `task` with their settings")
+        return self
+
+
+class Curves(Frozen):
+    """Learning curves: how often, and on how many reserved seeds, policies are measured."""
+
+    points: Count = 10
+    episodes: Count = 64
+    datasets: Names = ()  # of the study; empty: all
+
+
+class Sizes(Frozen):
+    """Data efficiency: the same algorithms on less of the same data."""
+
+    datasets: Names
+    algorithms: Names  # labels
+    sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")
+
+
+class Sweep(Frozen):
+    """One axis of worse communication or sensing, for the best variant of each family.
+
+    Variants are trained on a dataset seen through the models named here, and evaluated along the
+    axis with everything else fixed.
+    """
+
+    dataset: str  # of the study: the best there are taken
+    communication: str | None = None  # trained with; None: as recorded
+    observation: str | None = None
+    vary: Literal["communication", "observation"]
+    axis: str  # as `swarmdata sweep` takes it, such as drop=0..0.8
+    points: Count = 5
+    episodes: Count = 200
+    families: Names = ()  # empty: all offline ones
+
+
+class Losses(Frozen):
+    """A figure of what training reports, such as Q-values."""
+
+    column: str  # of the runs' losses.csv
+    label: str  # of the axis
+    datasets: Names
+    algorithms: Names  # labels
+
+
+class Study(Frozen):
+    """A grid, its protocol and its budget."""
+
+    name: Label
+    title: str = ""
+    datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
+    algorithms: Annotated[dict[Label, Variant], Field(min_length=1)]
+    seeds: Seeds = (0, 1, 2, 3, 4)
+    budget: Positive = 1.0  # of each algorithm's default number of updates
+    hidden: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None  # of every network
+    episodes: Count = 500  # reserved evaluation seeds
+    curves: Curves | None = None
+    online: dict[Label, Baseline] = Field(default_factory=dict)
+    sizes: Sizes | None = None
+    sweeps: dict[Label, Sweep] = Field(default_factory=dict)
+    losses: dict[Label, Losses] = Field(default_factory=dict)  # by the figure's name
+    device: str = "cpu"
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> Self:
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ValueError(f"seeds {self.seeds} are not different")
+        if twice := sorted(self.algorithms.keys() & self.online.keys()):
+            raise ValueError(f"{twice} are labels of offline and online algorithms, expected one")
+        parts: list[tuple[str, Names, Names]] = []
+        if self.sizes:
+            parts.append(("sizes", self.sizes.datasets, self.sizes.algorithms))
+        parts += [(f"losses.{k}", v.datasets, v.algorithms) for k, v in self.losses.items()]
+        parts += [(f"sweeps.{k}", (v.dataset,), ()) for k, v in self.sweeps.items()]
+        if self.curves:
+            parts.append(("curves", self.curves.datasets, ()))
+        for where, datasets, labels in parts:
+            _check_known(f"{where}.datasets", datasets, self.datasets)
+            _check_known(f"{where}.algorithms", labels, tuple(self.algorithms))
+        for label, sweep in self.sweeps.items():
+            _check_known(f"sweeps.{label}.families", sweep.families, self.families)
+        return self
+
+    @property
+    def families(self) -> Names:
+        """Of offline algorithms, in the order of the file."""
+        return tuple(dict.fromkeys(variant.family for variant in self.algorithms.values()))
+
+
+def _check_known(where: str, names: Names, known: Names) -> None:
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{where} has {name!r}, which the study lacks: {', '.join(known)}")

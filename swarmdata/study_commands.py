@@ -1,0 +1,48 @@
+"""The command that runs a study: a grid of algorithms, datasets and seeds."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="what is compared, and how")],
+    out: Annotated[Path, typer.Option(help="folder of tables, figures and text")] = Path(
+        "cards/study"
+    ),
+    work: Annotated[
+        Path | None, typer.Option(help="folder of runs and results; runs/study-NAME")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes, one thread each")] = 2,
+    only: Annotated[
+        str | None, typer.Option(metavar="PATTERN", help="cells to do, such as 'bc/*'")
+    ] = None,
+    again: Annotated[bool, typer.Option(help="do cells of another configuration anew")] = False,
+    check: Annotated[
+        str | None,
+        typer.Option(metavar="CELL", help="do a finished cell again elsewhere, and compare"),
+    ] = None,
+) -> None:
+    """Run a grid of algorithms, datasets and seeds, and write its tables, figures and text.
+
+    Run again after any interruption to go on; what is done is kept.
+    """
+    from swarmdata.targets import require
+
+    require("torch", "torch", "running a study")
+    require("matplotlib", "plots", "drawing the figures of a study")
+    from swarmdata.study import conducting
+    from swarmdata.study.plan import Study
+
+    plan = Study.from_file(file)
+    options = conducting.Options(out, work, workers, only, again)
+    if check is not None:
+        found = conducting.check(plan, check, options)
+        typer.echo(found.sentence())
+        raise typer.Exit(0 if found.is_same else 1)
+    failures, written = conducting.conduct(plan, options, f"swarmdata study {file} --out {out}")
+    typer.echo(written[0])
+    for name, reason in failures.items():
+        typer.echo(f"failed: {name}: {reason}", err=True)
+    raise typer.Exit(1 if failures else 0)

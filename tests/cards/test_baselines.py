@@ -1,0 +1,58 @@
+"""Baselines on cards: of this dataset and this content only, the best first."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.cards.baselines import RESULTS, SHOWN, baselines_section, read_runs, study_runs
+
+NAMES = ("label", "family", "dataset", "digest", "updates", "episodes", *(n for n, *_ in SHOWN))
+
+
+def make_run(label: str, team_return: float, **changes: str) -> dict[str, str]:
+    run = dict.fromkeys(NAMES, "0.5") | {"label": label, "family": "cloning"}
+    run |= {"dataset": "coop_nav-small-v0", "digest": "a" * 64, "updates": "4000"}
+    return run | {"episodes": "300", "return": str(team_return)} | changes
+
+
+def section(*runs: dict[str, str]) -> str:
+    return baselines_section("coop_nav-small-v0", "a" * 64, runs)
+
+
+def test_the_best_comes_first_with_its_seeds_and_updates() -> None:
+    text = section(make_run("bc", 1.0), make_run("omar", 2.0), make_run("omar", 3.0))
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    assert [row.split(" | ")[0] for row in rows] == ["| `omar`", "| `bc`"]
+    assert "| 2 | 4,000 |" in rows[0]
+    assert "2.50 [2.00, 3.00]" in rows[0]
+    assert "300 reserved evaluation seeds" in text
+
+
+def test_other_datasets_and_other_content_are_not_shown() -> None:
+    assert "None measured on this dataset.\n" in section()
+    assert "None measured on this dataset.\n" in section(make_run("bc", 1.0, dataset="other-v0"))
+    assert "other content under this id" in section(make_run("bc", 1.0, digest="b" * 64))
+
+
+def test_a_world_without_references_has_no_score() -> None:
+    assert "| 4,000 | – | 1.00 [1.00, 1.00] |" in section(make_run("bc", 1.0, score=""))
+
+
+@given(st.lists(st.floats(-50, 50), min_size=1, max_size=6))
+def test_intervals_hold_the_values(returns: list[float]) -> None:
+    text = section(*(make_run("bc", value) for value in returns))
+    cell = next(line for line in text.splitlines() if "`bc`" in line).split(" | ")[5]
+    value, low, high = (float(each.strip(",[]")) for each in cell.split())
+    assert min(returns) - 0.01 <= low <= value <= high <= max(returns) + 0.01
+
+
+def test_the_committed_study_can_be_read() -> None:
+    runs = study_runs()
+    if not runs:
+        pytest.skip(f"there is no {'/'.join(RESULTS)} yet")
+    assert set(NAMES) <= set(runs[0])
+
+
+def test_rows_of_a_file_are_runs() -> None:
+    (run,) = read_runs("label,return\nbc,1.5\n")
+    assert run == {"label": "bc", "return": "1.5"}

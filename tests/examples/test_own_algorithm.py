@@ -1,0 +1,55 @@
+"""The example trains, and what it writes is read as results beside others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import swarmdata
+from swarmdata.evaluate import evaluate
+from swarmdata.provenance import Provenance
+from swarmdata.registry import make_policy
+from swarmdata.result_files import Result, save
+from swarmdata.results import read
+from tests.examples import own_algorithm as example
+from tests.one_process import use_one_process
+from tests.tiny import TINY, make_tiny
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        path = make_tiny(tmp_path_factory.mktemp("own") / TINY.id, n_steps=160)
+    return swarmdata.load(path, progress=False)
+
+
+def test_a_short_run_is_reported_beside_others(dataset: swarmdata.Dataset, tmp_path: Path) -> None:
+    files = example.main(str(dataset.path), tmp_path, n_seeds=2, n_updates=3, n_episodes=2)
+    idle = make_policy("idle", dataset.task)
+    other = evaluate(idle, dataset.task, name="idle", n_episodes=2, progress=False)
+    who = Provenance(label="idle", dataset=dataset.id, digest=dataset.digest, algorithm="idle")
+    save(Result(other, who, dataset.task), tmp_path)
+    (case,) = read([tmp_path], data=[dataset.path]).cases
+    assert set(case.runs) == {"mine", "idle"}
+    assert [result.path for result in case.runs["mine"]] == files
+    assert case.metric("mine", "return").shape == (2, 2)
+    assert [result.provenance.seed for result in case.runs["mine"]] == [0, 1]
+
+
+def test_a_seed_decides_the_policy(dataset: swarmdata.Dataset) -> None:
+    step = dataset.make_env(2).reset(np.arange(2, dtype=np.uint64))
+    actions = [example.train(dataset, seed, 3).act(step) for seed in (0, 0, 1)]
+    assert np.array_equal(actions[0], actions[1])
+    assert not np.array_equal(actions[0], actions[2])
+
+
+def test_it_is_forty_lines() -> None:
+    """The training loop, from its definition to the policy that it returns."""
+    lines = Path(example.__file__).read_text(encoding="utf-8").splitlines()
+    start, end = (
+        lines.index(x) for x in ("def train(", "    return swarmdata.FunctionPolicy(act)")
+    )
+    assert end - start < 40

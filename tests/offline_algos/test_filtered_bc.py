@@ -1,0 +1,95 @@
+"""Filtered behavior cloning: which episodes are kept, that the run says so, and that it helps."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.run import load_run, read_run  # noqa: E402
+from swarmdata.learn.trainer import train  # noqa: E402
+from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
+from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from tests.offline_algos.conftest import drive  # noqa: E402
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    returns=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60),
+    fraction=st.floats(0.01, 1),
+)
+def test_the_best_are_kept_and_no_more_than_asked_but_for_ties(
+    returns: list[float], fraction: float
+) -> None:
+    least = FilteredBCConfig(fraction=fraction).least_return(np.array(returns))
+    better, kept = (sum(compare) for compare in zip(*[(r > least, r >= least) for r in returns]))  # noqa: B905
+    assert better < fraction * len(returns) + 1
+    assert kept >= fraction * len(returns) - 1e-6
+    assert least in returns
+
+
+@pytest.mark.parametrize(
+    ("n", "fraction", "n_kept"), [(30, 0.1, 3), (31, 0.1, 4), (5, 0.1, 1), (4, 1.0, 4)]
+)
+def test_the_number_kept_by_hand(n: int, fraction: float, n_kept: int) -> None:
+    returns = np.random.default_rng(n).permutation(n).astype(np.float64)
+    assert FilteredBCConfig(fraction=fraction).least_return(returns) == n - n_kept
+
+
+@pytest.mark.parametrize("fraction", [0.0, -0.1, 1.1, float("nan")])
+def test_a_fraction_of_nothing_or_of_more_than_all_is_refused(fraction: float) -> None:
+    with pytest.raises(SchemaError, match="above 0 and at most 1"):
+        FilteredBCConfig(fraction=fraction)
+
+
+def test_there_must_be_episodes() -> None:
+    with pytest.raises(SchemaError, match="no episodes"):
+        FilteredBCConfig().least_return(np.zeros(0))
+
+
+def test_the_run_says_what_was_kept_and_is_behavior_cloning_of_it(
+    mixture: MemoryDataset, tmp_path: Path
+) -> None:
+    config = FilteredBCConfig(n_updates=20, hidden=(8,), fraction=0.25)
+    (policy,) = train("filtered_bc", mixture, tmp_path / "a", seeds=[3], config=config)
+    run = read_run(tmp_path / "a")
+    returns = np.sort([episode.team_return for episode in mixture])
+    assert run.n_episodes == 50
+    assert run.min_return == returns[-50]
+    assert run.config["fraction"] == 0.25
+
+    assert run.min_return is not None
+    kept = replace(mixture, episodes=mixture.filter(min_return=run.min_return).episodes)
+    (same,) = train(
+        "bc", kept, tmp_path / "b", seeds=[3], config=BCConfig(n_updates=20, hidden=(8,))
+    )
+    observations = mixture.transitions["observations"]
+    expected = same.actions(observations)  # type: ignore[attr-defined]
+    assert np.array_equal(policy.actions(observations), expected)  # type: ignore[attr-defined]
+    assert read_run(tmp_path / "b").min_return is None
+    (again,) = load_run(tmp_path / "a")
+    assert np.array_equal(again.actions(observations), expected)  # type: ignore[attr-defined]
+
+
+@pytest.mark.learns
+def test_it_beats_behavior_cloning_on_a_mixture(mixture: MemoryDataset, tmp_path: Path) -> None:
+    """The best quarter of the mixture drive at the goal; half of all move at random."""
+    observations = mixture.transitions["observations"]
+    wanted = drive(observations[..., 2:4])
+    errors = {}
+    for kind, config in (
+        (BC, BCConfig(n_updates=1000, hidden=(32, 32))),
+        (FilteredBC, FilteredBCConfig(n_updates=1000, hidden=(32, 32), fraction=0.25)),
+    ):
+        name = "filtered_bc" if kind is FilteredBC else "bc"
+        (policy,) = train(name, mixture, tmp_path / name, seeds=[0], config=config)
+        acted = policy.actions(observations)  # type: ignore[attr-defined]
+        errors[name] = float(np.sqrt(np.square(acted - wanted).mean()))
+    assert errors["filtered_bc"] < 0.2
+    assert errors["filtered_bc"] < 0.6 * errors["bc"]

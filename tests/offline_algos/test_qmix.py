@@ -1,0 +1,44 @@
+"""Offline QMIX: its mixing, overestimation on narrow data, and what stops it."""
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from tests.offline_algos.valuing import progress_of, trained  # noqa: E402
+
+
+def test_the_state_weighs_the_robots(mixture: MemoryDataset) -> None:
+    algorithm, _ = trained(QMIX, mixture, 1, hidden=(8,))
+    values, states = torch.randn(2, 2, 5, 2), torch.randn(2, 5, 8)
+    mixed = algorithm.values.mix(values, states)
+    assert mixed.shape == (2, 2, 5)
+    assert (algorithm.values.mix(values + 1, states) >= mixed).all()
+    assert not torch.allclose(algorithm.values.mix(values, states + 1), mixed)
+    assert {"networks.mixer", "networks.target_mixer"} <= algorithm.state_dict().keys()
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize("regulariser", ["bc", "bcq", "cql"])
+def test_it_beats_its_data(mixture: MemoryDataset, regulariser: str) -> None:
+    """Half of the data drive at the goal, the other half at random: 0.03 a step."""
+    algorithm, _ = trained(QMIX, mixture, 500, regulariser=regulariser)
+    observations = mixture.transitions["observations"]
+    for seed in range(2):
+        assert progress_of(algorithm.policy(seed).actions(observations), observations) > 0.08
+
+
+@pytest.mark.learns
+def test_without_a_regulariser_it_overestimates_narrow_data(good_only: MemoryDataset) -> None:
+    """Good data only: what they lack is valued by guesses, which the bootstrap then spreads."""
+    observations = good_only.transitions["observations"]
+    value, progress = {}, {}
+    for regulariser in ("none", "bc"):
+        algorithm, losses = trained(QMIX, good_only, 500, regulariser=regulariser)
+        value[regulariser] = losses[-1]["q"]  # 2.03 against 1.76
+        policies = [algorithm.policy(seed) for seed in range(2)]
+        each = [progress_of(policy.actions(observations), observations) for policy in policies]
+        progress[regulariser] = sum(each) / 2  # 0.07 against 0.11
+    assert value["none"] > value["bc"] + 0.1
+    assert progress["bc"] > progress["none"] + 0.015

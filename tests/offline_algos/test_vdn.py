@@ -1,0 +1,28 @@
+"""Offline VDN: its mixing, and that it improves on its data."""
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.learn.factored_values import LOSSES  # noqa: E402
+from swarmdata.offline_algos.vdn import VDN  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from tests.offline_algos.valuing import progress_of, trained  # noqa: E402
+
+
+def test_the_team_is_worth_the_mean_of_its_robots(mixture: MemoryDataset) -> None:
+    algorithm, losses = trained(VDN, mixture, 1, hidden=(8,))
+    values = torch.randn(2, 2, 5, 2)
+    torch.testing.assert_close(algorithm.values.mix(values, torch.zeros(2, 5, 8)), values.mean(-1))
+    assert set(losses[0]) <= set(LOSSES) == set(VDN.LOSSES)
+    assert not any("mixer" in name for name in algorithm.state_dict())
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize("regulariser", ["bc", "bcq", "cql"])
+def test_it_beats_its_data(mixture: MemoryDataset, regulariser: str) -> None:
+    """Half of the data drive at the goal, the other half at random: 0.03 a step."""
+    algorithm, _ = trained(VDN, mixture, 500, regulariser=regulariser)
+    observations = mixture.transitions["observations"]
+    for seed in range(2):
+        assert progress_of(algorithm.policy(seed).actions(observations), observations) > 0.08

@@ -1,0 +1,208 @@
+"""From recorded choices to policies that choose, and back into the environment."""
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete, MultiDiscrete, Space
+from pettingzoo import ParallelEnv
+
+from swarmdata.dataset import Dataset
+from swarmdata.errors import SchemaError
+from swarmdata.origins import RecordedSpec
+from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds, policy_actions
+from swarmdata.types import Bool, Float, Int, Step
+from tests.record.worlds import Choosing, play
+
+torch = pytest.importorskip("torch")
+
+LENGTH = 5
+
+
+class Signals(ParallelEnv):  # type: ignore[misc]
+    """Each agent sees a number and is paid for naming it; `few` knows fewer numbers, from 1 on.
+
+    Args:
+        has_masks: forbids `many` its right answer.
+    """
+
+    ACTIONS: ClassVar[dict[str, Space[Any]]] = {
+        "many": MultiDiscrete([4, 2]),
+        "few": Discrete(2, start=1),
+    }
+
+    def __init__(self, has_masks: bool = False) -> None:
+        self.metadata = {"name": "signals_v0"}
+        self.possible_agents = list(self.ACTIONS)
+        self.agents: list[str] = []
+        self.has_masks = has_masks
+        self.taken: list[dict[str, Any]] = []
+
+    def observation_space(self, agent: str) -> Space[Any]:
+        return Box(0, 1, (4,), np.float32)
+
+    def action_space(self, agent: str) -> Space[Any]:
+        return self.ACTIONS[agent]
+
+    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
+        self.rng, self.time = np.random.default_rng(seed), 0
+        self.agents = list(self.possible_agents)
+        return self._observe(), self._infos()
+
+    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+        for name, action in actions.items():
+            assert self.ACTIONS[name].contains(action), (name, action)
+        self.taken.append({name: np.array(action).tolist() for name, action in actions.items()})
+        self.time += 1
+        many, few = actions["many"], actions["few"]
+        rewards = {
+            "many": float(many[0] == self.signal["many"]) + 0.5 * float(many[1] == 1),
+            "few": float(few - 1 == self.signal["few"]),
+        }
+        names, over = self.agents, self.time == LENGTH
+        if over:
+            self.agents = []
+        flags = dict.fromkeys(names, False)
+        return self._observe(), rewards, flags, dict.fromkeys(names, over), self._infos()
+
+    def _observe(self) -> dict[str, Any]:
+        self.signal = {"many": int(self.rng.integers(4)), "few": int(self.rng.integers(2))}
+        return {name: np.eye(4, dtype=np.float32)[number] for name, number in self.signal.items()}
+
+    def _infos(self) -> dict[str, Any]:
+        if not self.has_masks:
+            return {name: {} for name in self.possible_agents}
+        mask = np.ones(6, np.int8)
+        mask[self.signal["many"]] = 0
+        return {"many": {"action_mask": mask}, "few": {}}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("recorded") / "ds"
+    with Recorder(Signals(), id="signals_v0-mine-v0", path=path) as recorder:
+        play(recorder, 60)
+    return recorder.close()
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "regulariser"), [("vdn", "bcq"), ("qmix", "cql"), ("qmix", "none")]
+)
+def test_choices_are_learned_and_played(
+    dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str
+) -> None:
+    """Random data; a policy that names every number gets (1.5 + 1) / 2 a step, chance 0.625."""
+    from swarmdata.learn.run import load_run
+    from swarmdata.training import train_offline
+
+    changes = {
+        "n_updates": "250", "batch_size": "64", "hidden": "32", "regulariser": regulariser,
+        "discount": "0.5", "step_size": "3e-3", "threshold": "0.1",
+    }  # fmt: skip
+    policy = train_offline(
+        algorithm, str(dataset.path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
+    )[0]
+    assert isinstance(dataset.spec, RecordedSpec)
+    seeds = foreign_evaluation_seeds(4)
+    result = evaluate_parallel(policy, Signals, dataset.spec, seeds)
+    assert result.metrics["return"].mean() > 0.9 * 1.25 * LENGTH
+    again = evaluate_parallel(load_run(tmp_path / "run")[0], Signals, dataset.spec, seeds)
+    np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
+
+
+class Says:
+    """Always the same choices; takes the first allowed one instead where it is told."""
+
+    uses_state = False
+
+    def __init__(self, *rows: list[float]) -> None:
+        self.rows = np.array([rows], np.float32)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Nothing to forget."""
+
+    def act(self, step: Step) -> Float:
+        return self.rows
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros((1, 2), np.float32)
+
+
+class Listens(Says):
+    """Also heeds masks."""
+
+    def act_among(self, step: Step, allowed: Bool) -> Float:
+        assert allowed.shape == (1, 2, 6)
+        assert allowed.sum(-1).tolist() == [[5, 2]]
+        rows = self.rows.copy()
+        rows[0, 0, 0] = float(np.flatnonzero(allowed[0, 0, :4])[0])
+        return rows
+
+
+def test_masks_of_the_environment_reach_the_policy(dataset: Dataset) -> None:
+    spec, seeds = dataset.spec, foreign_evaluation_seeds(2)
+    assert isinstance(spec, RecordedSpec)
+    policy = Listens([0, 1], [1, 0])
+    result = evaluate_parallel(policy, lambda: Signals(has_masks=True), spec, seeds)
+    few = result.metrics["return"] * 2 - 0.5 * LENGTH  # what is left when `many` is never right
+    assert (few <= LENGTH).all()
+    with pytest.raises(SchemaError, match="has no act_among"):
+        evaluate_parallel(Says([0, 1], [1, 0]), lambda: Signals(has_masks=True), spec, seeds)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (([0.5, 1], [1, 0]), r"chose 0\.5 in column 0 of the action of many, .* from 0 to 3"),
+        (([0, 2], [1, 0]), r"chose 2 in column 1 of the action of many, .* from 0 to 1"),
+        (([0, 1], [0, 0]), "chose 0 in column 0 of the action of few, .* from 1 to 2"),
+    ],
+)
+def test_what_is_no_choice_is_refused(dataset: Dataset, rows: Any, message: str) -> None:
+    assert isinstance(dataset.spec, RecordedSpec)
+    with pytest.raises(SchemaError, match=message):
+        evaluate_parallel(Says(*rows), Signals, dataset.spec, foreign_evaluation_seeds(1))
+
+
+def test_actions_are_those_of_the_environment(dataset: Dataset) -> None:
+    from swarmdata.record import step_of
+
+    assert isinstance(dataset.spec, RecordedSpec)
+    step = step_of(np.zeros((2, 4), np.float32), np.zeros(8, np.float32), seed=0, time=0)
+    actions = policy_actions(Says([3, 1], [2, 0]), dataset.spec, step)
+    assert actions["many"].tolist() == [3, 1]
+    assert actions["few"] == 2
+
+
+def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
+    from swarmdata.learn.trainer import train
+
+    with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
+        play(recorder, 5)
+    dataset = recorder.close()
+    with pytest.raises(SchemaError, match="actions of mixed in choosing_v2 have a part that is no"):
+        train("vdn", dataset, tmp_path / "run", progress=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
+def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
+    mpe2 = pytest.importorskip("mpe2", reason="simple_spread needs mpe2")
+    from swarmdata.training import train_offline
+
+    def make() -> Any:
+        spread = mpe2.simple_spread_v3
+        return spread.parallel_env(N=2, local_ratio=0.5, max_cycles=25, continuous_actions=False)
+
+    path = tmp_path / "ds"
+    with Recorder(make(), id="simple_spread_v3-mine-v0", path=path) as recorder:
+        play(recorder, 200)
+    dataset = recorder.close()
+    changes = {"n_updates": "1000", "hidden": "64,64", "threshold": "0.1"}
+    policy = train_offline(
+        algorithm, str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
+    )[0]
+    assert isinstance(dataset.spec, RecordedSpec)
+    result = evaluate_parallel(policy, make, dataset.spec, foreign_evaluation_seeds(30))
+    assert result.metrics["return"].mean() > dataset.episodes.team_return.mean()

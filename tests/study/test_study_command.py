@@ -1,0 +1,80 @@
+"""The command, in this process and in ones of its own that are killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata.cli import app
+from swarmdata.result_files import load
+from swarmdata.study.cells import cells_of
+from swarmdata.study.costs import Cost
+from swarmdata.study.data import digest_of
+from swarmdata.study.plan import Study
+from swarmdata.study.working import do_cell
+from tests.study.conftest import BC, MADDPG
+
+Make = Callable[..., Study]
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    result = CliRunner().invoke(app, ["study", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.mark.usefixtures("here")
+def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
+    file.write_text(make_study(algorithms={"bc": BC}).to_yaml())
+    assert str(tmp_path / "o" / "report.md") in run(file, *folders)
+    assert "are the same" in run(file, *folders, "--check", "bc/coop_nav-tiny-v0")
+    file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml())
+    assert "--again removes these cells" in run(file, *folders, code=1)
+    file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml() + "seed: 1\n")
+    assert "Did you mean 'seeds'" in run(file, *folders, code=1)
+
+
+def start(file: Path, folder: Path) -> "subprocess.Popen[bytes]":
+    code = "from swarmdata.cli import main; main()"
+    options = ["--out", folder / "out", "--work", folder / "work", "--workers", "2"]
+    words = [sys.executable, "-c", code, "study", file, *options]
+    return subprocess.Popen([str(word) for word in words], env={**os.environ, "PYTHONPATH": "."})
+
+
+def returns(work: Path) -> dict[str, list[float]]:
+    files = sorted(work.glob("cells/*/*/results/*.json"))
+    return {file.name: load(file).evaluation.metrics["return"].tolist() for file in files}
+
+
+@pytest.mark.slow
+def test_a_study_that_is_killed_goes_on_to_the_same_numbers(
+    make_study: Make, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    algorithms = {"bc": {**BC, "updates": 3000}, "maddpg": {**MADDPG, "updates": 1500}}
+    study = make_study(algorithms=algorithms)
+    file = tmp_path / "study.yaml"
+    file.write_text(study.to_yaml())
+    command = start(file, tmp_path)
+    deadline = time.monotonic() + 300
+    while len(list(tmp_path.glob("work/cells/*/*/*/checkpoint.safetensors"))) < 2:
+        assert command.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    command.send_signal(signal.SIGKILL)
+    command.wait()
+    assert start(file, tmp_path).wait(timeout=600) == 0
+    costs = [Cost.from_file(each) for each in tmp_path.glob("work/cells/*/*/cost.json")]
+    assert len(costs) == 2
+    for cell in cells_of(study, digest_of):
+        do_cell(cell, tmp_path / "whole" / "cells" / cell.label / cell.data)
+    assert returns(tmp_path / "work") == returns(tmp_path / "whole")
+    assert len(returns(tmp_path / "work")) == 4
