@@ -114,7 +114,7 @@ def _probe() -> None:
     try:
         _twice(torch.ones(2))
     except Exception as error:  # torch has a dozen types for it, most of them private
-        reason = next(iter(str(error).strip().splitlines()), "no message")
+        reason = " ".join(str(error).split("\n\n")[0].split()) or "no message"
         raise ProgramError(
             f"torch.compile does not work here: {type(error).__name__}: {reason} "
             "It needs a C++ compiler: install g++ or clang, or name one in the environment "

@@ -18,6 +18,7 @@ FUSABLE = [
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of torch's own compiler
 @pytest.mark.parametrize("name", FUSABLE)
 def test_compiled_updates_equal_plain_ones(name: str) -> None:
     kind: Any = resolve("algorithm", OFFLINE_ALGORITHMS, name)

@@ -188,11 +188,10 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
 def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
-    mpe2 = pytest.importorskip("mpe2", reason="simple_spread needs mpe2")
+    spread = pytest.importorskip("mpe2.simple_spread_v3", reason="simple_spread needs mpe2")
     from swarmdata.training import train_offline
 
     def make() -> Any:
-        spread = mpe2.simple_spread_v3
         return spread.parallel_env(N=2, local_ratio=0.5, max_cycles=25, continuous_actions=False)
 
     path = tmp_path / "ds"
