@@ -198,7 +198,8 @@ def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -
     with Recorder(make(), id="simple_spread_v3-mine-v0", path=path) as recorder:
         play(recorder, 200)
     dataset = recorder.close()
-    changes = {"n_updates": "1000", "hidden": "64,64", "threshold": "0.1"}
+    regulariser = {"regulariser": "bcq", "threshold": "0.1"}
+    changes = {"n_updates": "1000", "hidden": "64,64", **regulariser}
     policy = train_offline(
         algorithm, str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
