@@ -52,10 +52,12 @@ def shapes(subject: Subject) -> Remarks:
 def _task_sizes(spec: TaskSpec) -> dict[str, Shape]:
     env = make_env(spec, 1)
     n = spec.n_agents
-    observed = ("observations", "sent", "delivered", "ages")
-    arrays = Observer(env.task, 1).allocate((), n)
+    observations, sent, delivered, ages = Observer(env.task, 1).allocate((), n)
     return {
-        **{name: array.shape for name, array in zip(observed, arrays, strict=True)},
+        "observations": observations.shape,
+        "sent": sent.shape,
+        "delivered": delivered.shape,
+        "ages": ages.shape,
         "states": (env.state_size,),
         "actions": (n, env.action_size),
         "log_probs": (n,),
