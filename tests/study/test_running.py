@@ -87,7 +87,7 @@ def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None
 
 def test_cells_are_chosen_by_pattern(make_study: Make) -> None:
     found = cells(make_study())
-    assert [cell.label for cell in chosen(found, "ot*/*")] == ["other"]
+    assert [cell.label for cell in chosen(found, "oth*/*")] == ["other"]
     assert chosen(found, None) == found
     with pytest.raises(UnknownNameError, match="unknown cell 'bx/coop_nav"):
         chosen(found, "bx/coop_nav-tiny-v0")
