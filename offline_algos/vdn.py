@@ -9,7 +9,7 @@ in factorisable action spaces", TMLR 2024):
 
 The other equations are those of `learn.factored_values`: targets, losses and the `regulariser`.
 
-    none  plain double Q-learning, which overestimates what the data lack
+    none  double Q-learning, which overestimates what the data lack; plain without `clip_target`
     bc    choose, and bootstrap, by argmax U / temperature + log pi_b
     bcq   only choices with pi_b >= threshold max pi_b, in the target and when acting
     cql   push down all choices together, and the data's up

@@ -46,7 +46,7 @@ def made(
         return_std=return_std,
         max_return=1.0,
     )
-    small = {"hidden": (8,), "n_choices": 3, "regulariser": "none", **config}
+    small = {"hidden": (8,), "n_choices": 3, "regulariser": "none", "clip_target": False, **config}
     return FactoredValues(
         sizes, range(n_seeds), FactoredConfig(**small), mixer, statistics=statistics
     )
@@ -130,6 +130,17 @@ def test_the_online_networks_choose_and_the_targets_value(is_monotonic: bool) ->
     q_next = learner.mix(taken, states, learner.descent.targets.get("mixer")).mean(1)
     expected = batch.rewards.mean(-1) + 0.5 * ~batch.terminations * q_next
     torch.testing.assert_close(learner.targets(batch), expected.detach())
+
+
+def test_targets_are_at_most_what_data_return() -> None:
+    batch = random_batch()
+    clipped, free = made(return_std=0.5, clip_target=True), made(return_std=0.5)
+    for values in (clipped, free):
+        values.descent.targets["team"].flat.fill_(3.0)
+    r = batch.rewards.mean(-1) / 0.5
+    bound = r + 0.95 * (~batch.terminations) * 2.0  # the largest return-to-go is 1
+    torch.testing.assert_close(clipped.targets(batch), bound)
+    assert (free.targets(batch) > bound + 1).any()
 
 
 def test_mixing_raises_no_value_by_lowering_a_robots() -> None:

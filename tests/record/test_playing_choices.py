@@ -186,7 +186,8 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_simple_spread_is_learned_from_choices(tmp_path: Path) -> None:
+@pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
+def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
     spread = pytest.importorskip("mpe2.simple_spread_v3", reason="simple_spread needs mpe2")
     from swarmdata.training import train_offline
 
@@ -200,7 +201,7 @@ def test_simple_spread_is_learned_from_choices(tmp_path: Path) -> None:
     regulariser = {"regulariser": "bcq", "threshold": "0.1"}
     changes = {"n_updates": "1000", "hidden": "64,64", **regulariser}
     policy = train_offline(
-        "vdn", str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
+        algorithm, str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
     assert isinstance(dataset.spec, RecordedSpec)
     result = evaluate_parallel(policy, make, dataset.spec, foreign_evaluation_seeds(30))
