@@ -20,15 +20,10 @@ actions has no such form and was found unstable. That the online networks choose
 value is double Q-learning (van Hasselt et al. 2016, equation 4).
 
 R* is the largest discounted return-to-go of the dataset (`clip_target`, as `maddpg_bc` has it).
-Without it the weights of QMIX's mixer and its values drive each other up: on 200 episodes of random
-choices in `simple_spread_v3`, 1,500 updates, `none`, values reached 29 where no return is above 0,
-and policies earned -30 to -42 against -21 of the data; with it -14, as VDN.
-
-Scores of QMIX after 600 updates of 128 transitions (2 seeds, 64 episodes), too few to level off,
-on the minis of coop_nav-expert and coop_nav-medium-replay: cql -49 and -28, bcq (threshold 0.3)
--149 and -108, bc (temperature 0.1) -174 and -209, none -329 and not measured. Taking the data's
-favorite knots alone gave -116 on the expert's, and 5 after 3,500 updates, with 64 % success and 3 %
-clean success. Longer runs have not been measured.
+Without it the weights of QMIX's mixer and its values drive each other up: on random choices in
+`simple_spread_v3` values rose above 0, where every return is negative, and the policies earned less
+than the data. With it they earn more (tests/record/test_playing_choices.py). Which regulariser is
+best on our tiers has not been measured.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -78,7 +73,6 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM = 0, 1, 2
 class FactoredConfig:
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
-    # the best of the four in short runs on coop_nav-expert and -medium-replay: docstring
     regulariser: Regulariser = "cql"
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
