@@ -34,7 +34,7 @@ class BCConfig:
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
     output: Literal["tanh", "clip"] = "tanh"
-    step_size: float = 1e-3
+    step_size: float = 3e-3  # see the deviations above
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
     max_gradient_norm: float | None = None
 

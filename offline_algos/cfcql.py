@@ -55,8 +55,8 @@ class CFCQLConfig:
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)
-    step_size: float = 1e-3
-    critic_step_size: float = 3e-4
+    step_size: float = 3e-3  # see `bc`
+    critic_step_size: float = 1e-3  # see `maddpg_bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
     discount: float = 0.95
     polyak: float = 0.01  # per actor update
@@ -67,7 +67,7 @@ class CFCQLConfig:
     temperature: float = 0.1  # tau
     n_samples: int = 10  # the paper's code
     joint_gradient: JointGradient = "own"  # the paper's code
-    bc_weight: float = 1.0  # w; see the deviations above
+    bc_weight: float = 0.4  # w; see the deviations above
     clip_target: bool = True
     warm_start: int = 4000  # updates in which the actors clone the data
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind

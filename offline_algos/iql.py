@@ -54,13 +54,13 @@ class IQLConfig:
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)  # of Q and V
-    step_size: float = 1e-3
-    critic_step_size: float = 3e-4  # Kostrikov et al. 2022, appendix B
+    step_size: float = 3e-3  # see `bc`
+    critic_step_size: float = 1e-3  # see `maddpg_bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
     discount: float = 0.95
     polyak: float = 0.01
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
-    beta: float = 10.0  # see the deviations above
+    beta: float = 3.0  # Kostrikov et al. 2022, appendix B; see the deviations above
     max_weight: float = 100.0  # w*, as in the authors' code
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 

@@ -59,8 +59,8 @@ class MADDPGCQLConfig:
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)
-    step_size: float = 1e-3
-    critic_step_size: float = 3e-4
+    step_size: float = 3e-3  # see `bc`
+    critic_step_size: float = 1e-3  # see `maddpg_bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
     discount: float = 0.95
     polyak: float = 0.01  # per actor update
@@ -72,7 +72,7 @@ class MADDPGCQLConfig:
     n_samples: int = 5  # of each of the three kinds; 10 in the papers' code
     sample_noise: float = 0.2  # the code of OMAR and CFCQL
     joint_gradient: JointGradient = "all"
-    bc_weight: float = 1.0  # w; see the deviations above
+    bc_weight: float = 0.4  # w; see the deviations above
     clip_target: bool = True
     warm_start: int = 4000  # updates in which the actors clone the data
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind

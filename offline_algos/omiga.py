@@ -64,12 +64,12 @@ class OMIGAConfig:
     actor_hidden: tuple[int, ...] = (128, 128)
     critic_hidden: tuple[int, ...] = (128, 128)  # of Q_i and V_i
     mixer_hidden: int = 64  # of the network of w and b, as in the authors' code
-    step_size: float = 1e-3
-    critic_step_size: float = 3e-4  # the authors' 5e-4 has no decay
+    step_size: float = 3e-3  # see `bc`
+    critic_step_size: float = 1e-3  # see `maddpg_bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
     discount: float = 0.95
     polyak: float = 0.01
-    alpha: float = 0.02  # see the deviations above
+    alpha: float = 0.1  # see the deviations above
     max_weight: float = 100.0  # w*
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 

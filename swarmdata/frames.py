@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
 
 
 @dataclass(frozen=True)
@@ -59,17 +60,15 @@ class Frame:
 
         Observations with their vectors turned, the frame's x axis in the world, closing speeds.
         """
-        ux, uy = (u[..., None] for u in self.directions(observations))
-        x, y, size = np.array(self.vectors), np.array(self.vectors) + 1, observations.shape[-1]
-        here = observations.astype(np.float64)
+        size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
-        out[..., :size] = observations
-        out[..., x] = ux * here[..., x] + uy * here[..., y]
-        out[..., y] = ux * here[..., y] - uy * here[..., x]
-        out[..., size : size + 1], out[..., size + 1 : size + 2] = ux, uy
-        near, speed = np.array(self.closing, np.int64).reshape(-1, 2).T
-        products = here[..., near] * here[..., speed] + here[..., near + 1] * here[..., speed + 1]
-        out[..., size + 2 :] = products
+        _turn(
+            np.ascontiguousarray(observations).reshape(-1, size),
+            self.anchor,
+            np.array(self.vectors, np.int64),
+            np.array(self.closing, np.int64).reshape(-1, 2),
+            out.reshape(-1, size + self.n_added),
+        )
         return out
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
@@ -94,6 +93,28 @@ class Frame:
         return out
 
 
+@kernel
+def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, out: Float) -> None:
+    """Writes what is seen of observations, [M, O], into [M, O + 2 + C]."""
+    size = rows.shape[1]
+    for m in range(len(rows)):
+        row, seen = rows[m], out[m]
+        x, y = np.float64(row[anchor]), np.float64(row[anchor + 1])
+        length = np.sqrt(x * x + y * y)
+        ux, uy = 1.0, 0.0
+        if length != 0.0:
+            ux, uy = x / length, y / length
+        seen[:size] = row
+        for k in vectors:
+            x, y = np.float64(row[k]), np.float64(row[k + 1])
+            seen[k], seen[k + 1] = ux * x + uy * y, ux * y - uy * x
+        seen[size], seen[size + 1] = ux, uy
+        for c in range(len(closing)):
+            near, speed = closing[c]
+            product = np.float64(row[near]) * np.float64(row[speed])
+            seen[size + 2 + c] = product + np.float64(row[near + 1]) * np.float64(row[speed + 1])
+
+
 def in_world(frame: Frame | None, observations: Float, actions: Double) -> Double:
     """Returns a policy's actions in the world's frame, within [-1, 1], [E, N, A].
 
@@ -112,6 +133,28 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
     turned[..., 0], turned[..., 1] = x / norm, y / norm
     return turned.clip(-1.0, 1.0)
+
+
+ANCHORS = ("payload_goal", "reference.heading", "target")
+"""Where robots have to go together, or each for itself: `natural_anchor` takes the first."""
+
+
+def natural_anchor(features: Sequence[Feature]) -> str:
+    """Returns the anchor of the frame in which a task looks alike in every direction.
+
+    `world` where there is none, as with beams and cells, which do not turn, and where commands are
+    not vectors, as those of unicycles.
+
+    Args:
+        features: of an observation.
+    """
+    for anchor in ANCHORS:
+        try:
+            find_frame(features, anchor)
+        except SpecError:
+            continue
+        return anchor
+    return "world"
 
 
 def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:

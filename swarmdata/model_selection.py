@@ -21,6 +21,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
+from swarmdata.learn.framed import framed
 from swarmdata.learn.run import Loaded, kept_updates, load_algorithm, read_run
 from swarmdata.learn.statistics import Statistics
 from swarmdata.learn.transitions import Transitions
@@ -155,7 +156,8 @@ def _candidates(
         for loaded in (*earlier, last):
             scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
-            error = td_errors(loaded.algorithm, held_out, n_seeds, scale, device)
+            seen = framed(held_out, loaded.run.frame)
+            error = td_errors(loaded.algorithm, seen, n_seeds, scale, device)
             content = run_hash(folder, 0) if loaded is last else None
             found.append(Candidates(name, content, loaded, error))
     return found

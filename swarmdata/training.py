@@ -11,14 +11,16 @@ import yaml
 from swarmdata.catalog import load
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
+from swarmdata.frames import Frame, find_frame, natural_anchor
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Evaluate, Schedule, train
 from swarmdata.models import Source, with_models
+from swarmdata.observing import features_of
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.origins import RecordedSpec
 from swarmdata.presets import find_spec
-from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.spec import TaskSpec
 
 CURVE_EPISODES = 64
@@ -37,6 +39,7 @@ def train_offline(
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    frame: str = "auto",
     curve_every: int = 1000,
     keep: bool = False,
     device: str = "cpu",
@@ -55,6 +58,8 @@ def train_offline(
         changes: settings of the algorithm as text.
         observation: trains on, and evaluates under, another model than the recorded one.
         communication: the same.
+        frame: anchor of the frame that the robots see and act in, as `frames.find_frame` takes it,
+            or `auto`: the task's natural one.
         curve_every: updates between two points of the learning curve.
         keep: whether every checkpoint is kept, for `rank` to choose among.
         device: of torch.
@@ -63,6 +68,7 @@ def train_offline(
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
+        SpecError: the task has no such frame.
         ProgramError: `compile` found no working compiler.
         CheckpointError: `out` holds another run.
     """
@@ -81,11 +87,33 @@ def train_offline(
         config=config,
         schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
         evaluate=evaluation,
+        frame=frame_of(spec, frame),
         device=device,
         keep=keep,
         compile=compile,
         progress=progress,
     )
+
+
+def frame_of(spec: TaskSpec | RecordedSpec, anchor: str = "auto") -> Frame | None:
+    """Returns the frame of an anchor in a task, None for the world's.
+
+    Args:
+        spec: of a dataset. Recorded environments have the world's frame only.
+        anchor: as `frames.find_frame` takes it, or `auto` for the task's natural one.
+
+    Raises:
+        SpecError: the task's observations have no such anchor.
+    """
+    if isinstance(spec, RecordedSpec):
+        if anchor not in ("auto", "world"):
+            raise SpecError(
+                f"frame {anchor!r}: what a recorded environment's features mean is not known. Use "
+                "frame 'world'."
+            )
+        return None
+    features = features_of(make_task(spec))
+    return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)
 
 
 def train_online(

@@ -9,7 +9,7 @@ import typer
 from swarmdata.task_commands import Communication, Observation, setting
 
 ONLINE = ("first_seed", "steps", "workers")
-OFFLINE = ("updates", "regulariser", "curve_every", "keep", "device", "compile")
+OFFLINE = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
 """Options of `train` that only one kind of algorithm has."""
 
 Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
@@ -41,6 +41,9 @@ def train(
     keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
     observation: Observation = None,
     communication: Communication = None,
+    frame: Annotated[
+        str, typer.Option(help="world, or an anchor such as target, offline")
+    ] = "auto",
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
     device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
     compile: Compile = False,
@@ -65,6 +68,7 @@ def train(
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "device": device, "compile": compile}
+        options["frame"] = frame
         train_offline(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 

@@ -45,7 +45,7 @@ class StackedActor:
         shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
         self.network = StackedMLP(shape, len(seeds), device)
         initialize(self.network, seeds, ACTOR_STREAM)
-        self.squash = squash
+        self.squash, self._frame = squash, sizes.frame
         self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
         self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
         self._mean_here = self._mean.to(device, torch.float32)
@@ -74,6 +74,7 @@ class StackedActor:
             observation_mean=self._mean,
             observation_std=self._std,
             squash=self.squash,
+            frame=self._frame,
         )
 
 

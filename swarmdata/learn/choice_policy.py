@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from swarmdata.frames import Frame, in_world
 from swarmdata.learn.behavior import Rule, behavior_log_probs
 from swarmdata.learn.bins import by_dimension
 from swarmdata.learn.choices import Choices, columns_of
@@ -31,6 +33,7 @@ class ChoicePolicy(Memoryless):
         choices: what there is to choose from.
         ranges: recorded choices of each robot, by column; empty for knots.
         rule: how utilities and behavior decide.
+        frame: in which the robots see and act; None for the world's.
         parameters: whether the robots share one network.
     """
 
@@ -41,6 +44,7 @@ class ChoicePolicy(Memoryless):
     choices: Choices
     ranges: tuple[tuple[range, ...], ...]
     rule: Rule
+    frame: Frame | None = None
     parameters: Parameters = "shared"
     uses_state: bool = False
 
@@ -64,7 +68,11 @@ class ChoicePolicy(Memoryless):
         return self._choose(step.observations, columns)
 
     def utilities(self, observations: Float) -> Tensor:
-        """Returns the mean of the twins' utilities, float64 [E, N, D, C]."""
+        """Returns the mean of the twins' utilities, float64 [E, N, D, C].
+
+        Args:
+            observations: in the robots' frame, [E, N, O].
+        """
         n_rows = 1 if self.parameters == "shared" else observations.shape[1]
         n_twins = len(self.layers[0].weight) // n_rows
         twins = []
@@ -75,14 +83,15 @@ class ChoicePolicy(Memoryless):
         return by_dimension(torch.stack(twins).mean(0), self.choices.n_choices)
 
     def _choose(self, observations: Float, allowed: Tensor | None) -> Float:
+        seen = observations if self.frame is None else self.frame.seen(observations)
         log_probs = None
         if self.behavior:
-            outputs = self._answer(self.behavior, observations)
+            outputs = self._answer(self.behavior, seen)
             log_probs = behavior_log_probs(outputs, self.choices, self.rule.head)
-        utilities = self.utilities(observations)
-        chosen = self.rule.choose(utilities, log_probs, self.choices, allowed)
-        actions: Float = self.choices.to_actions(chosen).to(torch.float32).numpy()
-        return actions
+        utilities = self.utilities(seen)
+        weights = self.rule.act(utilities, log_probs, self.choices, allowed)
+        actions = self.choices.to_actions(weights).numpy()
+        return in_world(self.frame, observations, actions).astype(np.float32)
 
     def _answer(self, layers: Sequence[Layer], observations: Float) -> Tensor:
         mean, std = self.observation_mean, self.observation_std

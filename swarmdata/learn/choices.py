@@ -89,10 +89,9 @@ class Choices:
         places = (actions - self.values[..., 0]).round().long().clamp(0, self.n_choices - 1)
         return one_hot(places, self.n_choices).to(torch.float32)
 
-    def to_actions(self, choices: Tensor) -> Tensor:
-        """Returns the actions, float64 [..., N, D], that choices [..., N, D] mean."""
-        values = self.values.expand(*choices.shape, -1)
-        return values.gather(-1, choices[..., None])[..., 0]
+    def to_actions(self, weights: Tensor) -> Tensor:
+        """Returns the actions, float64 [..., N, D], that weights [..., N, D, C] mean."""
+        return (weights * self.values).sum(-1)
 
     def to_cpu(self) -> "Choices":
         """The same in the CPU's memory, for acting."""

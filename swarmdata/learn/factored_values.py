@@ -79,15 +79,15 @@ class FactoredConfig:
     n_choices: int = 9  # knots of a continuous column; odd, so that standing still is one
     hidden: tuple[int, ...] = (128, 128)
     parameters: Parameters = "shared"
-    step_size: float = 1e-3
+    step_size: float = 3e-3  # see `bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
     discount: float = 0.95  # as maddpg_bc
     polyak: float = 0.01  # per update
     clip_target: bool = True  # at R*; see the module's docstring
-    temperature: float = 1.0  # lambda of `bc`; Beeson et al. 2024
+    temperature: float = 0.5  # lambda of `bc`; see the docstring
     threshold: float = 0.5  # of `bcq`; Beeson et al. 2024
     behavior_head: Head = "factored"
-    conservative_weight: float = 0.25  # alpha of `cql`; Beeson et al. 2024
+    conservative_weight: float = 0.1  # alpha of `cql`; see the docstring
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
     @property
@@ -119,7 +119,8 @@ class FactoredValues:
         device: torch.device | str = "cpu",
     ) -> None:
         self.config, self.rule, self.n_updates = config, config.rule, 0
-        self.choices, self._ranges = Choices.of(sizes, config.n_choices, device), sizes.choices
+        self.choices = Choices.of(sizes, config.n_choices, device)
+        self._ranges, self._frame = sizes.choices, sizes.frame
         n_utilities = self.choices.n_columns * self.choices.n_choices
         self.team = _team(sizes, seeds, config, n_utilities, UTILITY_STREAM, TWINS, device)
         self.mixer, self.behavior = build_mixer(), None
@@ -153,7 +154,7 @@ class FactoredValues:
         y = self.targets(batch)  # [K, B]
         weights = self.choices.weights(batch.actions)  # [K, B, N, D, C]
         utilities = self.utilities(features)  # [K, J, B, N, D, C]
-        q = self.mix((utilities * weights[:, None]).sum(-1).mean(-1), states)  # [K, J, B]
+        q = self.value(utilities, weights, states)  # [K, J, B]
         td_loss = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none").mean(2).sum(1)
         losses = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
         total, log_probs = td_loss, None
@@ -175,18 +176,18 @@ class FactoredValues:
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         features, states = self.normalized(batch.next_observations, batch.next_states)
-        choices = self.choose(features)
+        weights = self.act(features)
         utilities = self.utilities(features, self.descent.targets["team"])
-        q_next = self.value(utilities, choices, states, self.descent.targets.get("mixer")).mean(1)
+        q_next = self.value(utilities, weights, states, self.descent.targets.get("mixer")).mean(1)
         if self.config.clip_target:
             q_next = q_next.clamp(max=self.max_value)
         r = team_reward(batch.rewards) * self.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
-    def choose(self, features: Tensor) -> Tensor:
-        """Returns what the online networks choose, whole numbers [K, B, N, D]."""
+    def act(self, features: Tensor) -> Tensor:
+        """Returns the online networks' actions as weights of the choices, [K, B, N, D, C]."""
         log_probs = None if self.behavior is None else self.log_probs(features)
-        return self.rule.choose(self.utilities(features).mean(1), log_probs, self.choices)
+        return self.rule.act(self.utilities(features).mean(1), log_probs, self.choices)
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns both twins' utilities of every choice, [K, J, B, N, D, C].
@@ -201,20 +202,19 @@ class FactoredValues:
     def value(
         self,
         utilities: Tensor,
-        choices: Tensor,
+        weights: Tensor,
         states: Tensor,
         mixer: StackedMLP | None = None,
     ) -> Tensor:
-        """Returns Q of choices, [K, J, B].
+        """Returns Q of joint actions, [K, J, B].
 
         Args:
             utilities: [K, J, B, N, D, C].
-            choices: whole numbers, [K, B, N, D].
+            weights: the actions as weights of the choices, [K, B, N, D, C].
             states: normalized, [K, B, S].
             mixer: other parameters to use, those of the targets.
         """
-        taken = choices[:, None].expand(utilities.shape[:-1])
-        return self.mix(bins.chosen(utilities, taken), states, mixer)
+        return self.mix((utilities * weights[:, None]).sum(-1).mean(-1), states, mixer)
 
     def mix(self, values: Tensor, states: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns team values, [K, J, B], of robots' values [K, J, B, N]."""
@@ -235,7 +235,7 @@ class FactoredValues:
     @torch.no_grad()
     def _greedy_q(self, utilities: Tensor, log_probs: Tensor | None, states: Tensor) -> Tensor:
         """Mean value of what the policy would choose where the data are, [K]."""
-        greedy = self.rule.choose(utilities.mean(1), log_probs, self.choices)
+        greedy = self.rule.act(utilities.mean(1), log_probs, self.choices)
         return self.value(utilities, greedy, states).mean((1, 2))
 
     def _gap(self, utilities: Tensor, weights: Tensor) -> Tensor:
@@ -260,6 +260,7 @@ class FactoredValues:
             choices=self.choices.to_cpu(),
             ranges=self._ranges,
             rule=self.rule,
+            frame=self._frame,
             parameters=self.config.parameters,
         )
 

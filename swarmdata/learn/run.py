@@ -23,6 +23,7 @@ from torch import Tensor
 
 from swarmdata import __version__
 from swarmdata.errors import CheckpointError
+from swarmdata.frames import Frame
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
@@ -59,8 +60,9 @@ class Run(Frozen):
     min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec
     spec_hash: str
+    frame: Frame | None = None  # that the robots see and act in; None: the world's
     n_agents: Count
-    observation_size: Count
+    observation_size: Count  # what the frame adds included
     action_size: Count
     state_size: Count
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
@@ -75,7 +77,12 @@ class Run(Frozen):
         """Numbers of agents and features, and the choices of a recorded environment."""
         choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
         return Sizes(
-            self.n_agents, self.observation_size, self.action_size, self.state_size, choices
+            n_agents=self.n_agents,
+            observation=self.observation_size,
+            action=self.action_size,
+            state=self.state_size,
+            choices=choices,
+            frame=self.frame,
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:

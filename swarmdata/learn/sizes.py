@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from swarmdata.errors import SchemaError
+from swarmdata.frames import Frame
 from swarmdata.types import Batch
 
 
@@ -19,6 +20,7 @@ class Sizes:
     action: int  # A
     state: int  # S
     choices: tuple[tuple[range, ...], ...] = ()  # [N], by column; empty: actions are continuous
+    frame: Frame | None = None  # that observations and actions are in; None: the world's
 
     def __post_init__(self) -> None:
         """Checks that every size is positive."""

@@ -17,9 +17,11 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
+from swarmdata.learn.framed import framed
 from swarmdata.learn.fusing import Fusion, fused, has_fusable, unfused
 from swarmdata.learn.run import (
     CHECKPOINT,
@@ -81,6 +83,7 @@ def train(
     config: Any = None,
     schedule: Schedule | None = None,
     evaluate: Evaluate | None = None,
+    frame: Frame | None = None,
     device: torch.device | str = "cpu",
     n_threads: int = 1,
     keep: bool = False,
@@ -98,6 +101,7 @@ def train(
         config: of the algorithm; None for its defaults.
         schedule: of losses, checkpoints and evaluations.
         evaluate: measures each seed's policy for the learning curve.
+        frame: in which the robots see and act; None for the world's.
         device: where to train.
         n_threads: of torch on the CPU; the networks are too small to gain from more.
         keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
@@ -121,10 +125,12 @@ def train(
     _check_actions(algorithm, dataset)
     if compile:
         _check_fusable(algorithm, kind)
-    dataset, min_return = _select(dataset, config)
+    dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    run = _describe(algorithm, config, dataset, min_return, sizes, seeds, schedule, device, compile)
+    run = _describe(
+        algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
+    )
     path = Path(folder)
     _claim(path, run)
     statistics = Statistics.measure(dataset, config.discount)
@@ -182,6 +188,7 @@ def _describe(
     config: Any,
     dataset: Data,
     min_return: float | None,
+    frame: Frame | None,
     sizes: Sizes,
     seeds: Sequence[int],
     schedule: Schedule,
@@ -198,6 +205,7 @@ def _describe(
         min_return=min_return,
         spec=dataset.spec,
         spec_hash=dataset.spec.hash(),
+        frame=frame,
         n_agents=sizes.n_agents,
         observation_size=sizes.observation,
         action_size=sizes.action,

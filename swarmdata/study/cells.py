@@ -42,6 +42,7 @@ class Cell(Frozen):
     n_steps: int | None = None  # only the first episodes of the dataset
     observation: str | None = None  # trained and evaluated under other models than the recorded
     communication: str | None = None
+    frame: str = "auto"  # of offline cells
     seeds: tuple[int, ...]
     n_episodes: int
     curve_every: int | None = None  # updates; None: no learning curve
@@ -75,8 +76,10 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
 
     Raises:
         UnknownNameError: no such algorithm or setting.
-        SpecError: two cells have one name, or an algorithm has a setting of another kind.
+        SpecError: two cells have one name, an algorithm has a setting of another kind, or no
+            algorithm has a setting that is for all.
     """
+    _check_settings(study)
     parts: list[tuple[str, int | None, tuple[str, ...]]] = [
         (dataset, None, tuple(study.algorithms)) for dataset in study.datasets
     ]
@@ -92,6 +95,19 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     for label, baseline in study.online.items():
         _add(cells, _online_cell(study, label, baseline))
     return list(cells.values())
+
+
+def _check_settings(study: Study) -> None:
+    kinds = [
+        resolve("algorithm", OFFLINE_ALGORITHMS, each.algorithm)
+        for each in study.algorithms.values()
+    ]
+    known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
+    if strange := sorted(study.settings.keys() - known):
+        raise SpecError(
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
+            f"expected some of: {', '.join(sorted(known))}"
+        )
 
 
 def _add(cells: dict[str, Cell], cell: Cell) -> None:
@@ -133,6 +149,7 @@ def offline_cell(
         n_steps=n_steps,
         observation=observation,
         communication=communication,
+        frame=study.frame,
         seeds=study.seeds,
         n_episodes=study.episodes,
         curve_every=every,
@@ -152,6 +169,8 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     if study.hidden is not None:
         widths = {k: v for k, v in dataclasses.asdict(config).items() if k.endswith("hidden")}
         changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}
+    names = {field.name for field in dataclasses.fields(config)}
+    changes |= {k: v for k, v in study.settings.items() if k in names}
     return _json(override(config, _texts({**changes, **variant.settings})))
 
 
@@ -192,7 +211,7 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
         content.update(last_policy_path(*seed).read_bytes())
     return Cell(
         kind="run",
-        data=document["spec"]["task"],
+        data=document["spec"]["rules"]["task"],
         algorithm=document["algorithm"],
         config={},
         run=str(folder),

@@ -93,6 +93,8 @@ class Study(Frozen):
     seeds: Seeds = (0, 1, 2, 3, 4)
     budget: Positive = 1.0  # of each algorithm's default number of updates
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None  # of every network
+    settings: dict[str, Any] = Field(default_factory=dict)  # of every algorithm that has them
+    frame: str = "auto"  # that the robots see and act in, as `swarmdata train --frame`
     episodes: Count = 500  # reserved evaluation seeds
     curves: Curves | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)

@@ -44,6 +44,7 @@ from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Meter
 from swarmdata.study.data import Facts, open_data
 from swarmdata.targets import Target, evaluate_target, find_target
+from swarmdata.training import frame_of
 from swarmdata.workers import Report, serve
 
 CELL, DATA, RESULTS, COST, ERROR, DONE = (
@@ -137,6 +138,7 @@ def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
         config=_config(OFFLINE_ALGORITHMS, cell),
         schedule=schedule_of(cell),
         evaluate=None if cell.curve_every is None else measure,
+        frame=frame_of(dataset.spec, cell.frame),
         device=cell.device,
         progress=False,
         report=report,

@@ -105,6 +105,8 @@ def _protocol(found: Findings, command: str) -> str:
     cpu = duration(sum(cost.cpu_seconds for cost in costs))
     total = sum(cost.wall_seconds for cost in costs)
     width = f"Hidden layers of {list(study.hidden)} units. " if study.hidden else ""
+    for_all = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
+    width += f"Where an algorithm has them: {for_all}. " if for_all else ""
     return (
         f"{len(study.algorithms)} offline algorithms on {len(study.datasets)} datasets, "
         f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, one setting of "

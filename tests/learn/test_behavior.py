@@ -28,10 +28,25 @@ UNEQUAL = Choices.of(
     Sizes(2, 1, 2, 1, choices=((range(3), range(2)), (range(1, 3),))), 9
 )  # robot 0: 3 x 2, robot 1: 2
 
+EQUAL = Choices.of(Sizes(2, 1, 2, 1, choices=((range(3), range(3)),) * 2), 9)
+
 
 def rule(regulariser: Any, **changes: Any) -> Rule:
     values = {"temperature": 0.5, "threshold": 0.5, "head": "factored", **changes}
     return Rule(regulariser, **values)
+
+
+def taken(
+    rule: Rule,
+    utilities: Tensor,
+    log_probs: Tensor | None,
+    choices: Choices,
+    allowed: Tensor | None = None,
+) -> Tensor:
+    """What is chosen, as whole numbers, of actions that are one choice in every column."""
+    weights = rule.act(utilities, log_probs, choices, allowed)
+    assert torch.equal(weights.amax(-1), torch.ones(weights.shape[:-1]))
+    return weights.argmax(-1)
 
 
 def log(*probabilities: float) -> Tensor:
@@ -87,12 +102,27 @@ def test_combinations_are_split_again(n_choices: int, n_columns: int, seed: int)
 def test_bc_weighs_utilities_against_behavior() -> None:
     utilities = torch.tensor([[[0.0, 1.0, 0.0], [3.0, 0.0, 0.0]]])  # one robot
     log_probs = torch.stack([log(0.8, 0.1, 0.1), log(0.1, 0.8, 0.1)])[None]
-    choices = Choices.of(Sizes(1, 1, 2, 1), 3)
+    choices = Choices.of(Sizes(1, 1, 2, 1, ((range(3), range(3)),)), 3)
     # column 0: 1 / 0.5 < log 8 stays with the data; column 1: 3 / 0.5 > log 8 does not
-    assert rule("bc").choose(utilities, log_probs, choices).tolist() == [[0, 0]]
-    assert rule("bc", temperature=0.1).choose(utilities, log_probs, choices).tolist() == [[1, 0]]
-    assert rule("bc", temperature=9.0).choose(utilities, log_probs, choices).tolist() == [[0, 1]]
-    assert rule("none").choose(utilities, None, choices).tolist() == [[1, 0]]
+    assert taken(rule("bc"), utilities, log_probs, choices).tolist() == [[0, 0]]
+    assert taken(rule("bc", temperature=0.1), utilities, log_probs, choices).tolist() == [[1, 0]]
+    assert taken(rule("bc", temperature=9.0), utilities, log_probs, choices).tolist() == [[0, 1]]
+    assert taken(rule("none"), utilities, None, choices).tolist() == [[1, 0]]
+
+
+@pytest.mark.parametrize("head", ["factored", "joint"])
+def test_bc_of_knots_takes_the_mean_of_the_improved_distribution(head: Any) -> None:
+    columns = torch.stack([log(0.7, 0.2, 0.1), log(0.2, 0.2, 0.6)])[None]
+    log_probs = columns if head == "factored" else combinations(columns, torch.add)
+    choices = Choices.of(Sizes(1, 1, 2, 1), 3)
+    nothing = torch.zeros(1, 2, 3)
+    clone = rule("bc", head=head).act(nothing, log_probs, choices)
+    torch.testing.assert_close(choices.to_actions(clone).float(), torch.tensor([[-0.6, 0.4]]))
+    assert ((clone > 0).sum(-1) <= 2).all()  # as a recorded action would be weighed
+    better = torch.tensor([[[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]])
+    moved = choices.to_actions(rule("bc", head=head).act(better, log_probs, choices))
+    assert moved[0, 0] > -0.6
+    torch.testing.assert_close(moved[0, 1].float(), torch.tensor(0.4))
 
 
 @settings(deadline=None, max_examples=50)
@@ -106,17 +136,17 @@ def test_bcq_never_takes_what_the_data_do_not_do(
     log_probs = behavior_log_probs(
         3 * torch.randn(20, 2, head_size(choices, head), generator=g), choices, head
     )
-    chosen = rule("bcq", threshold=threshold, head=head).choose(utilities, log_probs, choices)
+    chosen = taken(rule("bcq", threshold=threshold, head=head), utilities, log_probs, choices)
     if head == "joint":
         place = sum(
             chosen[..., d] * choices.n_choices ** (choices.n_columns - 1 - d)
             for d in range(choices.n_columns)
         )
-        taken, least = log_probs.gather(-1, torch.as_tensor(place)[..., None])[..., 0], 2
+        found, least = log_probs.gather(-1, torch.as_tensor(place)[..., None])[..., 0], 2
     else:
-        taken, least = log_probs.gather(-1, chosen[..., None])[..., 0], 1
-    assert (taken >= log_probs.amax(-1) + least * math.log(max(threshold, 1e-30)) - 1e-5).all()
-    assert (taken > -math.inf).all()
+        found, least = log_probs.gather(-1, chosen[..., None])[..., 0], 1
+    assert (found >= log_probs.amax(-1) + least * math.log(max(threshold, 1e-30)) - 1e-5).all()
+    assert (found > -math.inf).all()
 
 
 def test_a_joint_head_knows_left_and_right_and_not_the_middle() -> None:
@@ -125,8 +155,8 @@ def test_a_joint_head_knows_left_and_right_and_not_the_middle() -> None:
     utilities = torch.tensor([[[0.0, 1.0], [0.0, 1.0]]])
     columns = log(0.5, 0.5, 0.5, 0.5).view(1, 2, 2)
     pairs = log(0.01, 0.49, 0.49, 0.01).view(1, 4)
-    assert rule("bcq").choose(utilities, columns, choices).tolist() == [[1, 1]]
-    together = rule("bcq", head="joint").choose(utilities, pairs, choices)
+    assert taken(rule("bcq"), utilities, columns, choices).tolist() == [[1, 1]]
+    together = taken(rule("bcq", head="joint"), utilities, pairs, choices)
     assert together.tolist() in ([[0, 1]], [[1, 0]])
 
 
@@ -141,7 +171,8 @@ def test_forbidden_choices_are_not_taken(regulariser: Any, head: Any) -> None:
     log_probs = behavior_log_probs(outputs, KNOTS, head) if ours.has_behavior else None
     allowed = torch.rand(50, 2, 2, 3, generator=g) < 0.4
     allowed[..., 1] |= ~allowed.any(-1)  # something is
-    chosen = ours.choose(utilities, log_probs, KNOTS, allowed)
+    choices = EQUAL if regulariser == "bc" else KNOTS  # the mean of knots may be between them
+    chosen = taken(ours, utilities, log_probs, choices, allowed)
     assert allowed.gather(-1, chosen[..., None]).all()
 
 

@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
+from torch.nn.functional import one_hot  # noqa: E402
+
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn import bins  # noqa: E402
 from swarmdata.learn.choices import Choices, columns_of  # noqa: E402
@@ -38,7 +40,7 @@ def test_knots_need_no_padding_and_come_back() -> None:
     choices = Choices.of(CONTINUOUS, 5)
     assert choices.exists is None
     numbers = torch.randint(5, (7, 3, 2))
-    actions = choices.to_actions(numbers)
+    actions = choices.to_actions(one_hot(numbers, 5))
     assert actions.dtype == torch.float64
     assert torch.equal(choices.weights(actions.float()).argmax(-1), numbers)
 
@@ -52,7 +54,7 @@ def test_recorded_choices_keep_their_numbers() -> None:
     weights = choices.weights(recorded)
     assert weights.argmax(-1).tolist() == [[[2, 1], [3, 0]], [[0, 0], [0, 0]]]
     assert torch.equal(weights.sum(-1), torch.ones(2, 2, 2))
-    assert torch.equal(choices.to_actions(weights.argmax(-1)), recorded.double())
+    assert torch.equal(choices.to_actions(weights), recorded.double())
 
 
 def test_who_has_left_counts_as_the_first_choice() -> None:

@@ -42,6 +42,21 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
     assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
 
 
+def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
+    algorithms = {"bc": BC, "own": {**MADDPG, "settings": {"alpha": 2}}}
+    found = cells(
+        make_study(algorithms=algorithms, settings={"actor_hidden": [4, 4], "alpha": 3})
+    ).values()
+    bc, own = (each.config for each in found)
+    assert (bc["hidden"], own["actor_hidden"], own["critic_hidden"]) == ([8], [4, 4], [8])
+    assert own["alpha"] == 2.0
+
+
+def test_a_setting_that_nobody_has_is_refused(make_study: Make) -> None:
+    with pytest.raises(SpecError, match="settings has alpah, which none"):
+        cells(make_study(settings={"alpah": 1}))
+
+
 def test_sizes_are_datasets_and_a_full_one_is_the_studys_own(make_study: Make) -> None:
     sizes = {"datasets": ["coop_nav-medium"], "algorithms": ["bc"]}
     found = cells(make_study(datasets=["coop_nav-medium"], sizes=sizes))
