@@ -137,9 +137,11 @@ class OMAR:
         if is_warm or self.n_updates % config.policy_delay == 0:
             pi = by_agent(self.actor(batch.observations))  # [K, B N, 1, A]
             bc_loss = (pi - actions).square().mean((1, 2, 3))  # [K]
-            losses |= (
-                self._clone(bc_loss, scale) if is_warm else self._improve(x, pi, bc_loss, scale)
-            )
+            if is_warm:
+                self.actor.step(bc_loss, scale)
+            else:
+                losses |= self._improve(x, pi, bc_loss, scale)
+            losses["bc_loss"] = bc_loss
             self.actor.follow(config.polyak)
             self.critics.follow(config.polyak)
         return {name: loss.detach() for name, loss in losses.items()}

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.frames import Frame, find_frame
+from swarmdata.frames import Frame, find_frame, natural_anchor
+from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
@@ -32,6 +33,46 @@ def turned(observations: Float, angle: float) -> Float:
             out[..., k] = math.cos(angle) * x - math.sin(angle) * y
             out[..., k + 1] = math.sin(angle) * x + math.cos(angle) * y
     return out.astype(np.float32)
+
+
+def test_the_kernel_computes_what_is_written_here() -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    observations[0, 0, FRAME.anchor : FRAME.anchor + 2] = 0  # no direction
+    ux, uy = FRAME.directions(observations)
+    expected = np.empty((*observations.shape[:-1], len(NAMES) + FRAME.n_added), np.float32)
+    expected[..., : len(NAMES)] = observations
+    here = observations.astype(np.float64)
+    for k in FRAME.vectors:
+        expected[..., k] = ux * here[..., k] + uy * here[..., k + 1]
+        expected[..., k + 1] = ux * here[..., k + 1] - uy * here[..., k]
+    expected[..., len(NAMES)], expected[..., len(NAMES) + 1] = ux, uy
+    for c, (near, speed) in enumerate(FRAME.closing):
+        expected[..., len(NAMES) + 2 + c] = (
+            here[..., near] * here[..., speed] + here[..., near + 1] * here[..., speed + 1]
+        )
+    np.testing.assert_array_equal(FRAME.seen(observations), expected)
+    every_second = np.asfortranarray(observations[::2])
+    np.testing.assert_array_equal(FRAME.seen(every_second), expected[::2])
+
+
+@pytest.mark.parametrize(
+    ("task", "anchor"),
+    [
+        ("coop_nav", "target"),
+        ("warehouse", "target"),
+        ("formation", "reference.heading"),
+        ("transport", "payload_goal"),
+    ],
+)
+def test_tasks_have_natural_frames(task: str, anchor: str) -> None:
+    assert natural_anchor(make_env(preset(task), 1).features) == anchor
+
+
+@pytest.mark.parametrize("model", ["lidar", "occupancy"])
+def test_beams_and_cells_do_not_turn(model: str) -> None:
+    spec = with_models(preset("coop_nav"), model, None)
+    assert natural_anchor(make_env(spec, 1).features) == "world"
 
 
 @settings(deadline=None, max_examples=25)

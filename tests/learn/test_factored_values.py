@@ -185,14 +185,17 @@ def test_the_mask_holds_in_the_target_and_when_acting(head: Any) -> None:
         assert (learner.policy(0).actions(observations) == best - 1).all()  # knots -1, 0, 1
 
 
-def test_bc_follows_the_data_where_utilities_are_equal() -> None:
+def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
     learner = made(regulariser="bc", temperature=1.0)
     assert learner.behavior is not None
     make_constant(learner.behavior.network, [0.0, 3.0, 0.0, 0.0, 0.0, 3.0])
-    for top, expected in ((1.0, [0.0, 1.0]), (4.0, [-1.0, -1.0])):
+    # the mean of p = softmax(U + log pi_b): knots at -1, 0 and 1 with logits (top, 3, 0), (top, 0, 3)
+    for top in (1.0, 4.0):
         make_constant(learner.team.network, *[[top, 0.0, 0.0] * 2] * 2)
         actions = learner.policy(0).actions(np.zeros((1, 2, 3), np.float32))
-        assert actions.tolist() == [[expected, expected]]
+        total = np.exp([top, 3.0, 0.0]).sum()
+        first, second = (1 - np.exp(top)) / total, (np.exp(3.0) - np.exp(top)) / total
+        np.testing.assert_allclose(actions, [[[first, second]] * 2], rtol=1e-6)
 
 
 def test_the_conservative_gap_by_hand() -> None:

@@ -117,7 +117,7 @@ def test_twins_begin_apart_and_the_actors_step_leaves_them_alone() -> None:
     assert critics.gradient.norm(dim=1).min() > 0
     parameters, gradient = critics.flat.clone(), critics.gradient.clone()
     pi = by_agent(algorithm.actor(batch.observations))
-    losses = algorithm._improve(algorithm.seen(batch.observations), pi, 1.0)
+    losses = algorithm._improve(algorithm.seen(batch.observations), pi, torch.zeros(2), 1.0)
     assert set(losses) == {"policy_q", "search_loss"}
     assert torch.equal(critics.flat, parameters)
     assert torch.equal(critics.gradient, gradient)
