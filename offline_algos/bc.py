@@ -6,7 +6,10 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
 Deviations: one network for all agents, which sees the agent's number; observations are normalized
-with the statistics of the dataset; the step size decays along a cosine.
+with the statistics of the dataset; the step size decays along a cosine. It begins at 3e-3: on
+`coop_nav-expert` (in the world's frame, hidden sizes 128, batches of 256, 2 seeds, 100 episodes)
+4,000 updates scored 97.7, as many as 10,000 from 1e-3. With hidden sizes 64 and batches of 128,
+4,000 updates from 1e-3 scored 48 in the world's frame, and 3,000 from 3e-3 in the target's 99.
 """
 
 from collections.abc import Mapping, Sequence

@@ -32,7 +32,7 @@ Those of `maddpg_bc`, for the reasons given there:
   returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset.
 - Warm start: during the first `warm_start` updates lambda is 0 and actors move in every update.
-- Step sizes decay along a cosine; alpha is 1 and the discount 0.95.
+- Step sizes decay along a cosine, from 1e-3 for critics and 3e-3 for actors; the discount is 0.95.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ from torch import Tensor
 from swarmdata.learn.actor import DelayedActor
 from swarmdata.learn.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.inputs import generator_states, generators, restore_generators
-from swarmdata.learn.mixers import FreeMixer, MeanMixer, MonotonicMixer
+from swarmdata.learn.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
 from swarmdata.learn.normalizer import Normalizer
 from swarmdata.learn.optimizer import cosine
 from swarmdata.learn.policy import TorchPolicy
@@ -54,7 +54,8 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.learn.targets import td_target, team_reward
 from swarmdata.types import Batch
 
-MIXERS: dict[str, type[MonotonicMixer] | type[FreeMixer]] = {
+MIXERS: dict[str, type[HyperMixer] | None] = {
+    "mean": None,  # nothing is learned
     "monotonic": MonotonicMixer,
     "free": FreeMixer,
 }
@@ -114,7 +115,8 @@ class FACMACBC:
             sizes, seeds, config.actor_hidden, statistics,
             step_size=config.step_size, max_norm=norm, device=device,
         )  # fmt: skip
-        mixer = MeanMixer() if config.mixer == "mean" else MIXERS[config.mixer](
+        learned = MIXERS[config.mixer]
+        mixer: Mixer = MeanMixer() if learned is None else learned(
             sizes.n_agents, sizes.state + sizes.n_agents * sizes.observation, seeds, MIXER_STREAM,
             embedding=config.embedding, hidden=config.mixer_hidden, device=device, n_twins=2,
         )  # fmt: skip

@@ -4,6 +4,7 @@ A mixer that never falls when a robot's value rises lets every robot act greedil
 team be greedy nevertheless (individual-global-max, Rashid et al. 2018, equation 4).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -45,14 +46,15 @@ class MeanMixer:
         return values.mean(-1)
 
 
-class MonotonicMixer:
-    """QMIX's mixing network (Rashid et al. 2018, section 4.1 and figure 2).
+class HyperMixer(ABC):
+    """A mixing network with one hidden layer, whose weights another network makes of the state.
 
-        Q_tot = |w_2(s)|' elu(|W_1(s)|' q + b_1(s)) + v(s)
+        Q_tot = u(w_2(s))' elu(u(W_1(s))' q + b_1(s)) + v(s)
 
-    W_1, b_1, w_2 and v are outputs of one perceptron of the state with a hidden layer. (In the
-    paper they are separate networks, and only v has a hidden layer.) The values enter with the
-    weights divided by N, so that their scale is independent of the size of the team.
+    u is what subclasses do to weights. W_1, b_1, w_2 and v are outputs of one perceptron of the
+    state with a hidden layer. (In QMIX's paper they are separate networks, and only v has a hidden
+    layer.) The values enter with the weights divided by N, so that their scale is independent of
+    the size of the team.
 
     Args:
         n_agents: N.
@@ -86,54 +88,34 @@ class MonotonicMixer:
 
     def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         parts = torch.split((network or self._hyper)(states), self._sizes, -1)
-        first = parts[0].abs().view(*values.shape, self.embedding)  # [K, B, N, M]
+        first = self.weights(parts[0]).view(*values.shape, self.embedding)  # [K, B, N, M]
         mixed = (values[..., None] * first).mean(-2) + parts[1]  # [K, B, M]
-        return (elu(mixed) * parts[2].abs()).sum(-1) + parts[3][..., 0]
+        return (elu(mixed) * self.weights(parts[2])).sum(-1) + parts[3][..., 0]
+
+    @staticmethod
+    @abstractmethod
+    def weights(outputs: Tensor) -> Tensor:
+        """Returns u of what the hypernetwork gives for weights."""
 
 
-class FreeMixer:
-    """The same network without the absolute values, so that a robot's rise may lower the team's.
+class MonotonicMixer(HyperMixer):
+    """QMIX's mixing network (Rashid et al. 2018, section 4.1 and figure 2): u is |.|."""
 
-        Q_tot = w_2(s)' elu(W_1(s)' q + b_1(s)) + v(s)
+    @staticmethod
+    def weights(outputs: Tensor) -> Tensor:
+        return outputs.abs()
 
-    FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1). Actors need no greedy
-    choice of the critic, so nothing asks for monotonicity.
 
-    Args:
-        n_agents: N.
-        state_size: S.
-        seeds: of the initial parameters, [K].
-        stream: separates the draws of different networks of one seed.
-        embedding: width of the mixing network's hidden layer, M.
-        hidden: width of the hypernetwork's hidden layer.
-        device: where the parameters are.
-        n_twins: mixers of each seed, as of `MonotonicMixer`.
+class FreeMixer(HyperMixer):
+    """FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1): u changes nothing.
+
+    A robot's rise may lower the team's value. Actors need no greedy choice of the critic, so
+    nothing asks for monotonicity.
     """
 
-    def __init__(
-        self,
-        n_agents: int,
-        state_size: int,
-        seeds: Sequence[int],
-        stream: int,
-        *,
-        embedding: int,
-        hidden: int,
-        device: torch.device | str,
-        n_twins: int = 1,
-    ) -> None:
-        self.embedding = embedding
-        self._sizes = [n_agents * embedding, embedding, embedding, 1]
-        shape = MLPShape(state_size, (hidden,), sum(self._sizes))
-        self._hyper = StackedMLP(shape, len(seeds) * n_twins, device)
-        initialize(self._hyper, seeds, stream)
-        self.network: StackedMLP | None = self._hyper
-
-    def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
-        parts = torch.split((network or self._hyper)(states), self._sizes, -1)
-        first = parts[0].view(*values.shape, self.embedding)  # [K, B, N, M]
-        mixed = (values[..., None] * first).mean(-2) + parts[1]  # [K, B, M]
-        return (elu(mixed) * parts[2]).sum(-1) + parts[3][..., 0]
+    @staticmethod
+    def weights(outputs: Tensor) -> Tensor:
+        return outputs
 
 
 class LinearMixer:

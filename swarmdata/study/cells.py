@@ -149,7 +149,7 @@ def offline_cell(
         n_steps=n_steps,
         observation=observation,
         communication=communication,
-        frame=study.frame,
+        frame=variant.frame,
         seeds=study.seeds,
         n_episodes=study.episodes,
         curve_every=every,

@@ -22,6 +22,7 @@ class Variant(Frozen):
     family: str  # such as "value decomposition"; the best of each family is swept
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
     updates: Count | None = None  # None: its default times the study's budget
+    frame: str = "auto"  # that the robots see and act in, as `swarmdata train --frame`
 
 
 class Baseline(Frozen):
@@ -94,7 +95,6 @@ class Study(Frozen):
     budget: Positive = 1.0  # of each algorithm's default number of updates
     hidden: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None  # of every network
     settings: dict[str, Any] = Field(default_factory=dict)  # of every algorithm that has them
-    frame: str = "auto"  # that the robots see and act in, as `swarmdata train --frame`
     episodes: Count = 500  # reserved evaluation seeds
     curves: Curves | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)

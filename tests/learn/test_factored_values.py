@@ -189,7 +189,7 @@ def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
     learner = made(regulariser="bc", temperature=1.0)
     assert learner.behavior is not None
     make_constant(learner.behavior.network, [0.0, 3.0, 0.0, 0.0, 0.0, 3.0])
-    # the mean of p = softmax(U + log pi_b): knots at -1, 0 and 1 with logits (top, 3, 0), (top, 0, 3)
+    # p = softmax(U + log pi_b) of knots -1, 0, 1 has logits (top, 3, 0) and (top, 0, 3)
     for top in (1.0, 4.0):
         make_constant(learner.team.network, *[[top, 0.0, 0.0] * 2] * 2)
         actions = learner.policy(0).actions(np.zeros((1, 2, 3), np.float32))
