@@ -171,8 +171,20 @@ def failures(board: Board, missing: Mapping[str, str]) -> list[str]:
         for label, group in groupby(worse, key=lambda pair: pair[0])
     ]
     sentences += _spread(board)
-    sentences += [f"Cell {name} has no results: {reason}." for name, reason in missing.items()]
+    sentences += _absent(missing)
     return sentences or ["No cell failed, and no algorithm ended below no skill."]
+
+
+def _absent(missing: Mapping[str, str]) -> Iterator[str]:
+    """One sentence for all cells of a dataset that have no results for one reason."""
+    for reason in dict.fromkeys(missing.values()):
+        labels: dict[str, list[str]] = {}
+        for name in (name for name, why in missing.items() if why == reason):
+            label, _, dataset = name.rpartition("/")
+            labels.setdefault(dataset, []).append(f"`{label}`")
+        for dataset, found in labels.items():
+            verb = "have" if len(found) > 1 else "has"
+            yield f"On {dataset}, {', '.join(found)} {verb} no results: {reason}."
 
 
 def _spread(board: Board) -> Iterator[str]:

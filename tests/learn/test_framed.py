@@ -11,7 +11,9 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 from swarmdata.catalog import load  # noqa: E402
 from swarmdata.dataset import Dataset  # noqa: E402
 from swarmdata.frames import Frame, find_frame  # noqa: E402
+from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.framed import framed  # noqa: E402
+from swarmdata.learn.policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.run import load_run, read_run  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.learn.trainer import train  # noqa: E402
@@ -78,11 +80,13 @@ def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
     assert read_run(tmp_path).frame == frame
     observations = data[0].observations[:4]
     for kept, policy in zip(load_run(tmp_path), policies, strict=True):
-        actions = policy.actions(observations)  # type: ignore[attr-defined]
-        np.testing.assert_array_equal(kept.actions(observations), actions)  # type: ignore[attr-defined]
+        assert isinstance(policy, TorchPolicy | ChoicePolicy)
+        assert isinstance(kept, TorchPolicy | ChoicePolicy)
+        actions = policy.actions(observations)
+        np.testing.assert_array_equal(kept.actions(observations), actions)
         assert actions.shape == (4, data.task.n_agents, 2)
         assert np.linalg.norm(actions, axis=-1).max() <= 1 + 1e-6
-        world = dataclasses.replace(policy, frame=None)  # type: ignore[type-var]
+        world = dataclasses.replace(policy, frame=None)
         turned = frame.to_world(observations, world.actions(frame.seen(observations)))
         norm = np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1)
         np.testing.assert_allclose(actions, turned / norm, atol=1e-6)

@@ -75,9 +75,13 @@ def test_surprises_are_shifts_touches_and_online_teams() -> None:
 
 
 def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
-    sentences = text.failures(BOARD, {"omar/y": "not run yet"})
+    missing = {"omar/y": "not run yet", "iql/y": "not run yet", "bc/z": "ValueError: oh"}
+    sentences = text.failures(BOARD, missing)
     assert sentences[0] == "`vdn` is below no skill, with the whole interval, on y."
-    assert sentences[-1] == "Cell omar/y has no results: not run yet."
+    assert sentences[-2:] == [
+        "On y, `omar`, `iql` have no results: not run yet.",
+        "On z, `bc` has no results: ValueError: oh.",
+    ]
     assert text.failures(make_board({}, {}), {})[0].startswith("No cell failed")
 
 

@@ -93,7 +93,7 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
     options = Options(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
     _, files = conduct(study, options, "x")
-    assert "Cell bc/other-v0 has no results: not run yet." in files[0].read_text()
+    assert "On other-v0, `bc` has no results: not run yet." in files[0].read_text()
     study = make_study(algorithms={"bc": BC}, device="nowhere")
     empty = Options(tmp_path / "out", tmp_path / "empty", progress=False)
     with pytest.raises(StudyError, match="no cell of the study's datasets is done"):
