@@ -135,26 +135,21 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     return turned.clip(-1.0, 1.0)
 
 
-ANCHORS = ("payload_goal", "reference.heading", "target")
-"""Where robots have to go together, or each for itself: `natural_anchor` takes the first."""
-
-
 def natural_anchor(features: Sequence[Feature]) -> str:
-    """Returns the anchor of the frame in which a task looks alike in every direction.
+    """Returns `target` where robots see their targets and take commands as vectors, else `world`.
 
-    `world` where there is none, as with beams and cells, which do not turn, and where commands are
-    not vectors, as those of unicycles.
+    Beams and cells do not turn, nor do the commands of unicycles. Other anchors were not better:
+    `bc` on `formation-expert` scored 96.7 in the target's frame and 94.4 in that of the reference's
+    heading (4,000 updates of 128 rows, hidden sizes 64, 2 seeds, 100 episodes).
 
     Args:
         features: of an observation.
     """
-    for anchor in ANCHORS:
-        try:
-            find_frame(features, anchor)
-        except SpecError:
-            continue
-        return anchor
-    return "world"
+    try:
+        find_frame(features, "target")
+    except SpecError:
+        return "world"
+    return "target"
 
 
 def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:

@@ -56,23 +56,19 @@ def test_the_kernel_computes_what_is_written_here() -> None:
     np.testing.assert_array_equal(FRAME.seen(every_second), expected[::2])
 
 
-@pytest.mark.parametrize(
-    ("task", "anchor"),
-    [
-        ("coop_nav", "target"),
-        ("warehouse", "target"),
-        ("formation", "reference.heading"),
-        ("transport", "payload_goal"),
-    ],
-)
-def test_tasks_have_natural_frames(task: str, anchor: str) -> None:
-    assert natural_anchor(make_env(preset(task), 1).features) == anchor
+@pytest.mark.parametrize("task", ["coop_nav", "warehouse", "formation", "transport"])
+def test_robots_that_see_their_targets_turn_to_them(task: str) -> None:
+    assert natural_anchor(make_env(preset(task), 1).features) == "target"
 
 
 @pytest.mark.parametrize("model", ["lidar", "occupancy"])
 def test_beams_and_cells_do_not_turn(model: str) -> None:
     spec = with_models(preset("coop_nav"), model, None)
     assert natural_anchor(make_env(spec, 1).features) == "world"
+
+
+def test_unicycles_do_not_turn() -> None:
+    assert natural_anchor(make_env(preset("robotarium"), 1).features) == "world"
 
 
 @settings(deadline=None, max_examples=25)
