@@ -86,7 +86,7 @@ def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_da
     ]
     if has_data:
         handles += axes.plot([], [], color=INK, lw=1.0, ls=(0, (4, 2)), label="the data's mean")
-    drawing.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    _legend_above(drawing, handles)
 
 
 def plot_trade(
@@ -112,7 +112,9 @@ def plot_trade(
     looks = _looks(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
-    with figure(path, width=2.0 + 2.45 * n_columns, height=0.6 + 2.3 * n_rows) as drawing:
+    shown = [name for name in looks if any(name in points for points in panels.values())]
+    height = max(0.6 + 2.3 * n_rows, 0.2 + 0.19 * len(shown))  # of the panels, of the legend
+    with figure(path, width=2.0 + 2.45 * n_columns, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (dataset, points) in zip(grid, panels.items(), strict=False):
             for name, (x, y) in points.items():
@@ -122,7 +124,6 @@ def plot_trade(
         _hide(grid[len(panels) :])
         drawing.supxlabel(xlabel, fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
-        shown = [name for name in looks if any(name in points for points in panels.values())]
         handles = [
             grid[0].plot([], [], ls="none", ms=5, label=name, **looks[name])[0] for name in shown
         ]
@@ -182,7 +183,7 @@ def plot_sizes(
             _frame(axes, dataset)
         drawing.supxlabel("joint steps of data", fontsize=10)
         grid[0].set_ylabel(ylabel)
-        drawing.legend(*_handles(grid), loc="outside upper center", ncols=min(6, len(labels)))
+        _legend_above(drawing, _handles(grid))
 
 
 def plot_tracks(
@@ -226,7 +227,7 @@ def plot_tracks(
         drawing.supxlabel("gradient updates", fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
         if is_shared:
-            drawing.legend(*_handles(grid), loc="outside upper center", ncols=len(shared))
+            _legend_above(drawing, _handles(grid))
 
 
 def _band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
@@ -257,10 +258,18 @@ def _frame(axes: Any, title: str) -> None:
     axes.set_axisbelow(True)
 
 
-def _handles(grid: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    """Each label once, whatever panels it is in."""
+def _legend_above(drawing: Any, handles: Sequence[Any]) -> None:
+    """In as many columns as the figure's width has room for, each as wide as the longest name."""
+    points = 7 * max(len(handle.get_label()) for handle in handles) + 50  # of 10-point letters
+    columns = int(72 * drawing.get_figwidth() // points)
+    columns = max(1, min(columns, len(handles)))
+    drawing.legend(handles=handles, loc="outside upper center", ncols=columns)
+
+
+def _handles(grid: Sequence[Any]) -> list[Any]:
+    """One line for each label, whatever panels it is in."""
     found: dict[str, Any] = {}
     for axes in grid:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
             found.setdefault(name, handle)
-    return list(found.values()), list(found)
+    return list(found.values())
