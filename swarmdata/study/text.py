@@ -175,6 +175,10 @@ def failures(board: Board, missing: Mapping[str, str]) -> list[str]:
     return sentences or ["No cell failed, and no algorithm ended below no skill."]
 
 
+MOST_NAMED = 6
+"""Algorithms that a sentence names; more are counted."""
+
+
 def _absent(missing: Mapping[str, str]) -> Iterator[str]:
     """One sentence for all cells of a dataset that have no results for one reason."""
     for reason in dict.fromkeys(missing.values()):
@@ -183,8 +187,8 @@ def _absent(missing: Mapping[str, str]) -> Iterator[str]:
             label, _, dataset = name.rpartition("/")
             labels.setdefault(dataset, []).append(f"`{label}`")
         for dataset, found in labels.items():
-            verb = "have" if len(found) > 1 else "has"
-            yield f"On {dataset}, {', '.join(found)} {verb} no results: {reason}."
+            who = ", ".join(found) if len(found) <= MOST_NAMED else f"{len(found)} algorithms"
+            yield f"On {dataset}, {who} {'have' if len(found) > 1 else 'has'} no results: {reason}."
 
 
 def _spread(board: Board) -> Iterator[str]:

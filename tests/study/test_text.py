@@ -82,6 +82,8 @@ def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
         "On y, `omar`, `iql` have no results: not run yet.",
         "On z, `bc` has no results: ValueError: oh.",
     ]
+    many = {f"a{k}/y": "not run yet" for k in range(9)}
+    assert text.failures(BOARD, many)[-1] == "On y, 9 algorithms have no results: not run yet."
     assert text.failures(make_board({}, {}), {})[0].startswith("No cell failed")
 
 
