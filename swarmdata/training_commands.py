@@ -21,6 +21,9 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
 ]
 
+FrameName = Annotated[
+    str, typer.Option(help="that robots see and act in: auto, world, or an anchor, offline")
+]
 Compile = Annotated[bool, typer.Option(help="make kernels first, for long runs, offline")]
 
 
@@ -41,9 +44,7 @@ def train(
     keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
     observation: Observation = None,
     communication: Communication = None,
-    frame: Annotated[
-        str, typer.Option(help="world, or an anchor such as target, offline")
-    ] = "auto",
+    frame: FrameName = "auto",
     workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
     device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
     compile: Compile = False,
@@ -58,8 +59,7 @@ def train(
     from swarmdata.training import train_offline, train_online
 
     _check_subject(context, algorithm, data, task)
-    n_frames = None if steps is None else round(steps)
-    lengths = {"n_frames": n_frames, "n_updates": updates}
+    lengths = {"n_frames": None if steps is None else round(steps), "n_updates": updates}
     changes = _changes(config, {**lengths, "regulariser": regulariser}, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
@@ -67,8 +67,8 @@ def train(
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
-        options |= {"curve_every": curve_every, "keep": keep, "device": device, "compile": compile}
-        options["frame"] = frame
+        options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
+        options["compile"] = compile
         train_offline(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
