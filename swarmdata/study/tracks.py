@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from swarmdata.cards import markdown
 from swarmdata.plots import Curve
 from swarmdata.study.cells import Cell
 from swarmdata.study.data import named
@@ -25,7 +26,7 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
     if not panels:
         return {}
     drawn = {
-        f"{dataset}: {family}": {k: v for k, v in curves.items() if found.family(k) == family}
+        f"{dataset}\n{family}": {k: v for k, v in curves.items() if found.family(k) == family}
         for dataset, curves in panels.items()
         for family in dict.fromkeys(map(found.family, curves))
     }
@@ -33,16 +34,27 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
     plot_tracks(
         drawn, out / "curves.png", ylabel="team success (%)", factor=100.0, n_columns=n_families
     )
-    lines = [
-        f"- `{label}` on {dataset}: {100 * _last_gain(curve):+.1f} points in the last fifth of "
-        f"its updates, {100 * curve.values[:, -1].mean():.1f} % at the end."
-        for dataset, curves in panels.items()
-        for label, curve in curves.items()
-    ]
     return {
         "Did training level off?": "![team success while training](curves.png)\n\n"
-        "Means over seeds, in bands from the lowest to the highest.\n\n" + "\n".join(lines) + "\n"
+        "Means over seeds, in bands from the lowest to the highest. Success at the end (%), and "
+        f"how much of it came in the last fifth of the updates:\n\n{_gains(panels)}\n"
     }
+
+
+def _gains(panels: Panels) -> str:
+    """A row for each algorithm, a column for each dataset."""
+    labels = list(dict.fromkeys(label for curves in panels.values() for label in curves))
+    rows = [
+        [f"`{label}`", *(_gain(curves.get(label)) for curves in panels.values())]
+        for label in labels
+    ]
+    return markdown.table(["algorithm", *panels], rows)
+
+
+def _gain(curve: Curve | None) -> str:
+    if curve is None:
+        return "–"
+    return f"{100 * curve.values[:, -1].mean():.1f} ({100 * _last_gain(curve):+.1f})"
 
 
 def _main(found: Findings) -> list[Cell]:
