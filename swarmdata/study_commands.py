@@ -41,7 +41,7 @@ def study(
         found = conducting.check(plan, check, options)
         typer.echo(found.sentence())
         raise typer.Exit(0 if found.is_same else 1)
-    failures, written = conducting.conduct(plan, options, f"swarmdata study {file} --out {out}")
+    failures, written = conducting.conduct(plan, options, f"swarmdata study {file}")
     typer.echo(written[0])
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
