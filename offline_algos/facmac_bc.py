@@ -80,7 +80,7 @@ class FACMACBCConfig:
     policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next three too
     noise: float = 0.2
     noise_clip: float = 0.5
-    alpha: float = 2.5
+    alpha: float = 2.5  # Fujimoto & Gu 2021, table 3
     clip_target: bool = True
     warm_start: int = 4000
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
