@@ -39,17 +39,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.actor import DelayedActor
-from swarmdata.learn.critics import JointCritics, JointGradient, information
+from swarmdata.learn.critics import JointGradient
 from swarmdata.learn.exploration import normal_like
 from swarmdata.learn.fusing import fusable
-from swarmdata.learn.inputs import generator_states, generators, restore_generators
-from swarmdata.learn.normalizer import Normalizer
+from swarmdata.learn.joint import JointActorCritic, imitation
 from swarmdata.learn.optimizer import cosine
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
-from swarmdata.learn.targets import td_target, team_reward
 from swarmdata.types import Batch
 
 
@@ -100,48 +97,30 @@ class MADDPGBC:
         device: torch.device | str = "cpu",
     ) -> None:
         self.config, self.n_updates = config, 0
-        norm = config.max_gradient_norm
-        self.actor = DelayedActor(
-            sizes, seeds, config.actor_hidden, statistics,
-            step_size=config.step_size, max_norm=norm, device=device,
-        )  # fmt: skip
-        self.critics = JointCritics(
-            sizes, seeds, config.critic_hidden,
-            step_size=config.critic_step_size, max_norm=norm, device=device,
-        )  # fmt: skip
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device)
-        self.reward_scale = 1 / statistics.return_std
-        self.max_value = statistics.max_return * self.reward_scale  # R*
+        self.parts = JointActorCritic(sizes, seeds, config, statistics, device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves."""
         config = self.config
         scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
-        noise = normal_like(self.generators, batch.actions)
-        x = self.information(batch.states, batch.observations)
+        noise = normal_like(self.parts.generators, batch.actions)
+        x = self.parts.information(batch.states, batch.observations)
         losses = self._critic_gradient(batch, x, noise)
-        self.critics.optimizer.descend(scale)
+        self.parts.critics.optimizer.descend(scale)
         self.n_updates += 1
         is_warm = self.n_updates <= config.warm_start
         if is_warm or self.n_updates % config.policy_delay == 0:
             losses |= self._actor_gradient(batch, x, 0.0 if is_warm else config.alpha)
-            self.actor.optimizer.descend(scale)
-            self.actor.follow(config.polyak)
-            self.critics.follow(config.polyak)
+            self.parts.actor.optimizer.descend(scale)
+            self.parts.follow()
         return losses
-
-    def information(self, states: Tensor, observations: Tensor) -> Tensor:
-        """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
-        known = self.normalizer
-        return information(known.states(states), known.observations(observations))
 
     @fusable
     def _critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
         y = self.targets(batch, noise)  # [K, B]
-        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
+        q = self.parts.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
         critic_loss = (q - y[:, None]).square().mean(2).sum(1)  # [K]
-        self.critics.online.backward(critic_loss.sum())
+        self.parts.critics.online.backward(critic_loss.sum())
         return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2))}
 
     @torch.no_grad()
@@ -152,53 +131,43 @@ class MADDPGBC:
             batch: tensors [K, B, ...].
             noise: standard normal, [K, B, N, A], of the target policies' smoothing.
         """
-        config, o_next = self.config, batch.next_observations
-        a_next = self.actor.smoothed_by(noise, o_next, config.noise, config.noise_clip)
-        x_next = self.information(batch.next_states, o_next)
-        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B]
-        if config.clip_target:
-            q_next = q_next.clamp(max=self.max_value)
-        r = team_reward(batch.rewards) * self.reward_scale
-        return td_target(r, batch.terminations, q_next, config.discount)
+        o_next, config = batch.next_observations, self.config
+        a_next = self.parts.actor.smoothed_by(noise, o_next, config.noise, config.noise_clip)
+        return self.parts.bootstrapped(batch, a_next)
 
     @torch.no_grad()
     def td_error(self, batch: Batch) -> Tensor:
         """Returns the mean of (Q_j - y)^2, [K], over critics and rows; y without noise."""
         y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B]
-        q = self.critics.q(self.information(batch.states, batch.observations), batch.actions)
+        x = self.parts.information(batch.states, batch.observations)
+        q = self.parts.critics.q(x, batch.actions)  # [K, 2, B, 1]
         return (q[..., 0] - y[:, None]).square().mean((1, 2))
 
     @fusable
     def _actor_gradient(self, batch: Batch, x: Tensor, alpha: float) -> dict[str, Tensor]:
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = (pi - batch.actions).square().sum(2).mean((1, 2))  # [K]
+        parts, actions = self.parts, batch.actions
+        pi = parts.actor(batch.observations)  # [K, B, N, A]
+        bc_loss = imitation(pi, actions)
         losses = {"bc_loss": bc_loss}
         actor_loss = bc_loss
         if alpha != 0:
             # [K, B], or [K, B N] for "own"; the critics' parameters are constants here
-            q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+            q = parts.critics.policy_values(x, pi, actions, self.config.joint_gradient)[..., 0]
             lam = alpha / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
             actor_loss = bc_loss - lam * q.mean(1)
             losses |= {"policy_q": q.mean(1), "lambda": lam}
-        self.actor.online.network.backward(actor_loss.sum())
+        parts.actor.online.network.backward(actor_loss.sum())
         return {name: loss.detach() for name, loss in losses.items()}
 
     def policy(self, index: int) -> TorchPolicy:
         """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
+        return self.parts.policy(index)
 
     def state_dict(self) -> dict[str, Any]:
-        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "generators": generator_states(self.generators),
-            **self.actor.state_dict(),
-            **self.critics.state_dict(),
-        }
+        """Everything that training goes on from, as copies."""
+        return {"n_updates": torch.tensor(self.n_updates), **self.parts.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
-        restore_generators(self.generators, state["generators"])
-        self.actor.load_state_dict(state)
-        self.critics.load_state_dict(state)
+        self.parts.load_state_dict(state)

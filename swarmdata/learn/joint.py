@@ -1,4 +1,4 @@
-"""JointActorCritic: the parts that conservative actor-critics of teams share; no losses."""
+"""JointActorCritic: the parts that actor-critics of teams share; no losses."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol

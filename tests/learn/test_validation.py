@@ -86,8 +86,8 @@ def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing() -> 
     )
     statistics = Statistics.measure(dataset, config.discount)
     algorithm = MADDPGBC(Sizes.of(batch), [3], config, statistics=statistics)
-    before = algorithm.critics.online.flat.clone()
+    before = algorithm.parts.critics.online.flat.clone()
     found = algorithm.td_error(batch)
-    assert torch.equal(algorithm.critics.online.flat, before)
+    assert torch.equal(algorithm.parts.critics.online.flat, before)
     loss = algorithm.update(batch)["critic_loss"]
     torch.testing.assert_close(found, loss / 2)  # the loss is the sum over two critics
