@@ -216,8 +216,12 @@ def kept_result(
             f"label {wanted.label!r} on the same dataset. Give one another label (--label), or "
             "choose another folder."
         )
-    seeds = evaluation_seeds(n_episodes)
-    is_same = found.provenance == wanted and found.evaluation.seeds.tolist() == seeds.tolist()
+    measured = found.evaluation
+    is_same = (  # a file's name has only the first digits of the spec's hash
+        found.provenance == wanted
+        and measured.spec_hash == spec.hash()
+        and measured.seeds.tolist() == evaluation_seeds(n_episodes).tolist()
+    )
     return found if is_same else None
 
 

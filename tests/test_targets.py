@@ -12,6 +12,7 @@ from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.models import with_models
 from swarmdata.presets import preset
+from swarmdata.provenance import file_name
 from swarmdata.result_checks import check_results
 from swarmdata.results import gather
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
@@ -157,6 +158,10 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     path.write_text(old)
     assert paths(n_episodes=3) == [None]
     assert paths(n_episodes=3) == [path]
+    longer = target.spec.model_copy(update={"horizon": target.spec.horizon + 1})
+    (provenance,) = target.provenances  # as if both specs' hashes began alike
+    path.rename(tmp_path / file_name(provenance, longer.hash()))
+    assert kept_result(longer, provenance, 3, tmp_path) is None
 
 
 def test_a_target_may_have_another_label() -> None:
