@@ -19,7 +19,7 @@ import resource
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -64,6 +64,7 @@ Count = Annotated[int, Field(ge=1)]
 class OnlineRun(Frozen):
     """Everything that decides the result of an online training run, and what it ran on."""
 
+    format_version: Literal[1] = 1
     algorithm: str
     config: dict[str, Any]  # of the algorithm, every default written out
     spec: TaskSpec

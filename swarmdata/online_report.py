@@ -17,6 +17,7 @@ from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.metrics import bootstrap, mean
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import SPEED, read_online_run
+from swarmdata.presets import name_of
 
 GOAL = 0.9
 """Team success that counts as having learned the task."""
@@ -32,7 +33,7 @@ Row = dict[str, float]
 class Training(NamedTuple):
     """The runs of one algorithm in one task, of one or several processes."""
 
-    task: str
+    task: str  # a preset's name where the spec is one
     algorithm: str
     rows: tuple[tuple[Row, ...], ...]  # of the curve, for each seed
     speeds: tuple[tuple[Row, ...], ...]  # of `speed.csv`, for each process
@@ -55,7 +56,7 @@ def read_training(run: Path) -> Training:
         rows = read_table(folder / CURVE)
         tracks += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
     speeds = tuple(tuple(read_table(folder / SPEED)) for folder in folders)
-    return Training(runs[0].spec.task, runs[0].algorithm, tuple(tracks), speeds)
+    return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(tracks), speeds)
 
 
 def write_online_report(runs: Sequence[Path], out: Path) -> str:

@@ -41,6 +41,11 @@ def preset_summary(name: str) -> str:
     return next((line.lstrip("# ").rstrip() for line in lines if line.startswith("#")), "")
 
 
+def name_of(spec: TaskSpec) -> str:
+    """The name of the preset that a spec is, or else of its task."""
+    return next((name for name in preset_names() if preset(name) == spec), spec.task)
+
+
 def _read(name: str) -> str:
     if name not in preset_names():
         raise UnknownNameError("task", name, preset_names())

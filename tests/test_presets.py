@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.presets import find_spec, preset, preset_names, preset_summary
+from swarmdata.presets import find_spec, name_of, preset, preset_names, preset_summary
 from swarmdata.registry import TASKS
 from swarmdata.spec import TaskSpec
 
@@ -16,6 +16,11 @@ def test_every_preset_is_a_spec_with_a_line_about_it(name: str) -> None:
     assert preset(name).task in TASKS
     assert len(preset_summary(name)) > 10
     assert TaskSpec.from_text(preset(name).to_yaml()) == preset(name)
+    assert name_of(preset(name)) == name
+
+
+def test_a_spec_of_no_preset_has_its_tasks_name() -> None:
+    assert name_of(TaskSpec(horizon=21)) == "coop_nav"
 
 
 def test_files_are_specs(tmp_path: Path) -> None:
