@@ -1,5 +1,6 @@
 """Behavior cloning: its loss, its schedule, and that it imitates."""
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,23 +12,16 @@ from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch, Float  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.conftest import drive  # noqa: E402
+from tests.offline_algos.toys import batches  # noqa: E402
 
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
     config = BCConfig(**{"hidden": (32, 32), "n_updates": 400, "batch_size": 64, **changes})
-    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in range(n_seeds)]
-    batches = [
-        samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-        for _ in range(config.n_updates)
-    ]
+    drawn = list(islice(batches(dataset, config.batch_size, range(n_seeds)), config.n_updates))
     statistics = Statistics.measure(dataset, config.discount)
-    return BC(Sizes.of(batches[0]), range(n_seeds), config, statistics=statistics), batches
-
-
-def drive(observations: Float) -> Float:
-    offsets = observations[..., 2:4]
-    return offsets / np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 0.2)
+    return BC(Sizes.of(drawn[0]), range(n_seeds), config, statistics=statistics), drawn
 
 
 @pytest.mark.parametrize("output", ["tanh", "clip"])
@@ -74,5 +68,5 @@ def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
         bc.update(batch)
     observations = good_only.transitions["observations"]
     for index in range(3):
-        error = bc.policy(index).actions(observations) - drive(observations)
+        error = bc.policy(index).actions(observations) - drive(observations[..., 2:4])
         assert np.sqrt(np.square(error).mean()) < 0.1

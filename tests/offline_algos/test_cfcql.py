@@ -9,8 +9,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
-from tests.offline_algos.test_conservative import made  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import random_batch, set_bias  # noqa: E402
+from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
 
 
 def test_only_one_agent_leaves_the_data(monkeypatch: pytest.MonkeyPatch) -> None:

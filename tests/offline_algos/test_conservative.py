@@ -9,37 +9,21 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
 from swarmdata.offline_algos.maddpg_cql import MADDPGCQL  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import (  # noqa: E402
-    SIZES,
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
     progress_of,
     random_batch,
     set_bias,
-    statistics,
+    trained,
     two_episodes,
 )
 
 KINDS: Any = (MADDPGCQL, CFCQL, ICQLQS)
 each = pytest.mark.parametrize("kind", KINDS)
-
-
-def made(
-    kind: Any, n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any
-) -> Any:
-    small = {
-        "actor_hidden": (16,),
-        "critic_hidden": (16,),
-        "warm_start": 0,
-        "policy_delay": 1,
-        "n_samples": 3,
-    }
-    settings = kind.Config(**{**small, **config})
-    return kind(SIZES, range(n_seeds), settings, statistics=statistics(**(changes or {})))
 
 
 @each
@@ -172,25 +156,15 @@ def test_it_beats_its_data(kind: Any, mixture: MemoryDataset) -> None:
 
     Progress of a step: 0 for the data, 0.045 for a clone of them, 0.16 for driving straight.
     """
-    config = kind.Config(
-        n_updates=800,
-        actor_hidden=(32, 32),
-        critic_hidden=(32, 32),
+    algorithm, _ = trained(
+        kind,
+        mixture,
+        800,
         critic_step_size=1e-3,
         warm_start=200,
-        discount=0.9,
         n_samples=4,
         bc_weight=0.0,  # the papers'
     )
-    measured = Statistics.measure(mixture, config.discount)
-    samplers = [mixture.sampler(128, seed=seed) for seed in range(2)]
-
-    def draw() -> Any:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    algorithm = kind(Sizes.of(draw()), range(2), config, statistics=measured)
-    for _ in range(config.n_updates):
-        algorithm.update(draw())
     observations = mixture.transitions["observations"]
     for index in range(2):
         learned = progress_of(algorithm.policy(index).actions(observations), observations)

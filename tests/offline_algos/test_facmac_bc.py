@@ -1,6 +1,6 @@
 """FACMAC+BC: targets, the centralized policy gradient, and that it improves on its data."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -9,33 +9,20 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.offline_algos.facmac_bc import FACMACBC, MIXERS, FACMACBCConfig  # noqa: E402
+from swarmdata.offline_algos.facmac_bc import FACMACBC, MIXERS  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import (  # noqa: E402
-    SIZES,
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
     progress_of,
     random_batch,
-    statistics,
+    trained,
     two_episodes,
 )
 
 
-def made(n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any) -> FACMACBC:
-    small = {"actor_hidden": (16,), "critic_hidden": (16,), "warm_start": 0, "policy_delay": 1}
-    return FACMACBC(
-        SIZES,
-        range(n_seeds),
-        FACMACBCConfig(**{**small, **config}),
-        statistics=statistics(**(changes or {})),
-    )
-
-
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
-    algorithm = made(discount=0.5)
+    algorithm = made(FACMACBC, discount=0.5)
 
     def value(states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
         v = 100 * states[..., 0] + 10 * states[..., 1]
@@ -53,7 +40,7 @@ def test_targets_have_the_reward_scale_and_the_bound(monkeypatch: pytest.MonkeyP
     team = batch.rewards.mean(-1)
     for clip, worth in ((True, 1.5), (False, 5.0)):  # R* / scale is 1.5
         algorithm = made(
-            changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9, clip_target=clip
+            FACMACBC, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9, clip_target=clip
         )
         monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
         expected = team / 2 + 0.9 * worth * ~batch.terminations
@@ -63,7 +50,7 @@ def test_targets_have_the_reward_scale_and_the_bound(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("mixer", MIXERS)
 def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     """Every agent's action is the policy's; lambda is a constant; the critics do not move."""
-    algorithm = made(mixer=mixer, alpha=2.5, max_gradient_norm=None)
+    algorithm = made(FACMACBC, mixer=mixer, alpha=2.5, max_gradient_norm=None)
     batch, critics = random_batch(), algorithm.critics
     with torch.no_grad():
         critics.utilities.layers[-1].weight.mul_(200.0)
@@ -83,7 +70,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
 
 
 def test_the_policy_gradient_reaches_each_agent_through_the_mixer() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(FACMACBC), random_batch()
     pi = algorithm.actor(batch.observations).detach().requires_grad_()
     q = algorithm.critics.policy_values(batch.states, batch.observations, pi)
     (slope,) = torch.autograd.grad(q.sum(), pi)
@@ -91,7 +78,7 @@ def test_the_policy_gradient_reaches_each_agent_through_the_mixer() -> None:
 
 
 def test_warm_start_delay_and_slow_copies() -> None:
-    algorithm, batch = made(warm_start=2, policy_delay=2, polyak=0.5), random_batch()
+    algorithm, batch = made(FACMACBC, warm_start=2, policy_delay=2, polyak=0.5), random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
     assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q", "lambda"}, set()]
     target = algorithm.critics.target_utilities.flat.clone()
@@ -102,7 +89,7 @@ def test_warm_start_delay_and_slow_copies() -> None:
 
 def test_an_unknown_mixer_is_refused() -> None:
     with pytest.raises(KeyError, match="linear"):
-        made(mixer="linear")
+        made(FACMACBC, mixer="linear")
 
 
 @pytest.mark.learns
@@ -111,26 +98,16 @@ def test_it_improves_on_a_mixture(
     mixture: MemoryDataset, mixer: Literal["monotonic", "free"]
 ) -> None:
     """Half of the data drive at the goal, the other half at random; cloning makes 0.045."""
-    seeds = range(2)
-    config = FACMACBCConfig(
-        n_updates=1500,
-        actor_hidden=(32, 32),
-        critic_hidden=(32, 32),
+    algorithm, _ = trained(
+        FACMACBC,
+        mixture,
+        1500,
+        batch_size=256,
         warm_start=300,
-        discount=0.9,
         alpha=2.5,  # the paper's: half of these data are worth leaving
         mixer=mixer,
     )
-    samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
-
-    def draw() -> Batch:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    measured = Statistics.measure(mixture, config.discount)
-    algorithm = FACMACBC(Sizes.of(draw()), seeds, config, statistics=measured)
-    for _ in range(config.n_updates):
-        algorithm.update(draw())
     observations = mixture.transitions["observations"]
-    for index in seeds:
+    for index in range(2):
         actions = algorithm.policy(index).actions(observations)
         assert progress_of(actions, observations) > 0.08  # straight at the goal: 0.16

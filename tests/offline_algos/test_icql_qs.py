@@ -16,8 +16,7 @@ from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.test_conservative import made  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import random_batch, two_episodes  # noqa: E402
+from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
 
 
 def targets_actions(algorithm: Any, batch: Batch) -> Tensor:

@@ -1,7 +1,6 @@
 """Multi-agent IQL: in-sample targets, expectile values, joint weights, and that it improves."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,33 +9,20 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.offline_algos.iql import IQL, IQLConfig  # noqa: E402
+from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import (  # noqa: E402
-    SIZES,
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
     progress_of,
     random_batch,
-    statistics,
+    trained,
     two_episodes,
 )
 
 
-def made(n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any) -> IQL:
-    small = {"actor_hidden": (16,), "critic_hidden": (16,)}
-    return IQL(
-        SIZES,
-        range(n_seeds),
-        IQLConfig(**{**small, **config}),
-        statistics=statistics(**(changes or {})),
-    )
-
-
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
-    algorithm = made(discount=0.5, changes={"return_std": 2.0})
+    algorithm = made(IQL, discount=0.5, changes={"return_std": 2.0})
 
     def value(x: Tensor) -> Tensor:
         return 100 * x[..., :1] + 10 * x[..., 1:2]
@@ -50,7 +36,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_no_policy_enters_the_critics() -> None:
     """Two algorithms that differ in their actors only learn the same values."""
-    ours, other, batch = made(), made(), random_batch()
+    ours, other, batch = made(IQL), made(IQL), random_batch()
     other.actor.network.flat.mul_(-2)
     for algorithm in (ours, other):
         for _ in range(5):
@@ -62,7 +48,8 @@ def test_no_policy_enters_the_critics() -> None:
 
 def test_the_weight_of_a_joint_action_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Minimum of the twins, advantage, exponential, clip; one weight for all agents of a row."""
-    algorithm, batch = made(beta=2.0, max_weight=5.0, max_gradient_norm=None), random_batch(size=3)
+    algorithm = made(IQL, beta=2.0, max_weight=5.0, max_gradient_norm=None)
+    batch = random_batch(size=3)
     q = torch.tensor([[[0.5, 1.0, 3.0], [1.5, 0.0, 4.0]]])[..., None]  # [K, J, B, 1]
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: q)
     with torch.no_grad():
@@ -79,7 +66,7 @@ def test_the_weight_of_a_joint_action_by_hand(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_twin_critics_differ_and_both_learn() -> None:
-    algorithm = made(2)
+    algorithm = made(IQL, 2)
     before = algorithm.critics.online.flat.clone()
     assert len({tuple(row) for row in before.tolist()}) == 4
     algorithm.update(random_batch(2))
@@ -87,7 +74,7 @@ def test_twin_critics_differ_and_both_learn() -> None:
 
 
 def test_a_large_beta_does_not_overflow() -> None:
-    algorithm, batch = made(beta=1e6), random_batch()
+    algorithm, batch = made(IQL, beta=1e6), random_batch()
     losses = algorithm.update(replace(batch, rewards=1e3 * batch.rewards))
     assert all(torch.isfinite(loss).all() for loss in losses.values())
 
@@ -95,18 +82,8 @@ def test_a_large_beta_does_not_overflow() -> None:
 @pytest.mark.learns
 def test_it_improves_on_a_mixture(mixture: MemoryDataset) -> None:
     """Half of the data drive at the goal, the other half at random; cloning makes 0.045."""
-    seeds = range(2)
-    config = IQLConfig(n_updates=1500, actor_hidden=(32, 32), critic_hidden=(32, 32), discount=0.9)
-    samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
-
-    def draw() -> Batch:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    measured = Statistics.measure(mixture, config.discount)
-    algorithm = IQL(Sizes.of(draw()), seeds, config, statistics=measured)
-    for _ in range(config.n_updates):
-        algorithm.update(draw())
+    algorithm, _ = trained(IQL, mixture, 1500, batch_size=256)
     observations = mixture.transitions["observations"]
-    for index in seeds:
+    for index in range(2):
         actions = algorithm.policy(index).actions(observations)
         assert progress_of(actions, observations) > 0.07  # straight at the goal: 0.16

@@ -1,7 +1,6 @@
 """MADDPG+BC: targets, twins, the two policy gradients, and that it improves on its data."""
 
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,61 +9,20 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks import StackedMLP  # noqa: E402
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
+from swarmdata.offline_algos.bc import BC  # noqa: E402
+from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch, Episode, Float, no_messages  # noqa: E402
-
-SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
-
-
-def statistics(**changes: float) -> Statistics:
-    values: dict[str, float] = {"return_std": 1.0, "max_return": 1e9, **changes}
-    return Statistics(
-        observation_mean=np.zeros(3),
-        observation_std=np.ones(3),
-        state_mean=np.zeros(4),
-        state_std=np.ones(4),
-        **values,
-    )
-
-
-def made(n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any) -> MADDPGBC:
-    small = {"actor_hidden": (16,), "critic_hidden": (16,), "warm_start": 0, "policy_delay": 1}
-    return MADDPGBC(
-        SIZES,
-        range(n_seeds),
-        MADDPGBCConfig(**{**small, **config}),
-        statistics=statistics(**(changes or {})),
-    )
-
-
-def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
-    torch.manual_seed(0)
-    flags = torch.rand(n_seeds, size) < 0.3
-    return Batch(
-        observations=torch.randn(n_seeds, size, 2, 3),
-        actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
-        rewards=torch.randn(n_seeds, size, 2),
-        next_observations=torch.randn(n_seeds, size, 2, 3),
-        states=torch.randn(n_seeds, size, 4),
-        next_states=torch.randn(n_seeds, size, 4),
-        terminations=flags,
-        truncations=~flags,
-        mask=torch.ones_like(flags),
-        next_actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
-    )
-
-
-def set_bias(network: StackedMLP, row: int, value: float) -> None:
-    """Makes one critic the constant function `value`."""
-    network.flat[row] = 0.0
-    bias = network.layers[-1].bias
-    with torch.no_grad():
-        bias[row] = value
+from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    SIZES,
+    made,
+    progress_of,
+    random_batch,
+    set_bias,
+    statistics,
+    trained,
+    two_episodes,
+)
 
 
 def seen_by(algorithm: MADDPGBC, batch: Batch) -> Tensor:
@@ -73,37 +31,11 @@ def seen_by(algorithm: MADDPGBC, batch: Batch) -> Tensor:
 
 
 def test_critics_see_state_and_every_observation() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(MADDPGBC), random_batch()
     x = seen_by(algorithm, batch)
     assert x.shape == (1, batch.states.shape[1], 4 + 2 * 3)
     torch.testing.assert_close(x[..., :4], batch.states)
     torch.testing.assert_close(x[..., 4:], batch.observations.flatten(2))
-
-
-def two_episodes() -> MemoryDataset:
-    """One that terminates, one that is truncated; states tell the episode and the time."""
-
-    def episode(number: int, *, cut: bool) -> Episode:
-        steps, last = 2, np.array([False, True])
-        states = np.zeros((steps + 1, 4), dtype=np.float32)
-        states[:, 0], states[:, 1] = number, np.arange(steps + 1)
-        return Episode(
-            observations=np.zeros((steps + 1, 2, 3), dtype=np.float32),
-            states=states,
-            actions=np.zeros((steps, 2, 2), dtype=np.float32),
-            log_probs=np.zeros((steps, 2), dtype=np.float32),
-            rewards=np.array([[1.0, 3.0], [5.0, 7.0]], dtype=np.float32),  # team: 2, 6
-            terminations=last & (not cut),
-            truncations=last & cut,
-            events=np.zeros((steps, 2, 4), dtype=np.uint8),
-            **no_messages(steps + 1, 2),
-            layout=np.zeros((0, 8), dtype=np.float32),
-            seed=number,
-            policy=0,
-            end_reason=2 if cut else 0,
-        )
-
-    return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
 
 
 def noise_for(batch: Batch) -> Tensor:
@@ -112,7 +44,7 @@ def noise_for(batch: Batch) -> Tensor:
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
-    algorithm = made(discount=0.5)
+    algorithm = made(MADDPGBC, discount=0.5)
 
     def value(x: Tensor, actions: Tensor) -> Tensor:
         v = 100 * x[..., :1] + 10 * x[..., 1:2]
@@ -128,13 +60,13 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 def test_targets_use_the_smaller_twin_the_reward_scale_and_the_bound() -> None:
     batch = random_batch()
     team = batch.rewards.mean(-1)
-    algorithm = made(changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9)
+    algorithm = made(MADDPGBC, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9)
     for low, bounded in ((1.0, 1.0), (2.0, 1.5)):  # R* / scale is 1.5
         set_bias(algorithm.parts.critics.target, 0, low)
         set_bias(algorithm.parts.critics.target, 1, 5.0)
         expected = team / 2 + 0.9 * bounded * ~batch.terminations
         torch.testing.assert_close(algorithm.targets(batch, noise_for(batch)), expected)
-    free = made(changes={"max_return": 3.0}, discount=0.9, clip_target=False)
+    free = made(MADDPGBC, changes={"max_return": 3.0}, discount=0.9, clip_target=False)
     for row in (0, 1):
         set_bias(free.parts.critics.target, row, 8.0)
     torch.testing.assert_close(
@@ -145,7 +77,7 @@ def test_targets_use_the_smaller_twin_the_reward_scale_and_the_bound() -> None:
 def test_target_actions_are_smoothed_clipped_and_stay_in_range(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    algorithm = made(noise=1.0, noise_clip=0.1)
+    algorithm = made(MADDPGBC, noise=1.0, noise_clip=0.1)
     seen: list[Tensor] = []
 
     def record(x: Tensor, actions: Tensor) -> Tensor:
@@ -165,7 +97,7 @@ def test_target_actions_are_smoothed_clipped_and_stay_in_range(
 
 
 def test_twin_critics_differ_and_both_learn() -> None:
-    algorithm = made(2)
+    algorithm = made(MADDPGBC, 2)
     before = algorithm.parts.critics.online.flat.clone()
     assert not torch.equal(before[0], before[1])
     algorithm.update(random_batch(2))
@@ -178,7 +110,7 @@ def test_twin_critics_differ_and_both_learn() -> None:
 def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) -> None:
     """Against autograd, with lambda a constant; critics whose values are far from 0."""
     alpha = 2.5
-    algorithm = made(joint_gradient=joint_gradient, alpha=alpha, max_gradient_norm=None)
+    algorithm = made(MADDPGBC, joint_gradient=joint_gradient, alpha=alpha, max_gradient_norm=None)
     with torch.no_grad():
         algorithm.parts.critics.online.layers[-1].weight.mul_(50.0)
     batch = random_batch()
@@ -210,7 +142,7 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) ->
 def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
     gradients = []
     for factor in (100.0, 1000.0):
-        algorithm = made(max_gradient_norm=None)
+        algorithm = made(MADDPGBC, max_gradient_norm=None)
         head = algorithm.parts.critics.online.layers[-1]
         with torch.no_grad():
             head.weight.mul_(factor)
@@ -223,7 +155,7 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
 
 
 def test_lambda_does_not_explode_where_values_cross_zero() -> None:
-    algorithm, batch = made(alpha=2.5), random_batch()
+    algorithm, batch = made(MADDPGBC, alpha=2.5), random_batch()
     for row in (0, 1):
         set_bias(algorithm.parts.critics.online, row, 1e-3)
     losses = algorithm._actor_gradient(batch, seen_by(algorithm, batch), 2.5)
@@ -231,7 +163,7 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
 
 
 def test_the_actors_step_leaves_the_critics_alone() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(MADDPGBC), random_batch()
     algorithm.update(batch)
     parameters, gradient = (
         algorithm.parts.critics.online.flat.clone(),
@@ -243,7 +175,7 @@ def test_the_actors_step_leaves_the_critics_alone() -> None:
 
 
 def test_the_policy_and_the_targets_move_every_other_update() -> None:
-    algorithm, batch = made(policy_delay=2, polyak=0.5), random_batch()
+    algorithm, batch = made(MADDPGBC, policy_delay=2, polyak=0.5), random_batch()
     actor, target = (
         network.flat.clone()
         for network in (algorithm.parts.actor.online.network, algorithm.parts.critics.target)
@@ -259,13 +191,13 @@ def test_the_policy_and_the_targets_move_every_other_update() -> None:
 
 def test_the_warm_start_is_behavior_cloning() -> None:
     """Every update moves the actor, and only then does `policy_delay` count."""
-    algorithm, batch = made(warm_start=2, policy_delay=2), random_batch()
+    algorithm, batch = made(MADDPGBC, warm_start=2, policy_delay=2), random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
     assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q", "lambda"}, set()]
 
 
 def test_gradients_of_seeds_are_clipped_apart() -> None:
-    algorithm, batch = made(2, max_gradient_norm=0.01), random_batch(2)
+    algorithm, batch = made(MADDPGBC, 2, max_gradient_norm=0.01), random_batch(2)
     rewards = batch.rewards.clone()
     rewards[1] *= 1000
     algorithm.update(replace(batch, rewards=rewards))
@@ -274,7 +206,7 @@ def test_gradients_of_seeds_are_clipped_apart() -> None:
 
 
 def test_a_seed_of_a_stack_learns_what_it_learns_alone() -> None:
-    stack, batch = made(3), random_batch(3)
+    stack, batch = made(MADDPGBC, 3), random_batch(3)
     for _ in range(50):
         stack.update(batch)
     for seed in range(3):
@@ -296,13 +228,6 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone() -> None:
             torch.testing.assert_close(ours, theirs, rtol=0, atol=2e-5)
 
 
-def progress_of(actions: Float, observations: Float) -> float:
-    """Mean progress of one step at the dataset's observations; 0 for the dataset itself."""
-    offsets = observations[..., 2:4]
-    before = np.linalg.norm(offsets, axis=-1)
-    return float((before - np.linalg.norm(offsets - 0.2 * actions, axis=-1)).mean())
-
-
 @pytest.mark.learns
 @pytest.mark.parametrize("joint_gradient", ["all", "own"])
 def test_it_beats_behavior_cloning_on_a_mixture(
@@ -310,29 +235,17 @@ def test_it_beats_behavior_cloning_on_a_mixture(
 ) -> None:
     """Half of the data drive at the goal, the other half at random."""
     seeds = range(3)
-    config = MADDPGBCConfig(
-        n_updates=1500,
-        actor_hidden=(32, 32),
-        critic_hidden=(32, 32),
+    ours, _ = trained(
+        MADDPGBC,
+        mixture,
+        1500,
+        seeds=seeds,
+        batch_size=256,
         warm_start=300,
-        discount=0.9,
         alpha=2.5,  # the paper's: half of these data are worth leaving
-        joint_gradient=joint_gradient,  # type: ignore[arg-type]
+        joint_gradient=joint_gradient,
     )
-    bc_config = BCConfig(n_updates=1000, hidden=(32, 32))
-    measured = Statistics.measure(mixture, config.discount)
-    samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
-
-    def draw() -> Batch:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    sizes = Sizes.of(draw())
-    ours = MADDPGBC(sizes, seeds, config, statistics=measured)
-    clone = BC(sizes, seeds, bc_config, statistics=measured)
-    for _ in range(config.n_updates):
-        ours.update(draw())
-    for _ in range(bc_config.n_updates):
-        clone.update(draw())
+    clone, _ = trained(BC, mixture, 1000, seeds=seeds, batch_size=256)
     observations = mixture.transitions["observations"]
     for index in seeds:
         learned, cloned = (

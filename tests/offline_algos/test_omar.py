@@ -1,7 +1,5 @@
 """OMAR: critics of one agent each, the search for the best action, and that it beats its data."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,32 +9,20 @@ from hypothesis import given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.offline_algos.omar import OMAR, OMARConfig, by_agent  # noqa: E402
+from swarmdata.offline_algos.omar import OMAR, by_agent  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import (  # noqa: E402
-    SIZES,
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
     progress_of,
     random_batch,
     set_bias,
-    statistics,
+    trained,
     two_episodes,
 )
 
 
-def made(n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any) -> OMAR:
-    small = {"actor_hidden": (16,), "critic_hidden": (16,), "warm_start": 0, "policy_delay": 1}
-    return OMAR(
-        SIZES,
-        range(n_seeds),
-        OMARConfig(**{**small, **config}),
-        statistics=statistics(**(changes or {})),
-    )
-
-
 def test_a_critic_sees_one_agents_observation_and_number() -> None:
-    algorithm, batch = made(), random_batch(1, 4)
+    algorithm, batch = made(OMAR), random_batch(1, 4)
     x = algorithm.seen(batch.observations)
     assert x.shape == (1, 8, 3 + 2)
     torch.testing.assert_close(x[0, 3, :3], batch.observations[0, 1, 1])
@@ -46,7 +32,7 @@ def test_a_critic_sees_one_agents_observation_and_number() -> None:
 
 def test_targets_are_of_the_agents_own_reward_and_stop_at_terminations_only() -> None:
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    algorithm = made(changes={"return_std": 2.0}, discount=0.5)
+    algorithm = made(OMAR, changes={"return_std": 2.0}, discount=0.5)
     for row, value in ((0, 9.0), (1, 8.0)):  # the smaller twin counts
         set_bias(algorithm.critics.target, row, value)
     y = algorithm.targets(batch).view(4, 2)
@@ -55,7 +41,7 @@ def test_targets_are_of_the_agents_own_reward_and_stop_at_terminations_only() ->
 
 
 def test_next_values_are_of_the_state_that_was_reached(monkeypatch: pytest.MonkeyPatch) -> None:
-    algorithm, batch = made(discount=1.0), random_batch()
+    algorithm, batch = made(OMAR, discount=1.0), random_batch()
 
     def value(x: Tensor, actions: Tensor) -> Tensor:
         return torch.stack([x[..., :1], x[..., :1] + 1], 1)  # the first feature observed
@@ -71,7 +57,7 @@ def test_next_values_are_of_the_state_that_was_reached(monkeypatch: pytest.Monke
 def test_the_search_finds_a_peak_whatever_the_scale_of_values(
     best: tuple[float, float], scale: float
 ) -> None:
-    algorithm, batch = made(n_candidates=40, n_iterations=4), random_batch()
+    algorithm, batch = made(OMAR, n_candidates=40, n_iterations=4), random_batch()
     peak = torch.tensor(best)
 
     def height(x: Tensor, actions: Tensor) -> Tensor:
@@ -89,7 +75,7 @@ def test_the_search_finds_a_peak_whatever_the_scale_of_values(
 
 
 def test_values_without_a_spread_do_no_harm() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(OMAR), random_batch()
     set_bias(algorithm.critics.online, 0, 1.0)
     pi = by_agent(algorithm.actor(batch.observations))
     found = algorithm.search(algorithm.seen(batch.observations), pi)
@@ -99,7 +85,7 @@ def test_values_without_a_spread_do_no_harm() -> None:
 
 
 def test_each_critic_is_penalized_for_its_own_values() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(OMAR, n_samples=5), random_batch()
     x, actions = algorithm.seen(batch.observations), by_agent(batch.actions)
     for critic in range(2):
         gap = algorithm.gap(x, actions, algorithm.critics.q(x, actions)[..., 0])
@@ -110,7 +96,7 @@ def test_each_critic_is_penalized_for_its_own_values() -> None:
 
 
 def test_twins_begin_apart_and_the_actors_step_leaves_them_alone() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(OMAR, n_samples=5), random_batch()
     critics = algorithm.critics.online
     assert not torch.equal(*critics.flat)
     algorithm.update(batch)
@@ -126,24 +112,7 @@ def test_twins_begin_apart_and_the_actors_step_leaves_them_alone() -> None:
 @pytest.mark.learns
 def test_it_beats_its_data(mixture: MemoryDataset) -> None:
     """As the other conservative algorithms: 0 is the data's progress, 0.045 that of a clone."""
-    config = OMARConfig(
-        n_updates=800,
-        actor_hidden=(32, 32),
-        critic_hidden=(32, 32),
-        critic_step_size=1e-3,
-        warm_start=200,
-        discount=0.9,
-        n_samples=4,
-    )
-    measured = Statistics.measure(mixture, config.discount)
-    samplers = [mixture.sampler(128, seed=seed) for seed in range(2)]
-
-    def draw() -> Any:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    algorithm = OMAR(Sizes.of(draw()), range(2), config, statistics=measured)
-    for _ in range(config.n_updates):
-        algorithm.update(draw())
+    algorithm, _ = trained(OMAR, mixture, 800, critic_step_size=1e-3, warm_start=200, n_samples=4)
     observations = mixture.transitions["observations"]
     for index in range(2):
         learned = progress_of(algorithm.policy(index).actions(observations), observations)

@@ -1,7 +1,6 @@
 """OMIGA: the value loss by hand, in-sample targets, weights per agent, and that it improves."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,33 +9,20 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.offline_algos.omiga import OMIGA, OMIGAConfig  # noqa: E402
+from swarmdata.offline_algos.omiga import OMIGA  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.test_maddpg_bc import (  # noqa: E402
-    SIZES,
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
     progress_of,
     random_batch,
-    statistics,
+    trained,
     two_episodes,
 )
 
 
-def made(n_seeds: int = 1, *, changes: dict[str, float] | None = None, **config: Any) -> OMIGA:
-    small = {"actor_hidden": (16,), "critic_hidden": (16,)}
-    return OMIGA(
-        SIZES,
-        range(n_seeds),
-        OMIGAConfig(**{**small, **config}),
-        statistics=statistics(**(changes or {})),
-    )
-
-
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V = sum_i w_i V_i + b = 100 episode + 10 time, of which the mixer makes all by its b."""
-    algorithm = made(discount=0.5, changes={"return_std": 2.0})
+    algorithm = made(OMIGA, discount=0.5, changes={"return_std": 2.0})
 
     def mix(values: Tensor, x: Tensor, network: object) -> Tensor:
         assert network is algorithm.critics.target_mixer
@@ -51,7 +37,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_the_value_loss_by_hand() -> None:
     """One agent's z and loss, from slow copies of Q and w and the value network itself."""
-    algorithm, batch = made(alpha=0.5), random_batch()
+    algorithm, batch = made(OMIGA, alpha=0.5), random_batch()
     critics = algorithm.critics
     with torch.no_grad():  # the slow copies count
         critics.target_utilities.flat.mul_(1.5)
@@ -67,7 +53,7 @@ def test_the_value_loss_by_hand() -> None:
 
 
 def test_only_the_value_networks_take_the_value_loss() -> None:
-    algorithm, batch = made(), random_batch()
+    algorithm, batch = made(OMIGA), random_batch()
     loss, _ = algorithm.value_loss(batch.states, batch.observations, batch.actions)
     algorithm.values.network.backward(loss.sum())
     assert algorithm.values.network.gradient.abs().sum() > 0
@@ -81,7 +67,7 @@ def test_only_the_value_networks_take_the_value_loss() -> None:
 
 def test_values_find_the_soft_maximum_of_constant_critics() -> None:
     """With Q_i of a known spread, training V_i alone brings the mean of exp(z) to 1."""
-    algorithm, batch = made(alpha=0.1), random_batch(size=256)
+    algorithm, batch = made(OMIGA, alpha=0.1), random_batch(size=256)
     s, o, a = batch.states, batch.observations, batch.actions
     for _ in range(400):
         loss, z = algorithm.value_loss(s, o, a)
@@ -91,7 +77,7 @@ def test_values_find_the_soft_maximum_of_constant_critics() -> None:
 
 def test_no_policy_enters_the_critics() -> None:
     """Two algorithms that differ in their actors only learn the same values."""
-    ours, other, batch = made(), made(), random_batch()
+    ours, other, batch = made(OMIGA), made(OMIGA), random_batch()
     other.actor.network.flat.mul_(-2)
     for algorithm in (ours, other):
         for _ in range(5):
@@ -104,7 +90,7 @@ def test_no_policy_enters_the_critics() -> None:
 def test_agents_of_a_joint_action_have_weights_of_their_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    algorithm, batch = made(max_weight=5.0), random_batch(size=1)
+    algorithm, batch = made(OMIGA, max_weight=5.0), random_batch(size=1)
     z = torch.tensor([[[np.log(2.0), 3.0]]], dtype=torch.float32)
     zero = (algorithm.values.network.layers[-1].bias * 0).sum().expand(1)
     monkeypatch.setattr(algorithm, "value_loss", lambda *_: (zero, z))
@@ -118,7 +104,7 @@ def test_agents_of_a_joint_action_have_weights_of_their_own(
 
 
 def test_large_rewards_do_not_overflow() -> None:
-    algorithm, batch = made(alpha=1e-3), random_batch()
+    algorithm, batch = made(OMIGA, alpha=1e-3), random_batch()
     for _ in range(3):
         losses = algorithm.update(replace(batch, rewards=1e4 * batch.rewards))
     assert all(torch.isfinite(loss).all() for loss in losses.values())
@@ -127,20 +113,8 @@ def test_large_rewards_do_not_overflow() -> None:
 @pytest.mark.learns
 def test_it_improves_on_a_mixture(mixture: MemoryDataset) -> None:
     """Half of the data drive at the goal, the other half at random; cloning makes 0.045."""
-    seeds = range(2)
-    config = OMIGAConfig(
-        n_updates=1500, actor_hidden=(32, 32), critic_hidden=(32, 32), discount=0.9
-    )
-    samplers = [mixture.sampler(256, seed=seed) for seed in seeds]
-
-    def draw() -> Batch:
-        return samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
-
-    measured = Statistics.measure(mixture, config.discount)
-    algorithm = OMIGA(Sizes.of(draw()), seeds, config, statistics=measured)
-    for _ in range(config.n_updates):
-        algorithm.update(draw())
+    algorithm, _ = trained(OMIGA, mixture, 1500, batch_size=256)
     observations = mixture.transitions["observations"]
-    for index in seeds:
+    for index in range(2):
         actions = algorithm.policy(index).actions(observations)
         assert progress_of(actions, observations) > 0.07  # straight at the goal: 0.16

@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from tests.offline_algos.valuing import progress_of, trained  # noqa: E402
+from tests.offline_algos.toys import progress_of, trained  # noqa: E402
 
 
 def test_the_state_weighs_the_robots(mixture: MemoryDataset) -> None:
@@ -36,9 +36,9 @@ def test_without_a_regulariser_it_overestimates_narrow_data(good_only: MemoryDat
     value, progress = {}, {}
     for regulariser in ("none", "bc"):
         algorithm, losses = trained(QMIX, good_only, 500, regulariser=regulariser)
-        value[regulariser] = losses[-1]["q"]  # 2.03 against 1.76
+        value[regulariser] = losses[-1]["q"]  # 2.07 against 1.25
         policies = [algorithm.policy(seed) for seed in range(2)]
         each = [progress_of(policy.actions(observations), observations) for policy in policies]
-        progress[regulariser] = sum(each) / 2  # 0.07 against 0.11
+        progress[regulariser] = sum(each) / 2  # 0.07 against 0.12
     assert value["none"] > value["bc"] + 0.1
     assert progress["bc"] > progress["none"] + 0.015

@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.factored_values import LOSSES  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from tests.offline_algos.valuing import progress_of, trained  # noqa: E402
+from tests.offline_algos.toys import progress_of, trained  # noqa: E402
 
 
 def test_the_team_is_worth_the_mean_of_its_robots(mixture: MemoryDataset) -> None:

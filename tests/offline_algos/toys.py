@@ -1,0 +1,159 @@
+"""Tiny networks, batches and training loops for tests of algorithms."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from itertools import islice
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+
+from swarmdata.learn.networks import StackedMLP
+from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.statistics import Statistics
+from swarmdata.testing.memory import MemoryDataset
+from swarmdata.types import Batch, Episode, Float, no_messages
+
+Algorithm = TypeVar("Algorithm")
+
+SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
+TINY = {
+    "actor_hidden": (16,),
+    "critic_hidden": (16,),
+    "warm_start": 0,
+    "policy_delay": 1,
+    "n_samples": 3,
+}
+"""Settings that `made` gives to algorithms that have them."""
+
+SEEDS = (0, 1)
+SMALL = {
+    "hidden": (32, 32),
+    "actor_hidden": (32, 32),
+    "critic_hidden": (32, 32),
+    "discount": 0.9,
+    "batch_size": 128,
+    "step_size": 3e-3,
+    "temperature": 0.1,
+    "threshold": 0.3,
+}
+"""Settings that `trained` gives to algorithms that have them."""
+
+
+def made(
+    kind: type[Algorithm],
+    n_seeds: int = 1,
+    *,
+    changes: dict[str, float] | None = None,
+    **config: Any,
+) -> Algorithm:
+    """Returns an untrained algorithm of `SIZES`, with `changes` to its statistics."""
+    build: Any = kind
+    settings = configured(build, TINY, config)
+    return build(SIZES, range(n_seeds), settings, statistics=statistics(**(changes or {})))
+
+
+def trained(
+    kind: type[Algorithm],
+    data: MemoryDataset,
+    n_updates: int,
+    *,
+    seeds: Sequence[int] = SEEDS,
+    **config: Any,
+) -> tuple[Algorithm, list[dict[str, float]]]:
+    """Returns the algorithm and its losses, means over seeds, of every update."""
+    build: Any = kind
+    settings = configured(build, SMALL, {"n_updates": n_updates, **config})
+    stream = batches(data, settings.batch_size, seeds)
+    measured = Statistics.measure(data, settings.discount)
+    algorithm = build(Sizes.of(next(stream)), seeds, settings, statistics=measured)
+    losses = [
+        {name: loss.mean().item() for name, loss in algorithm.update(batch).items()}
+        for batch in islice(stream, n_updates)
+    ]
+    return algorithm, losses
+
+
+def configured(kind: Any, defaults: dict[str, Any], config: dict[str, Any]) -> Any:
+    """Returns a config of an algorithm: those defaults that it has a field for, and `config`."""
+    names = {field.name for field in fields(kind.Config)}
+    known = {name: value for name, value in defaults.items() if name in names}
+    return kind.Config(**{**known, **config})
+
+
+def batches(data: MemoryDataset, batch_size: int, seeds: Sequence[int]) -> Iterator[Batch]:
+    """Yields batches [K, B, ...] without end, the rows of each seed by a sampler of its own."""
+    samplers = [data.sampler(batch_size, seed=seed) for seed in seeds]
+    while True:
+        yield samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
+
+
+def statistics(**changes: float) -> Statistics:
+    """Moments of 0 and 1 for data of `SIZES`, rewards that need no scale, no bound of values."""
+    values: dict[str, float] = {"return_std": 1.0, "max_return": 1e9, **changes}
+    return Statistics(
+        observation_mean=np.zeros(3),
+        observation_std=np.ones(3),
+        state_mean=np.zeros(4),
+        state_std=np.ones(4),
+        **values,
+    )
+
+
+def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
+    """The same numbers at every call, [K, B, ...]; every row ends, 3 in 10 by a termination."""
+    torch.manual_seed(0)
+    flags = torch.rand(n_seeds, size) < 0.3
+    return Batch(
+        observations=torch.randn(n_seeds, size, 2, 3),
+        actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
+        rewards=torch.randn(n_seeds, size, 2),
+        next_observations=torch.randn(n_seeds, size, 2, 3),
+        states=torch.randn(n_seeds, size, 4),
+        next_states=torch.randn(n_seeds, size, 4),
+        terminations=flags,
+        truncations=~flags,
+        mask=torch.ones_like(flags),
+        next_actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
+    )
+
+
+def set_bias(network: StackedMLP, row: int, value: float) -> None:
+    """Makes one critic the constant function `value`."""
+    network.flat[row] = 0.0
+    bias = network.layers[-1].bias
+    with torch.no_grad():
+        bias[row] = value
+
+
+def two_episodes() -> MemoryDataset:
+    """One that terminates, one that is truncated; states tell the episode and the time."""
+
+    def episode(number: int, *, cut: bool) -> Episode:
+        steps, last = 2, np.array([False, True])
+        states = np.zeros((steps + 1, 4), dtype=np.float32)
+        states[:, 0], states[:, 1] = number, np.arange(steps + 1)
+        return Episode(
+            observations=np.zeros((steps + 1, 2, 3), dtype=np.float32),
+            states=states,
+            actions=np.zeros((steps, 2, 2), dtype=np.float32),
+            log_probs=np.zeros((steps, 2), dtype=np.float32),
+            rewards=np.array([[1.0, 3.0], [5.0, 7.0]], dtype=np.float32),  # team: 2, 6
+            terminations=last & (not cut),
+            truncations=last & cut,
+            events=np.zeros((steps, 2, 4), dtype=np.uint8),
+            **no_messages(steps + 1, 2),
+            layout=np.zeros((0, 8), dtype=np.float32),
+            seed=number,
+            policy=0,
+            end_reason=2 if cut else 0,
+        )
+
+    return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
+
+
+def progress_of(actions: Float, observations: Float) -> float:
+    """Mean progress of one step at the dataset's observations; straight at the goal gives 0.16."""
+    offsets = observations[..., 2:4]
+    before = np.linalg.norm(offsets, axis=-1)
+    return float((before - np.linalg.norm(offsets - 0.2 * actions, axis=-1)).mean())
