@@ -56,7 +56,12 @@ def _number(value: float, board: Board) -> str:
 
 
 def families(board: Board) -> list[str]:
-    """How often each family has the best algorithm, and how far its best is from it on average."""
+    """How often each family has the best algorithm, and how far its best is from it on average.
+
+    Of one dataset, `winners` has said it.
+    """
+    if len(board.estimates) < 2:
+        return []
     firsts = {dataset: board.bests(dataset) for dataset in board.estimates}
     names = list(dict.fromkeys(board.families.values()))
     sentences = []

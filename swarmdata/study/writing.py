@@ -26,6 +26,9 @@ REPORT, RESULTS, DATA, COSTS, CURVES, FILE = (
 
 CLEAN, SUCCESS = "clean_success", "success"
 
+MOST_NAMED = 24
+"""Algorithms whose names fit beside a figure; of more, those figures are left out."""
+
 
 @dataclass(frozen=True)
 class Section:
@@ -82,7 +85,7 @@ def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -
         *_online(found),
         Section("Beside the data", _list(text.against_data(board))),
         Section("Success", _success(board, success, clean, out)),
-        Section("Return and collisions", _pareto(found.results, out)),
+        *_pareto(found.results, out),
         *_overall(found.results, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
         Section("What surprised", _list(text.surprises(board, clean, _means(found, key)))),
@@ -104,11 +107,13 @@ def _protocol(found: Findings, command: str) -> str:
     machines = sorted({str(cost.machine.get("processor", "unknown")) for cost in costs})
     cpu = duration(sum(cost.cpu_seconds for cost in costs))
     total = sum(cost.wall_seconds for cost in costs)
+    n_datasets = len(study.datasets)
+    where = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
     width = f"Hidden layers of {list(study.hidden)} units. " if study.hidden else ""
     for_all = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
     width += f"Where an algorithm has them: {for_all}. " if for_all else ""
     return (
-        f"{len(study.algorithms)} offline algorithms on {len(study.datasets)} datasets, "
+        f"{len(study.algorithms)} offline algorithms on {where}, "
         f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, one setting of "
         f"an algorithm for all datasets. {width}The last policy of every seed is measured on the "
         f"same {study.episodes:,} reserved evaluation seeds. Numbers are interquartile means over "
@@ -168,26 +173,30 @@ def _success(board: Board, success: Board, clean: Board, out: Path) -> str:
     )
 
 
-def _pareto(results: ResultSet, out: Path) -> str:
+def _pareto(results: ResultSet, out: Path) -> list[Section]:
+    if len(results.labels) > MOST_NAMED:
+        return []
     plot_pareto(results.cases, out / "collisions.png")
-    return (
+    body = (
         "Filled points are beaten by none of their dataset in both; the dashed line is the return "
         "of the data.\n\n![team return against collisions](collisions.png)\n"
     )
+    return [Section("Return and collisions", body)]
 
 
 def _overall(results: ResultSet, out: Path) -> list[Section]:
     """Only of algorithms with results on all datasets: a mean over others is another quantity."""
     tables = complete(results).tables
-    if len(tables) < 2:
+    if len(tables) < 2 or len(results.cases) < 2:
         return []
-    plot_profiles(tables, out / "profiles.png")
-    plot_improvements(tables, out / "improvements.png")
-    body = (
-        f"{aggregate_table(results).to_markdown()}\n"
-        "![share of runs above a score](profiles.png)\n\n"
-        "![who beats whom](improvements.png)\n"
-    )
+    body = aggregate_table(results).to_markdown()
+    if len(tables) <= MOST_NAMED:
+        plot_profiles(tables, out / "profiles.png")
+        plot_improvements(tables, out / "improvements.png")
+        body += (
+            "\n![share of runs above a score](profiles.png)\n\n"
+            "![who beats whom](improvements.png)\n"
+        )
     return [Section("Over all datasets", body)]
 
 

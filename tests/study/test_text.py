@@ -51,6 +51,7 @@ def test_families_win_and_lag() -> None:
     assert sentences[0].startswith("Cloning has the best algorithm on 1 of 2 datasets (y)")
     assert "its best is 49.5 behind the best of all on average, and 99.0 at most" in sentences[1]
     assert "on 0 of 1 datasets; its best is 10.0 behind" in sentences[2]
+    assert text.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
 
 
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:

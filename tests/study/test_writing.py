@@ -4,6 +4,7 @@ import csv
 import io
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from swarmdata.cards.baselines import baselines_section, read_runs
 from swarmdata.errors import StudyError
 from swarmdata.result_files import load
+from swarmdata.study import writing
 from swarmdata.study.conducting import Options, conduct
 from swarmdata.study.plan import Study
 from swarmdata.study.working import RESULTS
@@ -41,7 +43,9 @@ def rows(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
-def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) -> None:
+def test_everything_is_written_and_again_the_same(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     options = Options(tmp_path / "out", tmp_path / "work", progress=False)
     failures, files = conduct(study, options, "swarmdata study tiny.yaml")
@@ -59,6 +63,10 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     _, again = conduct(study, options, "swarmdata study tiny.yaml")
     assert again[0].read_text() == page
     assert Study.from_file(tmp_path / "out" / "study.yaml") == study
+    monkeypatch.setattr(writing, "MOST_NAMED", 1)  # too many names beside a figure
+    _, files = conduct(study, replace(options, out=tmp_path / "few"), "swarmdata study tiny.yaml")
+    assert "Return and collisions" not in files[0].read_text()
+    assert not (tmp_path / "few" / "collisions.png").exists()
 
 
 def _check_tables(folder: Path) -> None:
