@@ -1,4 +1,4 @@
-"""The part of a card that shows what algorithms learned from the dataset, by a committed study."""
+"""The part of a card that shows what algorithms learned from the dataset, by committed studies."""
 
 import csv
 import io
@@ -11,8 +11,11 @@ import numpy as np
 from swarmdata.cards import markdown
 from swarmdata.metrics import bootstrap, iqm
 
-RESULTS = ("study", "results.csv")
-"""Of the study, below this folder: one row per run, as `swarmdata study` writes it."""
+STUDIES = ("study", "study-formation")
+"""Folders of the committed studies, beside this file."""
+
+RESULTS = "results.csv"
+"""Of a study: one row per run, as `swarmdata study` writes it."""
 
 SHOWN = (
     ("score", "score", 1.0, 1),
@@ -29,9 +32,10 @@ Run = Mapping[str, str]
 
 @cache
 def study_runs() -> tuple[Run, ...]:
-    """All runs of the committed study; none where there is no such file."""
-    file = files("swarmdata.cards").joinpath(*RESULTS)
-    return read_runs(file.read_text(encoding="utf-8")) if file.is_file() else ()
+    """All runs of the committed studies that are there."""
+    found = (files("swarmdata.cards").joinpath(study, RESULTS) for study in STUDIES)
+    texts = [file.read_text(encoding="utf-8") for file in found if file.is_file()]
+    return tuple(run for text in texts for run in read_runs(text))
 
 
 def read_runs(text: str) -> tuple[Run, ...]:
@@ -45,7 +49,7 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
     Args:
         dataset_id: with its version.
         digest: of the dataset's arrays; runs on other content are not shown.
-        runs: of a study.
+        runs: of studies.
     """
     named = [run for run in runs if run["dataset"] == dataset_id]
     same = [run for run in named if run["digest"] == digest]
