@@ -37,6 +37,9 @@ MAX_WIDTH = 4096
 FRAME = ("frame.anchor", "frame.vectors", "frame.closing")
 """Tensors of an actor that sees and acts in a frame."""
 
+HEARD = "frame.heard"
+"""One more, of an actor that hears others."""
+
 Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 
 
@@ -101,7 +104,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
     with the one-hot index of the robot appended. An actor with a frame has `frame.anchor` [1],
-    `frame.vectors` [V] and `frame.closing` [C, 2] as well, and O is what its frame shows.
+    `frame.vectors` [V] and `frame.closing` [C, 2] as well, and `frame.heard` [H, 3] if it hears
+    others; O is then what its frame shows.
 
     Args:
         data: the file.
@@ -115,7 +119,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
         tensors = {name: _values(array) for name, array in load(data).items()}
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
-    frame = _frame({name: tensors.pop(name) for name in list(tensors) if name in FRAME}, source)
+    named = [name for name in tensors if name in (*FRAME, HEARD)]
+    frame = _frame({name: tensors.pop(name) for name in named}, source)
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
         f"layers.{i}.{part}" for i in range(n_layers) for part in ("weight", "bias")
@@ -140,15 +145,16 @@ def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
     """The frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
-    shapes = {name: tensors[name].shape for name in FRAME if name in tensors}
-    dimensions = [len(shape) for shape in shapes.values()]
-    if set(tensors) != set(FRAME) or dimensions != [1, 1, 2] or shapes[FRAME[2]][1] != 2:
+    parts = {HEARD: np.empty((0, 3)), **tensors}
+    shapes = {name: part.shape for name, part in parts.items()}
+    ends = [shape[1:] for shape in map(shapes.get, (*FRAME, HEARD)) if shape is not None]
+    if ends != [(), (), (2,), (3,)]:
         raise CheckpointError(
-            f"{source} has frame tensors {shapes}, expected frame.anchor [1], frame.vectors [V] "
-            "and frame.closing [C, 2]."
+            f"{source} has frame tensors {shapes}, expected frame.anchor [1], frame.vectors [V], "
+            "frame.closing [C, 2] and, if it hears others, frame.heard [H, 3]."
         )
-    anchor, vectors, closing = (tensors[name].astype(int).tolist() for name in FRAME)
-    return Frame(anchor[0], tuple(vectors), tuple((near, speed) for near, speed in closing))
+    anchor, vectors, closing, heard = (parts[name].astype(int).tolist() for name in (*FRAME, HEARD))
+    return Frame(anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)))
 
 
 def _check_shapes(
@@ -232,6 +238,8 @@ def save_actor(
         indices = ([frame.anchor], frame.vectors, frame.closing)
         tensors |= {k: np.array(v, np.int32) for k, v in zip(FRAME, indices, strict=True)}
         tensors[FRAME[2]] = tensors[FRAME[2]].reshape(-1, 2)
+        if frame.heard:
+            tensors[HEARD] = np.array(frame.heard, np.int32)
     _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))

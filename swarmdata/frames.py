@@ -3,12 +3,17 @@
 A task without preferred directions looks the same when it is turned. A policy that sees every
 vector relative to where its robot has to go need not learn the same driving for every direction.
 How fast a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it. To see what that brings, train with `--set frame=world`.
+frame adds it. Nor does it form the nearness of robots that only radio their positions: those are in
+metres, in the order of the senders. A frame adds what `observation: state` shows of robots that are
+seen. Without it messages are of no use to a clone: on `coop_nav-expert`, with `state-0` and
+`perfect`, `bc` had 1.5 robot collisions an episode and 1.4 with no messages at all, and with it 0.6
+(4,000 updates of 128 rows, hidden sizes 64, 3 seeds, 100 episodes). To see what frames bring, train
+with `--set frame=world`.
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +22,12 @@ from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
 from swarmdata.types import Double, Float, Int
+
+HEARING = 1.25
+"""Distance (m) between the centres of robots from which on the nearness of a sender is 0."""
+
+NOT_SENT = -1
+"""Stands for the index of a velocity that messages do not have."""
 
 
 @dataclass(frozen=True)
@@ -28,20 +39,28 @@ class Frame:
         vectors: indices of the x components of all planar vectors; their y components follow.
         closing: pairs of such indices: the direction to something near, and the velocity relative
             to it; their scalar product is seen too.
+        heard: for each slot of messages, the indices of the sender's position, of the own velocity
+            and of the sender's, -1 where that is not sent. The direction to the sender times its
+            nearness, 1 - distance / `HEARING`, is seen too, and how fast it is approached: the
+            scalar product with the own velocity minus the sender's. All are 0 beyond that distance,
+            and of senders that were never heard.
     """
 
     anchor: int
     vectors: tuple[int, ...]
     closing: tuple[tuple[int, int], ...]
+    heard: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def n_added(self) -> int:
         """How many features `seen` adds."""
-        return 2 + len(self.closing)
+        return 2 + len(self.closing) + 3 * len(self.heard)
 
     def fits(self, n_features: int) -> bool:
         """Whether every vector that this frame names is in observations of so many features."""
         first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}
+        for position, own, other in self.heard:
+            first |= {position, own} if other == NOT_SENT else {position, own, other}
         return min(first) >= 0 and max(first) + 1 < n_features
 
     def directions(self, observations: Float) -> tuple[Double, Double]:
@@ -56,9 +75,10 @@ class Frame:
         return np.where(still, 1.0, x / length), y / length
 
     def seen(self, observations: Float) -> Float:
-        """Returns what a policy sees, float32 [..., N, O + 2 + C].
+        """Returns what a policy sees, float32 [..., N, O + 2 + C + 3 H].
 
-        Observations with their vectors turned, the frame's x axis in the world, closing speeds.
+        Observations with their vectors turned, the frame's x axis in the world, closing speeds,
+        nearness (x, y) and closing speed of senders.
         """
         size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
@@ -67,6 +87,7 @@ class Frame:
             self.anchor,
             np.array(self.vectors, np.int64),
             np.array(self.closing, np.int64).reshape(-1, 2),
+            np.array(self.heard, np.int64).reshape(-1, 3),
             out.reshape(-1, size + self.n_added),
         )
         return out
@@ -94,8 +115,8 @@ class Frame:
 
 
 @kernel
-def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, out: Float) -> None:
-    """Writes what is seen of observations, [M, O], into [M, O + 2 + C]."""
+def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, heard: Int, out: Float) -> None:
+    """Writes what is seen of observations, [M, O], into [M, O + 2 + C + 3 H]."""
     size = rows.shape[1]
     for m in range(len(rows)):
         row, seen = rows[m], out[m]
@@ -113,6 +134,27 @@ def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, out: Float) -> N
             near, speed = closing[c]
             product = np.float64(row[near]) * np.float64(row[speed])
             seen[size + 2 + c] = product + np.float64(row[near + 1]) * np.float64(row[speed + 1])
+        at = size + 2 + len(closing)
+        for h in range(len(heard)):
+            x, y, speed = _approach(row, heard[h])
+            seen[at], seen[at + 1], seen[at + 2] = ux * x + uy * y, ux * y - uy * x, speed
+            at += 3
+
+
+@kernel
+def _approach(row: Float, heard: Int) -> tuple[float, float, float]:
+    """Returns nearness times direction of a sender, x and y, and how fast it is approached."""
+    position, own, other = heard
+    x, y = np.float64(row[position]), np.float64(row[position + 1])
+    distance = np.sqrt(x * x + y * y)
+    if distance == 0.0 or distance >= HEARING:
+        return 0.0, 0.0, 0.0
+    scale = (1.0 - distance / HEARING) / distance
+    x, y = x * scale, y * scale
+    vx, vy = np.float64(row[own]), np.float64(row[own + 1])
+    if other != NOT_SENT:
+        vx, vy = vx - np.float64(row[other]), vy - np.float64(row[other + 1])
+    return x, y, x * vx + y * vy
 
 
 def in_world(frame: Frame | None, observations: Float, actions: Double) -> Double:
@@ -181,12 +223,12 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             f"frame {anchor!r} needs the observed vector {name}; expected 'world', 'target' (where "
             f"own.goal_dx is observed) or one of {', '.join(known)}."
         )
-    return Frame(found[0], vectors, _closing([feature.name for feature in features]))
+    index = {feature.name: k for k, feature in enumerate(features)}
+    return Frame(found[0], vectors, _closing(index), _heard(index))
 
 
-def _closing(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:
     """Pairs of near direction and relative velocity, for each slot of robots and of obstacles."""
-    index = {name: k for k, name in enumerate(names)}
     pairs = []
     for name, k in index.items():
         slot, _, field = name.rpartition(".")
@@ -194,3 +236,14 @@ def _closing(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
             speed = index.get(f"{slot}.dvx", index.get("own.vx"))  # obstacles stand still
             pairs += [(k, speed)] if speed is not None else []
     return tuple(pairs)
+
+
+def _heard(index: Mapping[str, int]) -> tuple[tuple[int, int, int], ...]:
+    """Sender's position, own velocity and sender's velocity, for each slot of messages."""
+    own = index.get("own.vx")
+    slots = [name.partition(".")[0] for name in index if name.endswith(".position_x")]
+    return tuple(
+        (index[f"{slot}.position_x"], own, index.get(f"{slot}.velocity_x", NOT_SENT))
+        for slot in slots
+        if own is not None and slot.startswith("message_")
+    )

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.frames import Frame, find_frame, natural_anchor
+from swarmdata.frames import HEARING, Frame, find_frame, natural_anchor
 from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
@@ -54,6 +54,47 @@ def test_the_kernel_computes_what_is_written_here() -> None:
     np.testing.assert_array_equal(FRAME.seen(observations), expected)
     every_second = np.asfortranarray(observations[::2])
     np.testing.assert_array_equal(FRAME.seen(every_second), expected[::2])
+
+
+def hearing(payload: str) -> tuple[Frame, list[str], Float]:
+    """A frame, names and observations of robots that know of each other by messages only."""
+    spec = with_models(preset("coop_nav"), "state-0", payload)
+    env = make_env(spec, 8)
+    step = env.reset(np.arange(8, dtype=np.uint64))
+    for _ in range(5):
+        step = env.step(np.full((8, 4, 2), 0.5, np.float32))
+    frame = find_frame(env.features, "target")
+    assert frame is not None
+    return frame, [feature.name for feature in env.features], step.observations
+
+
+@pytest.mark.parametrize("payload", ["perfect", "state"])
+def test_senders_are_shown_by_their_nearness(payload: str) -> None:
+    frame, names, observations = hearing(payload)
+    assert len(frame.heard) == 3
+    added = frame.seen(observations)[..., len(names) + 2 + len(frame.closing) :]
+    assert added.shape[-1] == 9
+    ux, uy = frame.directions(observations)
+    here = {name: observations[..., k].astype(np.float64) for k, name in enumerate(names)}
+    n_near = 0
+    for slot in range(3):
+        x, y = here[f"message_{slot}.position_x"], here[f"message_{slot}.position_y"]
+        distance = np.hypot(x, y)
+        nearness = np.maximum(1 - distance / HEARING, 0) / distance
+        vx, vy = (
+            here[f"own.v{axis}"] - here.get(f"message_{slot}.velocity_{axis}", 0.0) for axis in "xy"
+        )
+        expected = (ux * x + uy * y, ux * y - uy * x, x * vx + y * vy)
+        for k, value in enumerate(expected):
+            np.testing.assert_allclose(added[..., 3 * slot + k], nearness * value, atol=1e-6)
+        n_near += int((nearness > 0).sum())
+    assert 0 < n_near < 3 * x.size
+
+
+def test_nobody_is_near_who_was_never_heard() -> None:
+    frame, names, observations = hearing("state")
+    observations[..., [k for k, name in enumerate(names) if name.startswith("message")]] = 0
+    assert (frame.seen(observations)[..., len(names) + 2 + len(frame.closing) :] == 0).all()
 
 
 @pytest.mark.parametrize("task", ["coop_nav", "warehouse", "formation", "transport"])
@@ -149,3 +190,11 @@ def test_a_frame_knows_the_observations_it_fits(
     frame: tuple[int, tuple[int, ...], tuple[tuple[int, int], ...]], fits: bool
 ) -> None:
     assert Frame(*frame).fits(10) is fits
+
+
+@pytest.mark.parametrize(
+    ("heard", "fits"),
+    [((4, 2, 6), True), ((4, 2, -1), True), ((4, 2, 9), False), ((-1, 2, 6), False)],
+)
+def test_messages_must_fit_too(heard: tuple[int, int, int], fits: bool) -> None:
+    assert Frame(0, (0,), (), (heard,)).fits(10) is fits

@@ -55,7 +55,8 @@ def load_policy(path: Path) -> Policy:
     values["layers"] = _layers(tensors)
     if frame := values.get("frame"):
         closing = tuple((near, speed) for near, speed in frame["closing"])
-        values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing)
+        heard = tuple((x, own, other) for x, own, other in frame.get("heard", ()))  # newer files
+        values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing, heard)
     policy: Policy = KINDS[metadata["kind"]](**values)
     return policy
 

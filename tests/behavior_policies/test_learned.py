@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
+from safetensors.numpy import load_file, save_file
 
 from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
 from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.frames import Frame
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Step, no_messages
 
@@ -201,6 +202,35 @@ def test_what_cannot_be_run_exactly_is_refused(
     save_file(tensors, path)
     load_actor(path.read_bytes(), 4, "good")
     save_file({**tensors, **change}, path)
+    with pytest.raises(CheckpointError, match=message):
+        load_actor(path.read_bytes(), 4, "bad")
+
+
+@pytest.mark.parametrize("heard", [(), ((20, 2, 24), (30, 2, -1))])
+def test_an_actor_keeps_its_frame(tmp_path: Path, heard: tuple[tuple[int, int, int], ...]) -> None:
+    frame = Frame(4, (0, 2, 4, 8), ((8, 2),), heard)
+    size = SIZE + frame.n_added
+    path = tmp_path / "actor.safetensors"
+    save_actor(path, network(inputs=size), np.zeros(size), np.ones(size), frame=frame)
+    assert load_actor(path.read_bytes(), 4, "good").frame == frame
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frame.heard": np.zeros((1, 2))}, r"frame.heard \[H, 3\]"),
+        ({"frame.closing": np.zeros(2)}, "has frame tensors"),
+        ({"frame.heard": np.full((1, 3), SIZE)}, "features that its observations lack"),
+    ],
+)
+def test_a_frame_that_does_not_fit_is_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "actor.safetensors"
+    frame = Frame(4, (4,), ((8, 2),))
+    size = SIZE + frame.n_added
+    save_actor(path, network(inputs=size), np.zeros(size), np.ones(size), frame=frame)
+    save_file({**load_file(path), **change}, path)
     with pytest.raises(CheckpointError, match=message):
         load_actor(path.read_bytes(), 4, "bad")
 

@@ -13,6 +13,7 @@ import torch
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.checkpoint import save_checkpoint
 from swarmdata.learn.policy_file import load_policy, save_policy
+from swarmdata.models import with_models
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
@@ -20,11 +21,15 @@ from swarmdata.spec import TaskSpec
 
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
 @pytest.mark.parametrize("frame", ["world", "target"])
-def test_a_policy_comes_back_as_it_was(tmp_path: Path, parameters: str, frame: str) -> None:
+@pytest.mark.parametrize("communication", ["none", "state"])
+def test_a_policy_comes_back_as_it_was(
+    tmp_path: Path, parameters: str, frame: str, communication: str
+) -> None:
+    spec = with_models(TaskSpec(), None, communication)
     config = MAPPOConfig(n_copies=2, n_steps=4, parameters=parameters, frame=frame)  # type: ignore[arg-type]
-    run = MAPPO(make_env(TaskSpec(), 4), (0, 1), config)
+    run = MAPPO(make_env(spec, 4), (0, 1), config)
     policy = run.policy(1)
-    step = make_env(TaskSpec(), 3).reset(np.arange(3, dtype=np.uint64))
+    step = make_env(spec, 3).reset(np.arange(3, dtype=np.uint64))
     actions = policy.act(step)  # a policy that has acted remembers it, which is not written
     assert not policy.log_probs(step, actions).any()
     save_policy(tmp_path / "new" / "policy.safetensors", policy)
