@@ -3,12 +3,13 @@
 A task without preferred directions looks the same when it is turned. A policy that sees every
 vector relative to where its robot has to go need not learn the same driving for every direction.
 How fast a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it. Nor does it form the nearness of robots that only radio their positions: those are in
+frame adds it. To see what that brings, train with `--set frame=world`.
+
+Nor does a small network form the nearness of robots that are only heard: messages hold positions in
 metres, in the order of the senders. A frame adds what `observation: state` shows of robots that are
-seen. Without it messages are of no use to a clone: on `coop_nav-expert`, with `state-0` and
-`perfect`, `bc` had 1.5 robot collisions an episode and 1.4 with no messages at all, and with it 0.6
-(4,000 updates of 128 rows, hidden sizes 64, 3 seeds, 100 episodes). To see what frames bring, train
-with `--set frame=world`.
+seen. On `coop_nav-expert` with `state-0`, clones had 1.4 robot collisions an episode without
+messages and 1.5 with them; with what is added, 0.6 with `perfect` and 0.03 with `state`, which has
+velocities (`bc`, 4,000 updates of 128 rows, hidden sizes 64, 3 seeds, 100 episodes).
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
