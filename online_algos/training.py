@@ -16,6 +16,7 @@ import dataclasses
 import json
 import math
 import resource
+import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -41,6 +42,8 @@ from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
 
 SPEED = "speed.csv"
+REPLAY = "replay"
+"""Folder of a running training's replay, if its algorithm has one."""
 
 POLICIES_EACH = 5
 """Policies that are kept for each checkpoint: replays need the way to a medium in small steps."""
@@ -126,9 +129,12 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     torch.set_num_threads(1)  # the networks are too small to gain from more
     try:
         _claim(folder, run)
-        _Training(run, folder).finish(progress)
+        if not _is_finished(run, folder):
+            _Training(run, folder).finish(progress)
     finally:
         torch.set_num_threads(before)
+    if (folder / REPLAY).exists():  # gigabytes that nothing goes on from
+        shutil.rmtree(folder / REPLAY)
     return folder
 
 
@@ -139,6 +145,11 @@ def read_online_run(folder: Path) -> OnlineRun:
         SpecError: it is malformed.
     """
     return OnlineRun.from_file(folder / CONFIG)
+
+
+def _is_finished(run: OnlineRun, folder: Path) -> bool:
+    path = folder / CHECKPOINT
+    return path.exists() and load_checkpoint(path)[1]["frames"] >= run.config["n_frames"]
 
 
 def _check_margin(run: OnlineRun) -> None:
@@ -174,7 +185,7 @@ class _Training:
 
     def __init__(self, run: OnlineRun, folder: Path) -> None:
         self.run, self.folder = run, folder
-        self.algorithm = run.build(folder / "replay")
+        self.algorithm = run.build(folder / REPLAY)
         if (folder / CHECKPOINT).exists():
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
         else:

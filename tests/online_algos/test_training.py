@@ -130,3 +130,17 @@ def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="margin is 100, expected at least 112"):
         train_run(run, tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> None:
+    config = VDNConfig(
+        n_frames=320, n_copies=4, n_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)
+    )
+    run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
+    folder = train_run(run, tmp_path / "run")
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert "replay" not in {path.parent.name for path in files}
+    (folder / "replay").mkdir()  # as a kill right after the last checkpoint leaves it
+    train_run(run, folder)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+    assert not (folder / "replay").exists()
