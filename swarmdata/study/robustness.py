@@ -111,7 +111,11 @@ def run_sweeps(
 
 def _body(swept: Swept, found: Degradation, folder: str, picture: str) -> str:
     wanted = swept.sweep
-    models = [model for model in (wanted.observation, wanted.communication) if model is not None]
+    models = [
+        f"{kind} `{model}`"
+        for kind in ("observation", "communication")
+        if (model := getattr(wanted, kind)) is not None
+    ]
     trained = f" seen through {' and '.join(models)}" if models else ""
     lines = "".join(f"- {_sentence(line, found)}\n" for line in found.lines)
     return (

@@ -36,7 +36,7 @@ def test_the_best_of_each_family_is_swept(
     )
     assert loss.count("at drop 0.5: change of return") == 2
     assert noise.count("at noise 0.2: change of return") == 1
-    assert "seen through perfect" in loss
+    assert "seen through communication `perfect`" in loss
     assert "`maddpg` at" in loss
     assert "`maddpg` at" not in noise
     for label, picture in (("loss", "communication-drop"), ("noise", "observation-noise")):
