@@ -47,9 +47,8 @@ def test_intervals_hold_the_values(returns: list[float]) -> None:
 
 def test_the_committed_studies_can_be_read() -> None:
     runs = study_runs()
-    tasks = {
-        run["dataset"].split("-")[0] for run in runs if run["dataset"]
-    }  # online rows have none
+    offline = [run for run in runs if run["dataset"]]
+    tasks = {run["dataset"].split("-")[0] for run in offline}
     assert tasks == {"coop_nav", "formation"}
     assert all(set(NAMES) <= set(run) for run in runs)
 
