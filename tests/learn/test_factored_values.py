@@ -16,10 +16,9 @@ from swarmdata.learn.mixers import MeanMixer, Mixer, MonotonicMixer  # noqa: E40
 from swarmdata.learn.networks import StackedMLP  # noqa: E402
 from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch, Episode, no_messages  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.toys import SIZES, two_episodes  # noqa: E402
 
-SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
 
 
@@ -73,32 +72,6 @@ def make_constant(network: StackedMLP, *outputs: list[float]) -> None:
     network.flat.zero_()
     with torch.no_grad():
         network.layers[-1].bias.copy_(torch.tensor(outputs)[:, None])
-
-
-def two_episodes() -> MemoryDataset:
-    """One that terminates, one that is truncated; states tell the episode and the time."""
-
-    def episode(number: int, *, cut: bool) -> Episode:
-        steps, last = 2, np.array([False, True])
-        states = np.zeros((steps + 1, 4), dtype=np.float32)
-        states[:, 0], states[:, 1] = number, np.arange(steps + 1)
-        return Episode(
-            observations=np.zeros((steps + 1, 2, 3), dtype=np.float32),
-            states=states,
-            actions=np.zeros((steps, 2, 2), dtype=np.float32),
-            log_probs=np.zeros((steps, 2), dtype=np.float32),
-            rewards=np.array([[1.0, 3.0], [5.0, 7.0]], dtype=np.float32),  # team: 2, 6
-            terminations=last & (not cut),
-            truncations=last & cut,
-            events=np.zeros((steps, 2, 4), dtype=np.uint8),
-            **no_messages(steps + 1, 2),
-            layout=np.zeros((0, 8), dtype=np.float32),
-            seed=number,
-            policy=0,
-            end_reason=2 if cut else 0,
-        )
-
-    return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
 
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
