@@ -1,12 +1,14 @@
-"""Writes policies of online runs as checkpoints for exact inference, as datasets run them."""
+"""Policies of online runs as checkpoints for exact inference, as datasets run them, and back."""
 
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from swarmdata.behavior_policies.actor import MAX_WEIGHT
+from swarmdata.behavior_policies.actor import MAX_WEIGHT, Actor
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
+from swarmdata.learn.networks import Layer
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos.training import SELECTION_OFFSET
@@ -47,6 +49,24 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     layers[0][0][: len(fold)] *= fold[:, None]
     layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
     save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
+
+
+def restored(actor: Actor, n_agents: int) -> TorchPolicy:
+    """The policy behind a checkpoint, rounded as that is, to go on training from.
+
+    Args:
+        actor: as a checkpoint holds it, with the index of the robot.
+        n_agents: robots of the team that it is for.
+    """
+    layers = [(weight, bias) for weight, bias in actor.layers]
+    layers[0] = (_for_team(layers[0][0], len(actor.mean), n_agents), layers[0][1])
+    return TorchPolicy(
+        [Layer(torch.from_numpy(w[None]), torch.from_numpy(b[None, None])) for w, b in layers],
+        torch.from_numpy(actor.mean),
+        torch.from_numpy(1 / actor.scale),
+        squash=False,
+        frame=actor.frame,
+    )
 
 
 def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:

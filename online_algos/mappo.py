@@ -12,6 +12,7 @@ Deviations, each measured on `coop_nav` or required by it:
 - contact costs grow during training (`contact_cost`), since a high cost from the start prevents
   learning and a low one leaves a policy that brushes past obstacles;
 - every robot is trained on its own reward, mixed with the team mean by `team_share`;
+- a payload's progress may be rewarded along its way around obstacles (`detour`, `detours`);
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
 - training may start from a clone of a teacher (`warm_start`); then only the critic learns at first,
@@ -41,6 +42,7 @@ from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.team import Parameters, by_network, from_rows
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
 from swarmdata.online_algos.clipping import clipped_losses
+from swarmdata.online_algos.detours import Detours
 from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
 from swarmdata.online_algos.inputs import measure_moments
 from swarmdata.online_algos.rollouts import (
@@ -84,13 +86,14 @@ class MAPPOConfig:
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
     critic_warmup: float = 0.0  # part of training in which only the critic learns
-    start: str = ""  # folder of a run whose last policies the actors start from; empty for none
+    start: str = ""  # a run's folder or a shipped tier that the actors start from; empty for none
     teacher: str = ""  # registered policy that the actor first clones; empty for none
     teacher_remembers: bool = True  # else it is reset in each step: labels then fit the step alone
     contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
     keep_right: float = 0.0  # cost in each step of an oncoming robot on the right
     keep_left: float = 0.0  # the same on the left
+    detour: float = 0.0  # reward for each metre by which a payload's way around obstacles shrinks
     rewards: tuple[str, ...] = ()  # weights to train with, such as "proximity=2", not the spec's
 
 
@@ -121,6 +124,7 @@ class MAPPO:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), config.n_steps)
         self.input_mean, self.input_std = moments[:2]  # of observations, [K, O]
+        self._detours = Detours(env.spec, self.worlds.present) if config.detour else None
         sizes = self.worlds.sizes
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
@@ -200,10 +204,12 @@ class MAPPO:
     def warm_start(self) -> None:
         """Takes over the policies of another run, or clones the teacher, if there is one."""
         start_actors(self)
+        self._find_detours()
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
+        self._find_detours()
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
@@ -232,11 +238,27 @@ class MAPPO:
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)
         self.worlds.load_state_dict(part(state, "worlds"))
+        self._find_detours()
 
-    def rewards(self, step: Step) -> Float:
-        """Rewards with the team share and the present extra cost of contacts, [K, E, N]."""
+    def rewards(self, before: Step, step: Step) -> Float:
+        """Rewards with the team share, the present extra cost of contacts and detours, [K, E, N].
+
+        Args:
+            before: the step that was acted in.
+            step: what was reached.
+        """
         weights = self.worlds.env.spec.rules.rewards
-        return self.worlds.grouped(self._shaping.rewards(step, weights, self.progress))
+        rewards = self._shaping.rewards(step, weights, self.progress)
+        if self._detours is not None:
+            progress = self._detours.progress(before, step)[:, None]
+            rewards = rewards + np.float32(self.config.detour) * progress.astype(np.float32)
+            self._detours.begin(self.worlds.present, np.flatnonzero(step.ended))
+        return self.worlds.grouped(rewards)
+
+    def _find_detours(self) -> None:
+        """New episodes have begun everywhere."""
+        if self._detours is not None:
+            self._detours.begin(self.worlds.present, np.arange(self.worlds.env.n_copies))
 
     def _collect(self) -> Rollout:
         c, worlds = self.config, self.worlds
@@ -250,8 +272,9 @@ class MAPPO:
             noise = standard_normal(self.generators, r.actions.shape[2:])
             r.actions[t] = self.means(own).numpy() + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - log_std).sum(-1)
+            before = worlds.present
             reached = worlds.advance(r.actions[t])
-            r.rewards[t] = self.rewards(reached)
+            r.rewards[t] = self.rewards(before, reached)
             r.terminations[t], r.ended[t] = worlds.ended(reached)
             ends.append(copy_step(reached, np.flatnonzero(reached.ended)))
         self._add_values(r, ends)

@@ -1,12 +1,16 @@
-"""What MAPPO's actors start from, if not from random weights: another run, or a teacher."""
+"""What MAPPO's actors start from, if not from random weights: other policies, or a teacher."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmdata.errors import CheckpointError
+from swarmdata.behavior_policies.actor import load_actor
+from swarmdata.behavior_policies.learned import read_checkpoint
+from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
+from swarmdata.errors import BuildError, CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policy import TorchPolicy
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.exporting import restored
 from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.registry import make_policy
 
@@ -15,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def start_actors(run: "MAPPO") -> None:
-    """Takes over the last policies of `config.start`, then clones `config.teacher`, as far as set.
+    """Takes over the policies of `config.start`, then clones `config.teacher`, as far as set.
 
     Args:
         run: before its first update; its actors are changed in place.
@@ -26,10 +30,39 @@ def start_actors(run: "MAPPO") -> None:
         UnknownNameError: there is no such teacher.
     """
     if run.config.start:
-        for index, seed in enumerate(run.seeds):
-            take_over(run, index, last_policy(Path(run.config.start), seed))
+        n_agents = run.worlds.sizes.n_agents
+        found = [start_policy(run.config.start, seed, n_agents) for seed in run.seeds]
+        for index, policy in enumerate(found):
+            take_over(run, index, policy)
     if run.config.teacher:
         clone_teacher(run, make_policy(run.config.teacher, run.worlds.env.spec), CloneConfig())
+
+
+def start_policy(start: str, seed: int, n_agents: int) -> Policy:
+    """The policy that a seed starts from.
+
+    Args:
+        start: a shipped tier, such as `formation-expert`, whose policy number `seed` it is; else
+            the folder of a run, whose last policy of that seed it is.
+        seed: of the run that starts.
+        n_agents: robots of its team. A shipped policy is carried over to it, robot i as the
+            trained one of number i modulo theirs.
+
+    Raises:
+        BuildError: there is no such policy.
+    """
+    shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED}
+    if start not in shipped:
+        return last_policy(Path(start), seed)
+    family, tier = shipped[start]
+    found = checkpoints(family, tier)
+    if seed >= len(found):
+        raise BuildError(
+            f"seed {seed} has no policy to start from: {start} ships {len(found)}. Train seeds "
+            f"below {len(found)}, or start from the folder of a run."
+        )
+    data = read_checkpoint(found[seed].file, found[seed].sha256)
+    return restored(load_actor(data, SPECS[family].n_agents, found[seed].file), n_agents)
 
 
 def take_over(run: "MAPPO", index: int, policy: Policy) -> None:

@@ -26,9 +26,9 @@ def test_contact_costs_ramp_up_and_lower_only_touching_robots() -> None:
     step = run.worlds.env.step(np.zeros((4, 4, 2)))
     step = step._replace(events=np.zeros_like(step.events))
     step.events[0, 1] = (1, 0, 1, 0)
-    before = run.rewards(step)[0]
+    before = run.rewards(step, step)[0]
     run.frames = SMALL.n_frames
-    after = run.rewards(step)[0]
+    after = run.rewards(step, step)[0]
     assert after[0, 1] < before[0, 1]
     np.testing.assert_array_equal(after[1:], before[1:])
 

@@ -8,6 +8,8 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.behavior_policies.learned import Learned
+from swarmdata.behavior_policies.tiers import SPECS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policy_file import save_policy
@@ -85,6 +87,31 @@ def test_squashed_actors_of_the_same_sizes_are_refused(tmp_path: Path) -> None:
     run = made((0,), replace(SMALL, start=str(tmp_path / "run")))
     with pytest.raises(CheckpointError, match="another algorithm"):
         run.warm_start()
+
+
+def test_a_shipped_tier_is_a_start() -> None:
+    """As rounded as its checkpoint: its actions differ by the rounding of activations only."""
+    config = replace(SMALL, hidden=128, start="coop_nav-expert")
+    env = make_env(SPECS["coop_nav"], 2 * config.n_copies)
+    run = MAPPO(env, (2, 0), config)
+    run.warm_start()
+    step = make_env(SPECS["coop_nav"], 5).reset(np.arange(5, dtype=np.uint64))
+    for index, seed in enumerate((2, 0)):
+        shipped = checkpoints("coop_nav", "expert")[seed]
+        learned = Learned(SPECS["coop_nav"], checkpoint=shipped.file, sha256=shipped.sha256)
+        np.testing.assert_allclose(run.policy(index).act(step), learned.act(step), atol=0.01)
+
+
+def test_a_shipped_tier_starts_a_larger_team() -> None:
+    config = replace(SMALL, hidden=128, start="coop_nav-expert")
+    run = MAPPO(make_env(SPECS["coop_nav-n8"], config.n_copies), (0,), config)
+    run.warm_start()
+    run.update()
+
+
+def test_a_shipped_tier_of_fewer_policies_is_an_error() -> None:
+    with pytest.raises(BuildError, match=r"seed 4 .* coop_nav-expert ships 4"):
+        made((0, 4), replace(SMALL, start="coop_nav-expert")).warm_start()
 
 
 def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:

@@ -1,0 +1,131 @@
+"""The way of a payload around obstacles to its goal, as a potential to train on.
+
+The task rewards a payload for coming nearer to its goal in a straight line, so a policy that has
+pushed it against an obstacle loses reward for every way out. The length of the way around has no
+such dead ends. It is a potential (Ng, Harada and Russell, "Policy invariance under reward
+transformations", ICML 1999, theorem 1, without the discount): what an episode earns depends on its
+first and last state only.
+"""
+
+import numpy as np
+
+from swarmdata.behavior_policies.distance_field import (
+    SPACING,
+    STRAIGHT,
+    fill_clearances,
+    fill_ways,
+    grid_shape,
+    nearest_node,
+)
+from swarmdata.compiling import kernel
+from swarmdata.envs.payload import payload_radius
+from swarmdata.errors import SpecError
+from swarmdata.spec import TaskSpec
+from swarmdata.states import N_COLUMNS, TX
+from swarmdata.types import Double, Float, Int, Step
+
+SLACK = 0.02
+"""Metres by which the payload may seem to overlap a surface that it touches."""
+
+ROOM = 0.1
+"""Metres of free gap below which a way costs twice as much: robots need room to push."""
+
+REACH = 2
+"""Nodes around a point that are looked at for the shortest way."""
+
+
+@kernel
+def fill_lengths(
+    layouts: Float, goals: Double, half: Double, radius: float, copies: Int, out: Double
+) -> None:
+    """Writes the length of the way to the goal from every node, infinite where there is none.
+
+    Args:
+        layouts: obstacles of all copies, [C, M, 8].
+        goals: of all copies, m, [C, 2].
+        half: half width and half height of the arena, m, [2].
+        radius: of the payload, m.
+        copies: whose ways are written.
+        out: written, m, [C, rows, columns].
+    """
+    rows, columns = out.shape[1:]
+    grid = np.empty((rows, columns), np.float32)
+    weights = np.empty(rows * columns, np.int32)
+    costs = np.empty(rows * columns, np.int32)
+    ways = np.empty(rows * columns, np.int32)
+    for c in copies:
+        fill_clearances(layouts[c], half, radius + 2.0 * ROOM, grid)
+        for row in range(rows):
+            for column in range(columns):
+                gap = grid[row, column] - radius
+                is_inside = 0 < row < rows - 1 and 0 < column < columns - 1
+                free = is_inside and gap > -SLACK
+                weights[row * columns + column] = (1 if gap > ROOM else 2) if free else 0
+        end = nearest_node(goals[c, 0], goals[c, 1], weights - 1, columns, half)
+        costs[:] = -1
+        if end >= 0:
+            fill_ways(end, columns, weights, costs, ways)
+        for node in range(rows * columns):
+            length = costs[node] * SPACING / STRAIGHT
+            out[c, node // columns, node % columns] = length if costs[node] >= 0 else np.inf
+
+
+@kernel
+def look_up(points: Double, half: Double, lengths: Double, out: Double) -> None:
+    """Writes the shortest way from each point over one of the nodes around it.
+
+    Args:
+        points: m, [C, 2].
+        half: half width and half height of the arena, m, [2].
+        lengths: of the ways from the nodes, m, [C, rows, columns].
+        out: written, m, [C]; infinite where no node around has a way.
+    """
+    rows, columns = lengths.shape[1:]
+    for c in range(points.shape[0]):
+        u, v = (points[c, 0] + half[0]) / SPACING, (points[c, 1] + half[1]) / SPACING
+        out[c] = np.inf
+        for row in range(max(int(v) - REACH, 0), min(int(v) + REACH + 2, rows)):
+            for column in range(max(int(u) - REACH, 0), min(int(u) + REACH + 2, columns)):
+                dx, dy = column - u, row - v
+                way = np.sqrt(dx * dx + dy * dy) * SPACING + lengths[c, row, column]
+                out[c] = min(out[c], way)
+
+
+class Detours:
+    """Lengths of the payload's ways in the episodes that run in C copies.
+
+    Args:
+        spec: of a task with a payload.
+        step: the present one of all copies.
+
+    Raises:
+        SpecError: the task has no payload.
+    """
+
+    def __init__(self, spec: TaskSpec, step: Step) -> None:
+        payload = getattr(spec.rules, "payload", None)
+        if payload is None:
+            raise SpecError(f"detour is for tasks with a payload, {spec.task} has none; leave it 0")
+        self._first = N_COLUMNS * spec.n_agents  # where the payload's state begins
+        self._half = np.array([spec.arena.width, spec.arena.height]) / 2
+        self._radius = payload_radius(payload)
+        self._lengths = np.empty((len(step.seeds), *grid_shape(spec)))
+        self.begin(step, np.arange(len(step.seeds)))
+
+    def begin(self, step: Step, copies: Int) -> None:
+        """Finds the ways of the episodes that have begun in some copies."""
+        goals = step.states[:, TX : TX + 2].astype(np.float64)
+        fill_lengths(step.layouts, goals, self._half, self._radius, copies, self._lengths)
+
+    def lengths(self, step: Step) -> Double:
+        """Length of the payload's way in every copy, m, [C]; infinite where there is none."""
+        points = step.states[:, self._first : self._first + 2].astype(np.float64)
+        out = np.empty(len(points))
+        look_up(points, self._half, self._lengths, out)
+        return out
+
+    def progress(self, before: Step, after: Step) -> Double:
+        """How much shorter the payload's way has become, m, [C]; 0 where there is none."""
+        old, new = self.lengths(before), self.lengths(after)
+        is_known = np.isfinite(old) & np.isfinite(new)
+        return np.where(is_known, np.where(is_known, old, 0.0) - np.where(is_known, new, 0.0), 0.0)

@@ -1,0 +1,114 @@
+"""Ways of a payload around obstacles: at least as long as the straight line, and no dead ends."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.errors import SpecError
+from swarmdata.online_algos.detours import Detours
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.presets import preset
+from swarmdata.registry import make_env
+from swarmdata.spec import TaskSpec
+from swarmdata.states import N_COLUMNS, TX
+from swarmdata.types import Double, Step
+
+SPEC = preset("transport")
+BODY = N_COLUMNS * SPEC.n_agents
+
+
+def begin(first: int = 0) -> Step:
+    return make_env(SPEC, 16).reset(np.arange(first, first + 16, dtype=np.uint64))
+
+
+def moved(step: Step, points: Double) -> Step:
+    states = step.states.copy()
+    states[:, BODY : BODY + 2] = points
+    return step._replace(states=states)
+
+
+def straight(step: Step) -> Double:
+    way = step.states[:, TX : TX + 2] - step.states[:, BODY : BODY + 2]
+    return np.hypot(*way.T.astype(np.float64))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 1 << 40))
+def test_a_way_is_at_least_as_long_as_the_straight_line(first: int) -> None:
+    step = begin(first)
+    lengths = Detours(SPEC, step).lengths(step)
+    assert np.isfinite(lengths).all()
+    # goal and point lie up to half a node's diagonal from a node; diagonals cost 7/5, not sqrt(2)
+    assert (lengths >= 0.98 * straight(step) - 0.08).all()
+
+
+def test_at_the_goal_nothing_is_left() -> None:
+    step = begin()
+    there = moved(step, step.states[:, TX : TX + 2].astype(np.float64))
+    assert (Detours(SPEC, step).lengths(there) < 0.08).all()
+
+
+def test_behind_an_obstacle_the_way_leads_around() -> None:
+    """A payload that touches an obstacle which lies between it and its goal."""
+    step = begin()
+    circle = step.layouts[:, 0]  # the first obstacle is a circle: its centre and radius
+    centre, radius = circle[:, 1:3].astype(np.float64), circle[:, 5].astype(np.float64)
+    goals = step.states[:, TX : TX + 2].astype(np.float64)
+    away = centre - goals
+    away /= np.hypot(*away.T)[:, None]
+    stuck = moved(step, centre + (radius + SPEC.rules.payload.half_length)[:, None] * away)  # type: ignore[union-attr]
+    detours = Detours(SPEC, step)
+    lengths = detours.lengths(stuck)
+    known = np.isfinite(lengths)  # it may lie in a wall
+    assert known.sum() > 8
+    assert (lengths[known] > straight(stuck)[known] + 0.1).all()
+    aside = np.stack([-away[:, 1], away[:, 0]], 1)
+    sides = [detours.progress(stuck, moved(stuck, stuck.states[:, BODY : BODY + 2] + 0.3 * s))
+             for s in (aside, -aside)]  # fmt: skip
+    assert (np.maximum(*sides)[known] > 0).mean() > 0.8
+
+
+def test_ways_are_those_of_the_running_episode() -> None:
+    step, other = begin(), begin(100)
+    detours = Detours(SPEC, step)
+    copies = np.array([1, 5])
+    is_new = np.isin(np.arange(16), copies)
+    mixed = step._replace(
+        states=np.where(is_new[:, None], other.states, step.states),
+        layouts=np.where(
+            np.isin(np.arange(16), copies)[:, None, None], other.layouts, step.layouts
+        ),
+    )
+    detours.begin(mixed, copies)
+    expected = Detours(SPEC, step).lengths(step)
+    expected[copies] = Detours(SPEC, other).lengths(other)[copies]
+    np.testing.assert_array_equal(detours.lengths(mixed), expected)
+
+
+def test_rewards_of_an_episode_are_its_first_way_minus_its_last() -> None:
+    config = MAPPOConfig(
+        n_copies=4, n_steps=8, hidden=8, minibatch=64, frame="payload_goal", detour=2.0,
+        contact_cost=0.0, team_share=0.0,
+    )  # fmt: skip
+    run = MAPPO(make_env(SPEC, 4), (0,), config)
+    weights = SPEC.rules.rewards
+    start = run.worlds.present
+    ways = Detours(SPEC, start)
+    extra = np.zeros(4)
+    for _ in range(20):
+        before = run.worlds.present
+        reached = run.worlds.advance(np.ones((1, 4, 4, 2), np.float32))
+        plain = run._shaping.rewards(reached, weights, 0.0)
+        extra += (run.rewards(before, reached)[0] - plain).mean(1)
+    expected = 2.0 * (ways.lengths(start) - ways.lengths(reached))
+    np.testing.assert_allclose(extra, expected, atol=1e-4)
+
+
+def test_a_task_without_payload_is_refused() -> None:
+    step = make_env(TaskSpec(), 1).reset(np.zeros(1, dtype=np.uint64))
+    with pytest.raises(SpecError, match="coop_nav has none"):
+        Detours(TaskSpec(), step)
