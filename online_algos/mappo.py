@@ -12,6 +12,9 @@ Deviations, each measured on `coop_nav` or required by it:
 - contact costs grow during training (`contact_cost`), since a high cost from the start prevents
   learning and a low one leaves a policy that brushes past obstacles;
 - every robot is trained on its own reward, mixed with the team mean by `team_share`;
+- action noise may remember that of the step before (`noise_memory`): white noise of single steps
+  averages out and moves nobody around a payload (Korenkevych et al., "Autoregressive policies for
+  continuous control deep reinforcement learning", IJCAI 2019, section 4, of order 1);
 - a payload's progress may be rewarded along its way around obstacles (`detour`, `detours`);
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
@@ -22,6 +25,7 @@ Deviations, each measured on `coop_nav` or required by it:
 - the actor's and the critic's gradients are clipped separately.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +87,7 @@ class MAPPOConfig:
     max_grad_norm: float = 0.5
     std: float = 0.5
     final_std: float = 0.1
+    noise_memory: float = 0.0  # correlation of action noise between steps, in [0, 1)
     team_share: float = 0.3
     mean_penalty: float = 0.05  # on means outside [-1, 1]
     critic_warmup: float = 0.0  # part of training in which only the critic learns
@@ -124,8 +129,12 @@ class MAPPO:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), config.n_steps)
         self.input_mean, self.input_std = moments[:2]  # of observations, [K, O]
-        self._detours = Detours(env.spec, self.worlds.present) if config.detour else None
         sizes = self.worlds.sizes
+        # the part of each action's noise that the step before it has decided, [K, E, N, A]
+        self._drift = np.zeros(
+            (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action), np.float32
+        )
+        self._detours = Detours(env.spec, self.worlds.present) if config.detour else None
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
         n_own = sizes.observation + (sizes.n_agents if self.n_rows == 1 else 0)
@@ -150,6 +159,11 @@ class MAPPO:
     def std(self) -> float:
         """Present standard deviation of the actions."""
         return self.config.std + (self.config.final_std - self.config.std) * self.progress
+
+    @property
+    def innovation(self) -> float:
+        """Present standard deviation of what is new in the noise of a step."""
+        return self.std * math.sqrt(1 - self.config.noise_memory**2)
 
     @property
     def learning_rate(self) -> float:
@@ -204,12 +218,12 @@ class MAPPO:
     def warm_start(self) -> None:
         """Takes over the policies of another run, or clones the teacher, if there is one."""
         start_actors(self)
-        self._find_detours()
+        self._begin_episodes()
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
-        self._find_detours()
+        self._begin_episodes()
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
@@ -238,7 +252,7 @@ class MAPPO:
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)
         self.worlds.load_state_dict(part(state, "worlds"))
-        self._find_detours()
+        self._begin_episodes()
 
     def rewards(self, before: Step, step: Step) -> Float:
         """Rewards with the team share, the present extra cost of contacts and detours, [K, E, N].
@@ -255,15 +269,17 @@ class MAPPO:
             self._detours.begin(self.worlds.present, np.flatnonzero(step.ended))
         return self.worlds.grouped(rewards)
 
-    def _find_detours(self) -> None:
+    def _begin_episodes(self) -> None:
         """New episodes have begun everywhere."""
+        self._drift[:] = 0
         if self._detours is not None:
             self._detours.begin(self.worlds.present, np.arange(self.worlds.env.n_copies))
 
     def _collect(self) -> Rollout:
         c, worlds = self.config, self.worlds
         r = empty_rollout(c.n_steps, self.actor.shape.inputs, worlds)
-        std, log_std = np.float32(self.std), np.float32(np.log(self.std))
+        std, log_std = np.float32(self.innovation), np.float32(np.log(self.innovation))
+        memory = np.float32(c.noise_memory)
         ends = []
         for t in range(c.n_steps):
             own = self.inputs(worlds.seen(worlds.present))
@@ -273,9 +289,11 @@ class MAPPO:
             r.actions[t] = self.means(own).numpy() + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - log_std).sum(-1)
             before = worlds.present
-            reached = worlds.advance(r.actions[t])
+            reached = worlds.advance(r.actions[t] + self._drift)
+            self._drift = memory * (self._drift + std * noise)
             r.rewards[t] = self.rewards(before, reached)
             r.terminations[t], r.ended[t] = worlds.ended(reached)
+            self._drift[r.ended[t]] = 0
             ends.append(copy_step(reached, np.flatnonzero(reached.ended)))
         self._add_values(r, ends)
         return r
@@ -333,7 +351,7 @@ class MAPPO:
         c, n_seeds = self.config, len(self.generators)
         mean = self.actor(own)  # [K n_rows, B, A]
         losses, kl = clipped_losses(
-            mean, actions, old_log_probs, advantage, std=self.std, clip=c.clip
+            mean, actions, old_log_probs, advantage, std=self.innovation, clip=c.clip
         )
         policy_loss = seed_means(losses, n_seeds)
         excess = seed_means((mean.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)

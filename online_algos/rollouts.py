@@ -17,7 +17,7 @@ class Rollout(NamedTuple):
     """Samples of K seeds, time first."""
 
     own: Float  # [T, K, E, N, I] inputs of the actors
-    actions: Float  # [T, K, E, N, A]
+    actions: Float  # [T, K, E, N, A] without what noise remembers of the step before
     log_probs: Float  # [T, K, E, N]
     states: Float  # [T, K, E, N, S] what the critic sees besides
     rewards: Float  # [T, K, E, N]

@@ -13,6 +13,7 @@ from swarmdata.evaluate import evaluate
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
+from swarmdata.types import Float, Step
 
 SMALL = MAPPOConfig(n_frames=1024, n_copies=4, n_steps=16, hidden=16, minibatch=64)
 
@@ -38,6 +39,37 @@ def test_training_rewards_may_differ_from_the_task() -> None:
     weights = run.worlds.env.spec.rules.rewards
     assert (weights.proximity, weights.time) == (2.0, 0.0)
     assert weights.success == TaskSpec().rules.rewards.success
+
+
+def played_noise(memory: float, horizon: int) -> Float:
+    """Noise of standard deviation 0.3 in the actions of one rollout, [T, N A E]."""
+    config = replace(SMALL, n_copies=32, n_steps=40, std=0.3, final_std=0.3, noise_memory=memory)
+    run = MAPPO(make_env(TaskSpec(horizon=horizon), 32), (0,), config)
+    advance, played = run.worlds.advance, []
+
+    def spy(actions: Float) -> Step:
+        means = run.means(run.inputs(run.worlds.seen(run.worlds.present)))
+        played.append((actions - means.numpy()).ravel())
+        return advance(actions)
+
+    run.worlds.advance = spy  # type: ignore[method-assign]
+    run.update()
+    return np.stack(played)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_noise_remembers_as_much_as_is_said(memory: float) -> None:
+    noise = played_noise(memory, horizon=100)[20:]
+    np.testing.assert_allclose(noise.std(), 0.3, rtol=0.1)
+    correlation = (noise[1:] * noise[:-1]).mean() / noise.var()
+    np.testing.assert_allclose(correlation, memory, atol=0.05)
+
+
+def test_no_noise_is_remembered_beyond_an_episode() -> None:
+    noise = played_noise(0.9, horizon=10)
+    new = 0.3 * np.sqrt(1 - 0.9**2)
+    np.testing.assert_allclose(noise[::10].std(1), new, rtol=0.2)
+    assert (noise[9::10].std(1) > 1.5 * new).all()
 
 
 def test_the_critic_alone_learns_during_its_warm_up() -> None:
