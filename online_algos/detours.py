@@ -1,10 +1,12 @@
-"""The way of a payload around obstacles to its goal, as a potential to train on.
+"""The way of a payload around obstacles to its goal, as potentials to train on.
 
 The task rewards a payload for coming nearer to its goal in a straight line, so a policy that has
 pushed it against an obstacle loses reward for every way out. The length of the way around has no
-such dead ends. It is a potential (Ng, Harada and Russell, "Policy invariance under reward
-transformations", ICML 1999, theorem 1, without the discount): what an episode earns depends on its
-first and last state only.
+such dead ends. Another dead end are robots that push from all sides: nothing moves, and who lets go
+earns nothing. So robots may also be rewarded for getting behind the payload, seen along its way.
+Both are potentials (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML
+1999, theorem 1, without the discount): what an episode earns depends on its first and last state
+only.
 """
 
 import numpy as np
@@ -21,7 +23,7 @@ from swarmdata.compiling import kernel
 from swarmdata.envs.payload import payload_radius
 from swarmdata.errors import SpecError
 from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX
+from swarmdata.states import N_COLUMNS, TX, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
 
 SLACK = 0.02
@@ -29,6 +31,9 @@ SLACK = 0.02
 
 ROOM = 0.1
 """Metres of free gap below which a way costs twice as much: robots need room to push."""
+
+STRIDE = 0.1
+"""Metres to both sides of a point over which a way's length is compared, for its direction."""
 
 REACH = 2
 """Nodes around a point that are looked at for the shortest way."""
@@ -123,6 +128,32 @@ class Detours:
         out = np.empty(len(points))
         look_up(points, self._half, self._lengths, out)
         return out
+
+    def directions(self, step: Step) -> Double:
+        """Where the payload's way leads in every copy, unit vectors [C, 2]; 0 where there is none.
+
+        Of ways along a grid, so up to 22.5 degrees off the shortest one in the open.
+        """
+        points = step.states[:, self._first : self._first + 2].astype(np.float64)
+        slopes = np.empty_like(points)
+        sides = np.empty((2, len(points)))
+        for axis in range(2):
+            for side, sign in zip(sides, (-1.0, 1.0), strict=True):
+                aside = points.copy()
+                aside[:, axis] += sign * STRIDE
+                look_up(aside, self._half, self._lengths, side)
+            is_known = np.isfinite(sides).all(0)
+            slopes[:, axis] = np.subtract(*np.where(is_known, sides, 0.0))
+        return slopes / np.maximum(np.hypot(*slopes.T), 1e-9)[:, None]
+
+    def behind(self, step: Step) -> Double:
+        """How far robots are behind the payload, [C, N]: 1 if it lies along its way, -1 before."""
+        robots = robots_of(step.states, step.rewards.shape[1])[..., : Y + 1].astype(np.float64)
+        payload = step.states[:, None, self._first : self._first + 2].astype(np.float64)
+        arms = payload - robots
+        lengths = np.maximum(np.hypot(arms[..., 0], arms[..., 1]), 1e-9)
+        cosines: Double = (arms * self.directions(step)[:, None]).sum(-1) / lengths
+        return cosines
 
     def progress(self, before: Step, after: Step) -> Double:
         """How much shorter the payload's way has become, m, [C]; 0 where there is none."""

@@ -99,6 +99,7 @@ class MAPPOConfig:
     keep_right: float = 0.0  # cost in each step of an oncoming robot on the right
     keep_left: float = 0.0  # the same on the left
     detour: float = 0.0  # reward for each metre by which a payload's way around obstacles shrinks
+    behind: float = 0.0  # reward for getting from before to behind a payload on that way, times 2
     rewards: tuple[str, ...] = ()  # weights to train with, such as "proximity=2", not the spec's
 
 
@@ -134,7 +135,7 @@ class MAPPO:
         self._drift = np.zeros(
             (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action), np.float32
         )
-        self._detours = Detours(env.spec, self.worlds.present) if config.detour else None
+        self._detours = Detours(env.spec, self.worlds.present) if config.detour or config.behind else None
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
         n_own = sizes.observation + (sizes.n_agents if self.n_rows == 1 else 0)
@@ -265,7 +266,9 @@ class MAPPO:
         rewards = self._shaping.rewards(step, weights, self.progress)
         if self._detours is not None:
             progress = self._detours.progress(before, step)[:, None]
-            rewards = rewards + np.float32(self.config.detour) * progress.astype(np.float32)
+            behind = self._detours.behind(step) - self._detours.behind(before)
+            extra = self.config.detour * progress + self.config.behind * behind
+            rewards = rewards + extra.astype(np.float32)
             self._detours.begin(self.worlds.present, np.flatnonzero(step.ended))
         return self.worlds.grouped(rewards)
 

@@ -14,7 +14,7 @@ from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX
+from swarmdata.states import N_COLUMNS, TX, Y, robots_of
 from swarmdata.types import Double, Step
 
 SPEC = preset("transport")
@@ -72,6 +72,29 @@ def test_behind_an_obstacle_the_way_leads_around() -> None:
     assert (np.maximum(*sides)[known] > 0).mean() > 0.8
 
 
+def test_directions_point_along_the_way() -> None:
+    step = begin()
+    detours = Detours(SPEC, step)
+    directions = detours.directions(step)
+    np.testing.assert_allclose(np.hypot(*directions.T), 1.0)
+    ahead = moved(step, step.states[:, BODY : BODY + 2] + 0.1 * directions)
+    assert (detours.progress(step, ahead) > 0.08).mean() > 0.9
+
+
+def test_robots_are_behind_a_payload_that_they_push_along_its_way() -> None:
+    step = begin()
+    detours = Detours(SPEC, step)
+    directions = detours.directions(step)
+    states = step.states.copy()
+    robots = robots_of(states, SPEC.n_agents)  # a view
+    for number, sign in enumerate((-1, 1)):  # behind, before
+        robots[:, number, : Y + 1] = states[:, BODY : BODY + 2] + sign * 0.5 * directions
+    behind = detours.behind(step._replace(states=states))
+    np.testing.assert_allclose(behind[:, 0], 1.0, atol=1e-5)
+    np.testing.assert_allclose(behind[:, 1], -1.0, atol=1e-5)
+    assert (np.abs(behind) <= 1 + 1e-9).all()
+
+
 def test_ways_are_those_of_the_running_episode() -> None:
     step, other = begin(), begin(100)
     detours = Detours(SPEC, step)
@@ -89,23 +112,24 @@ def test_ways_are_those_of_the_running_episode() -> None:
     np.testing.assert_array_equal(detours.lengths(mixed), expected)
 
 
-def test_rewards_of_an_episode_are_its_first_way_minus_its_last() -> None:
+def test_rewards_of_an_episode_depend_on_its_ends_only() -> None:
     config = MAPPOConfig(
-        n_copies=4, n_steps=8, hidden=8, minibatch=64, frame="payload_goal", detour=2.0,
+        n_copies=4, n_steps=8, hidden=8, minibatch=64, frame="payload_goal", detour=2.0, behind=3.0,
         contact_cost=0.0, team_share=0.0,
     )  # fmt: skip
     run = MAPPO(make_env(SPEC, 4), (0,), config)
     weights = SPEC.rules.rewards
     start = run.worlds.present
     ways = Detours(SPEC, start)
-    extra = np.zeros(4)
+    extra = np.zeros((4, 4))
     for _ in range(20):
         before = run.worlds.present
         reached = run.worlds.advance(np.ones((1, 4, 4, 2), np.float32))
         plain = run._shaping.rewards(reached, weights, 0.0)
-        extra += (run.rewards(before, reached)[0] - plain).mean(1)
-    expected = 2.0 * (ways.lengths(start) - ways.lengths(reached))
-    np.testing.assert_allclose(extra, expected, atol=1e-4)
+        extra += run.rewards(before, reached)[0] - plain
+    ways_gone = ways.lengths(start) - ways.lengths(reached)
+    turned = ways.behind(reached) - ways.behind(start)
+    np.testing.assert_allclose(extra, 2.0 * ways_gone[:, None] + 3.0 * turned, atol=1e-4)
 
 
 def test_a_task_without_payload_is_refused() -> None:
