@@ -135,7 +135,8 @@ class MAPPO:
         self._drift = np.zeros(
             (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action), np.float32
         )
-        self._detours = Detours(env.spec, self.worlds.present) if config.detour or config.behind else None
+        has_ways = config.detour or config.behind
+        self._detours = Detours(env.spec, self.worlds.present) if has_ways else None
         hidden = (config.hidden, config.hidden)
         self.n_rows = 1 if config.parameters == "shared" else sizes.n_agents  # actors of each seed
         n_own = sizes.observation + (sizes.n_agents if self.n_rows == 1 else 0)
