@@ -29,9 +29,6 @@ from swarmdata.types import Double, Float, Int, Step
 SLACK = 0.02
 """Metres by which the payload may seem to overlap a surface that it touches."""
 
-ROOM = 0.1
-"""Metres of free gap below which a way costs twice as much: robots need room to push."""
-
 STRIDE = 0.1
 """Metres to both sides of a point over which a way's length is compared, for its direction."""
 
@@ -59,13 +56,12 @@ def fill_lengths(
     costs = np.empty(rows * columns, np.int32)
     ways = np.empty(rows * columns, np.int32)
     for c in copies:
-        fill_clearances(layouts[c], half, radius + 2.0 * ROOM, grid)
+        fill_clearances(layouts[c], half, radius + SPACING, grid)
         for row in range(rows):
             for column in range(columns):
                 gap = grid[row, column] - radius
                 is_inside = 0 < row < rows - 1 and 0 < column < columns - 1
-                free = is_inside and gap > -SLACK
-                weights[row * columns + column] = (1 if gap > ROOM else 2) if free else 0
+                weights[row * columns + column] = 1 if is_inside and gap > -SLACK else 0
         end = nearest_node(goals[c, 0], goals[c, 1], weights - 1, columns, half)
         costs[:] = -1
         if end >= 0:
