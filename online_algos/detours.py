@@ -106,7 +106,7 @@ class Detours:
     def __init__(self, spec: TaskSpec, step: Step) -> None:
         payload = getattr(spec.rules, "payload", None)
         if payload is None:
-            raise SpecError(f"detour is for tasks with a payload, {spec.task} has none; leave it 0")
+            raise SpecError(f"detour and behind are for tasks with a payload, {spec.task} has none")
         self._first = N_COLUMNS * spec.n_agents  # where the payload's state begins
         self._half = np.array([spec.arena.width, spec.arena.height]) / 2
         self._radius = payload_radius(payload)

@@ -9,6 +9,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from dataclasses import replace
 
+from swarmdata.errors import SpecError
 from swarmdata.evaluate import evaluate
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env
@@ -63,6 +64,12 @@ def test_noise_remembers_as_much_as_is_said(memory: float) -> None:
     np.testing.assert_allclose(noise.std(), 0.3, rtol=0.1)
     correlation = (noise[1:] * noise[:-1]).mean() / noise.var()
     np.testing.assert_allclose(correlation, memory, atol=0.05)
+
+
+@pytest.mark.parametrize("memory", [1.0, -0.1, float("nan")])
+def test_noise_cannot_remember_everything(memory: float) -> None:
+    with pytest.raises(SpecError, match=r"noise_memory is .* below 1"):
+        build(config=replace(SMALL, noise_memory=memory))
 
 
 def test_no_noise_is_remembered_beyond_an_episode() -> None:
