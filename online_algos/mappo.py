@@ -22,10 +22,10 @@ Deviations, each measured on `coop_nav` or required by it:
 
 Two more are for `transport`:
 - action noise may remember that of the step before (`noise_memory`), since noise that is new in
-  every step averages out and moves nobody around a payload. It is autoregressive of order 1
-  (Korenkevych et al., "Autoregressive policies for continuous control deep reinforcement
-  learning", IJCAI 2019, section 4). A million steps from the same two policies made returns of 8.6
-  and 8.1 with 0.9, of 7.5 and 6.2 without;
+  every step averages out. It is autoregressive of order 1 (Korenkevych et al., "Autoregressive
+  policies for continuous control deep reinforcement learning", IJCAI 2019, section 4). A million
+  steps of `transport-expert`, two seeds: 1.1 and 1.4 robot collisions an episode, 1.8 and 2.3 with
+  `noise_memory=0`; success is about the same, 77 and 73, 70 and 79 %;
 - a payload's progress may be rewarded along its way around obstacles, and robots for getting
   behind it on that way (`detour`, `behind`, see `detours`).
 """
