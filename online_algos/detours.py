@@ -131,7 +131,7 @@ class Detours:
         Of ways along a grid, so up to 22.5 degrees off the shortest one in the open.
         """
         points = step.states[:, self._first : self._first + 2].astype(np.float64)
-        slopes = np.empty_like(points)
+        slopes = np.zeros_like(points)
         sides = np.empty((2, len(points)))
         for axis in range(2):
             for side, sign in zip(sides, (-1.0, 1.0), strict=True):
@@ -139,7 +139,7 @@ class Detours:
                 aside[:, axis] += sign * STRIDE
                 look_up(aside, self._half, self._lengths, side)
             is_known = np.isfinite(sides).all(0)
-            slopes[:, axis] = np.subtract(*np.where(is_known, sides, 0.0))
+            np.subtract(sides[0], sides[1], out=slopes[:, axis], where=is_known)
         return slopes / np.maximum(np.hypot(*slopes.T), 1e-9)[:, None]
 
     def behind(self, step: Step) -> Double:
@@ -155,4 +155,4 @@ class Detours:
         """How much shorter the payload's way has become, m, [C]; 0 where there is none."""
         old, new = self.lengths(before), self.lengths(after)
         is_known = np.isfinite(old) & np.isfinite(new)
-        return np.where(is_known, np.where(is_known, old, 0.0) - np.where(is_known, new, 0.0), 0.0)
+        return np.subtract(old, new, out=np.zeros_like(old), where=is_known)

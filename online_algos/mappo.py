@@ -149,6 +149,7 @@ class MAPPO:
         self._drift = np.zeros(
             (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action), np.float32
         )
+        self._all_copies = np.arange(env.n_copies)
         has_ways = config.detour or config.behind
         self._detours = Detours(env.spec, self.worlds.present) if has_ways else None
         hidden = (config.hidden, config.hidden)
@@ -234,12 +235,12 @@ class MAPPO:
     def warm_start(self) -> None:
         """Takes over the policies of another run, or clones the teacher, if there is one."""
         start_actors(self)
-        self._begin_episodes(np.arange(self.worlds.env.n_copies))
+        self._begin_episodes(self._all_copies)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
-        self._begin_episodes(np.arange(self.worlds.env.n_copies))
+        self._begin_episodes(self._all_copies)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
@@ -268,7 +269,7 @@ class MAPPO:
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)
         self.worlds.load_state_dict(part(state, "worlds"))
-        self._begin_episodes(np.arange(self.worlds.env.n_copies))
+        self._begin_episodes(self._all_copies)
 
     def rewards(self, before: Step, step: Step) -> Float:
         """Rewards with the team share, the present extra cost of contacts and ways, [K, E, N].

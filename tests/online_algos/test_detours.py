@@ -81,6 +81,21 @@ def test_directions_point_along_the_way() -> None:
     assert (detours.progress(step, ahead) > 0.08).mean() > 0.9
 
 
+def test_a_payload_in_contact_is_led_along_the_surface() -> None:
+    """Nobody can push it off the surface: there is no room between."""
+    step = begin()
+    circle = step.layouts[:, 0].astype(np.float64)
+    goals = step.states[:, TX : TX + 2].astype(np.float64)
+    head_on = circle[:, 1:3] - goals
+    angle = np.arctan2(head_on[:, 1], head_on[:, 0]) + 0.3
+    normal = np.stack([np.cos(angle), np.sin(angle)], 1)
+    distance = circle[:, 5] + SPEC.rules.payload.half_length  # type: ignore[union-attr]
+    touching = moved(step, circle[:, 1:3] + distance[:, None] * normal)
+    directions = Detours(SPEC, touching).directions(touching)
+    along = np.abs(directions[:, 0] * normal[:, 1] - directions[:, 1] * normal[:, 0])
+    assert np.median(along) > 0.9
+
+
 def test_robots_are_behind_a_payload_that_they_push_along_its_way() -> None:
     step = begin()
     detours = Detours(SPEC, step)

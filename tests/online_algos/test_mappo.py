@@ -66,6 +66,16 @@ def test_noise_remembers_as_much_as_is_said(memory: float) -> None:
     np.testing.assert_allclose(correlation, memory, atol=0.05)
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_what_acted_has_the_probability_that_is_learned_from(memory: float) -> None:
+    config = replace(SMALL, noise_memory=memory, n_epochs=1, minibatch=1 << 20)
+    run = build(config=config)
+    run.update()  # of the critic only
+    losses = run.update()  # one step, whose losses are of the actors that acted
+    np.testing.assert_allclose(losses["kl"], 0.0, atol=1e-5)
+    np.testing.assert_allclose(losses["policy"], 0.0, atol=1e-4)  # advantages have mean 0
+
+
 @pytest.mark.parametrize("memory", [1.0, -0.1, float("nan")])
 def test_noise_cannot_remember_everything(memory: float) -> None:
     with pytest.raises(SpecError, match=r"noise_memory is .* below 1"):
