@@ -5,7 +5,9 @@ prediction to no-regret online learning", AISTATS 2011, algorithm 3.1, with beta
 round and 0 after. The learner drives with noise, so that the teacher's corrections are seen.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +15,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from swarmdata.errors import SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.optimizer import StackedAdam
 from swarmdata.online_algos.generators import standard_normal
@@ -30,7 +33,8 @@ class CloneConfig:
     n_rounds: int = 10
     n_steps: int = 256  # per round and copy
     n_passes: int = 2  # over all data so far, per round
-    final_passes: int = 4  # more in the last round, the step size halved in each
+    max_samples: int = 1_500_000  # robot samples that the passes of a round may take together
+    final_passes: int = 4  # more after the last round, the step size halved in each
     minibatch: int = 2048  # robot samples
     learning_rate: float = 1e-3
     noise: float = 0.1  # standard deviation, while the learner drives
@@ -43,7 +47,14 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
         run: before its first update; its actors are trained in place.
         teacher: labels the states that the learners meet.
         config: how much.
+
+    Raises:
+        SpecError: there is no round, or the noise is no standard deviation.
     """
+    if config.n_rounds < 1:
+        raise SpecError(f"clone_rounds is {config.n_rounds}, expected at least 1")
+    if not 0.0 <= config.noise < math.inf:
+        raise SpecError(f"clone_noise is {config.noise:g}, expected a number that is not negative")
     optimizer = StackedAdam(run.actor, len(run.generators), 1.0)
     seen: list[Tensor] = []
     labels: list[Tensor] = []
@@ -52,12 +63,12 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
         own, actions = _collect(run, teacher, config, teacher_drives=k == 0)
         seen.append(sample_rows(torch.from_numpy(own), run.config.parameters))
         labels.append(sample_rows(torch.from_numpy(actions), run.config.parameters))
-        n_passes = config.n_passes + (config.final_passes if k == config.n_rounds - 1 else 0)
         data, targets = torch.cat(seen, 1), torch.cat(labels, 1)
-        for index in range(n_passes):
-            step = config.learning_rate * 0.5 ** max(0, index - config.n_passes + 1)
-            error = _regress(run, optimizer, data, targets, step, config.minibatch)
-        errors.append(error)
+        n_samples = min(config.n_passes * data.shape[1], config.max_samples)
+        errors.append(_regress(run, optimizer, data, targets, config, n_samples))
+    for index in range(config.final_passes):
+        halved = replace(config, learning_rate=config.learning_rate * 0.5 ** (index + 1))
+        errors[-1] = _regress(run, optimizer, data, targets, halved, data.shape[1])
     run.worlds.restart()
     return errors
 
@@ -92,14 +103,20 @@ def _regress(
     optimizer: StackedAdam,
     data: Tensor,
     targets: Tensor,
-    learning_rate: float,
-    minibatch: int,
+    config: CloneConfig,
+    n_samples: int,
 ) -> Tensor:
-    """One pass of mean squared error; returns its mean, [K]."""
-    total, n_samples = torch.zeros(len(run.generators)), data.shape[1]
-    for rows in minibatches(run.generators, n_samples, run.n_rows, minibatch):
+    """Takes `n_samples` in random order, all before any again; returns their error, [K]."""
+    total, taken = torch.zeros(len(run.generators)), 0
+    orders = (
+        minibatches(run.generators, data.shape[1], run.n_rows, config.minibatch) for _ in count()
+    )
+    for rows in chain.from_iterable(orders):
         errors = (run.actor(pick(data, rows)) - pick(targets, rows)).square().mean(-1)
         loss = seed_means(errors, len(run.generators))
-        optimizer.step(loss, learning_rate)
+        optimizer.step(loss, config.learning_rate)
         total += loss.detach() * rows.shape[1]
-    return total / n_samples
+        taken += rows.shape[1]
+        if taken >= n_samples:
+            break
+    return total / taken

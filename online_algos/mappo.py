@@ -100,6 +100,8 @@ class MAPPOConfig:
     start: str = ""  # a run's folder or a shipped tier that the actors start from; empty for none
     teacher: str = ""  # registered policy that the actor first clones; empty for none
     teacher_remembers: bool = True  # else it is reset in each step: labels then fit the step alone
+    clone_rounds: int = 10  # rounds of states that the teacher labels
+    clone_noise: float = 0.1  # standard deviation of actions in these rounds
     contact_cost: float = 4.0  # extra weight of contacts and collisions at last, times the spec's
     contact_ramp: tuple[float, float] = (0.2, 0.75)  # part of training in which it grows from 0
     keep_right: float = 0.0  # cost in each step of an oncoming robot on the right

@@ -35,7 +35,10 @@ def start_actors(run: "MAPPO") -> None:
         for index, policy in enumerate(found):
             take_over(run, index, policy)
     if run.config.teacher:
-        clone_teacher(run, make_policy(run.config.teacher, run.worlds.env.spec), CloneConfig())
+        clone_teacher(
+            run, make_policy(run.config.teacher, run.worlds.env.spec),
+            CloneConfig(n_rounds=run.config.clone_rounds, noise=run.config.clone_noise),
+        )  # fmt: skip
 
 
 def start_policy(start: str, seed: int, n_agents: int) -> Policy:

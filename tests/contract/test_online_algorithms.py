@@ -1,6 +1,7 @@
 """Registered online algorithms keep the contract."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,9 @@ def test_a_run_that_began_with_a_clone_keeps_the_contract(
     from swarmdata.online_algos.cloning import CloneConfig
     from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 
-    short = CloneConfig(n_rounds=2, n_steps=6, n_passes=1, final_passes=1, minibatch=32)
-    monkeypatch.setattr(starting, "CloneConfig", lambda: short)
-    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, teacher="scripted")
+    short = partial(CloneConfig, n_steps=6, n_passes=1, final_passes=1, minibatch=32)
+    monkeypatch.setattr(starting, "CloneConfig", short)
+    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, teacher="scripted", clone_rounds=2)
 
     def build(seeds: Sequence[int], folder: Path) -> Any:
         run = MAPPO(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)

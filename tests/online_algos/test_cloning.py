@@ -1,14 +1,20 @@
 """A clone does as its teacher does, seed by seed."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from torch import Tensor
+
+from swarmdata.errors import SpecError
+from swarmdata.online_algos import cloning
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.rollouts import pick
 from swarmdata.registry import make_env, make_policy
 from swarmdata.spec import TaskSpec
 from swarmdata.testing.comparing import act_on
@@ -48,6 +54,32 @@ def test_only_actors_change() -> None:
     clone_teacher(run, make_policy("straight", SPEC), replace(SHORT, n_rounds=1))
     assert (run.critic.flat == critic).all()
     assert run.frames == 0
+
+
+def test_more_rounds_than_samples_allow_take_a_part_of_the_data_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken = []
+
+    def count(samples: Tensor, rows: Tensor) -> Tensor:
+        taken.append(rows.shape[1])
+        return pick(samples, rows)
+
+    monkeypatch.setattr(cloning, "pick", count)
+    config = replace(SHORT, n_rounds=2, n_passes=3, max_samples=2000, final_passes=1)
+    clone_teacher(made(), make_policy("straight", SPEC), config)
+    each = SHORT.n_steps * SMALL.n_copies * SPEC.n_agents
+    assert 3 * each < 2000 < 6 * each  # the second round's passes are cut short
+    assert sum(taken) / 2 == 3 * each + 2000 + 2 * each  # inputs and labels of each
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"n_rounds": 0}, "clone_rounds is 0"), ({"noise": -0.1}, "clone_noise is -0.1")],
+)
+def test_what_cannot_be_cloned_with_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        clone_teacher(made(), make_policy("straight", SPEC), replace(SHORT, **wrong))
 
 
 @pytest.mark.parametrize(("remembers", "each_step"), [(True, False), (False, True)])
