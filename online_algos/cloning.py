@@ -6,6 +6,7 @@ round and 0 after. The learner drives with noise, so that the teacher's correcti
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING
@@ -56,19 +57,21 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
     if not 0.0 <= config.noise < math.inf:
         raise SpecError(f"clone_noise is {config.noise:g}, expected a number that is not negative")
     optimizer = StackedAdam(run.actor, len(run.generators), 1.0)
-    seen: list[Tensor] = []
-    labels: list[Tensor] = []
-    errors = []
+    errors, parameters = [], run.config.parameters
     for k in tqdm(range(config.n_rounds), desc="cloning the teacher", unit="round", disable=None):
-        own, actions = _collect(run, teacher, config, teacher_drives=k == 0)
-        seen.append(sample_rows(torch.from_numpy(own), run.config.parameters))
-        labels.append(sample_rows(torch.from_numpy(actions), run.config.parameters))
-        data, targets = torch.cat(seen, 1), torch.cat(labels, 1)
-        n_samples = min(config.n_passes * data.shape[1], config.max_samples)
-        errors.append(_regress(run, optimizer, data, targets, config, n_samples))
+        collected = _collect(run, teacher, config, teacher_drives=k == 0)
+        new = [sample_rows(torch.from_numpy(x), parameters) for x in collected]
+        each = new[0].shape[1]
+        if k == 0:  # room for all rounds: they are too large to be copied
+            data = [x.new_empty(len(x), config.n_rounds * each, x.shape[2]) for x in new]
+        for place, x in zip(data, new, strict=True):
+            place[:, k * each : (k + 1) * each] = x
+        present = (k + 1) * each
+        wanted = min(config.n_passes * present, config.max_samples)
+        errors.append(_regress(run, optimizer, data, present, wanted, config))
     for index in range(config.final_passes):
         halved = replace(config, learning_rate=config.learning_rate * 0.5 ** (index + 1))
-        errors[-1] = _regress(run, optimizer, data, targets, halved, data.shape[1])
+        errors[-1] = _regress(run, optimizer, data, present, present, halved)
     run.worlds.restart()
     return errors
 
@@ -101,22 +104,33 @@ def _collect(
 def _regress(
     run: "MAPPO",
     optimizer: StackedAdam,
-    data: Tensor,
-    targets: Tensor,
+    data: Sequence[Tensor],
+    present: int,
+    wanted: int,
     config: CloneConfig,
-    n_samples: int,
 ) -> Tensor:
-    """Takes `n_samples` in random order, all before any again; returns their error, [K]."""
+    """Takes samples in random order, all before any again.
+
+    Args:
+        run: whose actors are trained.
+        optimizer: of the actors.
+        data: inputs and labels, each [K or K N, M, ...].
+        present: of the M samples, those that are there.
+        wanted: samples to take; the last minibatch is a whole one.
+        config: step size and size of minibatches.
+
+    Returns:
+        Their mean squared error, [K].
+    """
     total, taken = torch.zeros(len(run.generators)), 0
-    orders = (
-        minibatches(run.generators, data.shape[1], run.n_rows, config.minibatch) for _ in count()
-    )
+    orders = (minibatches(run.generators, present, run.n_rows, config.minibatch) for _ in count())
     for rows in chain.from_iterable(orders):
-        errors = (run.actor(pick(data, rows)) - pick(targets, rows)).square().mean(-1)
+        own, labels = (pick(x, rows) for x in data)
+        errors = (run.actor(own) - labels).square().mean(-1)
         loss = seed_means(errors, len(run.generators))
         optimizer.step(loss, config.learning_rate)
         total += loss.detach() * rows.shape[1]
         taken += rows.shape[1]
-        if taken >= n_samples:
+        if taken >= wanted:
             break
     return total / taken
