@@ -11,7 +11,7 @@ MEDIUM_SUCCESS = (0.4, 0.6)
 EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "coop_nav": {"success": 0.95, "clean_success": 0.85},
-        "formation": {"success": 0.92, "clean_success": 0.78},  # the goal is 0.95 and 0.85
+        "formation": {"success": 0.95, "clean_success": 0.85},
         "transport": {"success": 0.9},
         "warehouse": {"success": 0.9},
         "coop_nav-n8": {"success": 0.85},
