@@ -103,6 +103,11 @@ _FEW_POLICIES = (
     "independent examples of behavior than episodes."
 )
 
+_CLONED = (
+    "Experts began as clones of the scripted controller: they resemble it, and each other more "
+    "than policies that were trained from nothing would."
+)
+
 TIER_LIMITS = MappingProxyType(
     {
         "random": ("Hardly an episode is solved; do not measure imitation on it.",),
@@ -115,14 +120,15 @@ TIER_LIMITS = MappingProxyType(
             _NOISE,
             "Checkpoints sample the training; what happened between them is not in the data.",
         ),
-        "medium-expert": (_NOISE, _FEW_POLICIES),
-        "expert": (_NOISE, _FEW_POLICIES),
+        "medium-expert": (_NOISE, _FEW_POLICIES, _CLONED),
+        "expert": (_NOISE, _FEW_POLICIES, _CLONED),
         "mixed-conventions": (
             _NOISE,
+            _CLONED,
             "Conventions concern passing head on; in other situations the experts agree more than "
             "the tier's name says.",
         ),
-        "narrow": (_NOISE, "One policy only: results on it say little about others."),
+        "narrow": (_NOISE, _CLONED, "One policy only: results on it say little about others."),
     }
 )
 """Known limits by tier."""
