@@ -45,7 +45,8 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
     """Fits the actors to a teacher; returns the mean squared errors after each round, each [K].
 
     Args:
-        run: before its first update; its actors are trained in place.
+        run: before its first update; its actors are trained in place, in the midst of whose
+            episodes its worlds are left.
         teacher: labels the states that the learners meet.
         config: how much.
 
@@ -72,7 +73,6 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
     for index in range(config.final_passes):
         halved = replace(config, learning_rate=config.learning_rate * 0.5 ** (index + 1))
         errors[-1] = _regress(run, optimizer, data, present, present, halved)
-    run.worlds.restart()
     return errors
 
 

@@ -84,8 +84,9 @@ class MADDPG:
             parameters=self.config.parameters,
         )
 
-    def warm_start(self) -> None:
+    def warm_start(self) -> bool:
         """Does nothing: the first rounds fill the replay."""
+        return False
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""

@@ -234,10 +234,11 @@ class MAPPO:
             parameters=self.config.parameters,
         )
 
-    def warm_start(self) -> None:
-        """Takes over the policies of another run, or clones the teacher, if there is one."""
+    def warm_start(self) -> bool:
+        """Takes over the policies of another run, then clones the teacher, if there is one."""
         start_actors(self)
         self._begin_episodes(self._all_copies)
+        return bool(self.config.teacher)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""

@@ -73,8 +73,9 @@ class QMIX:
         """The greedy policy of seed number `index`, as it is now."""
         return self._loop.policy(index)
 
-    def warm_start(self) -> None:
+    def warm_start(self) -> bool:
         """Does nothing: the first rounds fill the replay."""
+        return False
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""

@@ -188,8 +188,8 @@ class _Training:
         self.algorithm = run.build(folder / REPLAY)
         if (folder / CHECKPOINT).exists():
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
-        else:
-            self.algorithm.warm_start()
+        elif self.algorithm.warm_start():
+            self._keep_state()
         self.first = self.algorithm.frames
         losses = resolve("algorithm", ONLINE_ALGORITHMS, run.algorithm).LOSSES
         self.curve = Table(folder / CURVE, (*MEASURED, *losses), self.first, ("frames", "seed"))
@@ -240,7 +240,11 @@ class _Training:
             for name, value in row.items():
                 self.writers[k].add_scalar(name, value, frames)
             self.writers[k].flush()
-        save_checkpoint(self.folder / CHECKPOINT, self.algorithm.state_dict(), {"frames": frames})
+        self._keep_state()
+
+    def _keep_state(self) -> None:
+        state, frames = self.algorithm.state_dict(), self.algorithm.frames
+        save_checkpoint(self.folder / CHECKPOINT, state, {"frames": frames})
         self.algorithm.restart_worlds()  # as a run does that continues from this state
 
     def _log_speed(self, seconds: float, frames: int) -> None:

@@ -146,8 +146,13 @@ class OnlineAlgorithm(Protocol):
         """Joint steps that each seed has taken."""
         ...
 
-    def warm_start(self) -> None:
-        """What comes before the first update of a new run, such as cloning a teacher."""
+    def warm_start(self) -> bool:
+        """What comes before the first update of a new run, such as cloning a teacher.
+
+        Returns:
+            Whether it took long: its result is then worth a checkpoint, after which new episodes
+            have to begin.
+        """
         ...
 
     def update(self) -> dict[str, Any]:

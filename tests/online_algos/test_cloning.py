@@ -45,7 +45,6 @@ def test_a_clone_is_closer_to_its_teacher_than_it_was(parameters: str) -> None:
     assert all(loss.shape == (2,) for loss in losses)
     assert (losses[-1] < losses[0]).all()
     assert all(ours < 0.7 * theirs for ours, theirs in zip(errors(), before, strict=True))
-    assert (run.worlds.present.times == 0).all()  # training begins with new episodes
 
 
 def test_only_actors_change() -> None:

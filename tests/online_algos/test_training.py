@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import read_table
-from swarmdata.online_algos import training
-from swarmdata.online_algos.mappo import MAPPOConfig
+from swarmdata.online_algos import starting, training
+from swarmdata.online_algos.cloning import CloneConfig
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path
 from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.vdn import VDNConfig
@@ -55,6 +57,26 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     with pytest.raises(KeyboardInterrupt):
         train_run(RUN, tmp_path / "cut")
     train_run(RUN, tmp_path / "cut")
+    assert_same_run(whole, tmp_path / "cut")
+
+
+def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(starting, "CloneConfig", partial(CloneConfig, n_steps=8, minibatch=64))
+    config = replace(SMALL, teacher="straight", clone_rounds=2)
+    run = describe_run("mappo", config, SPEC, RUN.seeds, n_checkpoints=4, n_episodes=2)
+    whole = train_run(run, tmp_path / "whole")
+
+    def interrupt(*args: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MAPPO, "update", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train_run(run, tmp_path / "cut")
+    monkeypatch.setattr(starting, "clone_teacher", interrupt)
+    train_run(run, tmp_path / "cut")
     assert_same_run(whole, tmp_path / "cut")
 
 
