@@ -18,7 +18,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "formation-n8": {"success": 0.85},
     }
 )
-"""Least figures of an expert team, by preset; those of 8 robots were trained in teams of 4."""
+"""Least figures of an expert team, by preset; those of `coop_nav-n8` were trained in teams of 4."""
 
 N_POLICIES = 4
 """Independently trained policies of a learned tier."""
