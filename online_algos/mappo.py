@@ -16,6 +16,8 @@ Deviations, each measured on `coop_nav` or required by it:
   that was trained;
 - training may start from a clone of a teacher (`warm_start`); then only the critic learns at first,
   since the advantages of an untrained critic would undo the clone;
+  the longer the clone (`clone_rounds`), the less is left to learn: with 10 and 48 rounds, 4 clones
+  of `formation-expert` solve 96 and 99 % of 128 episodes each, 48 and 85 % without a touch;
 - inputs are normalized by statistics that are frozen from the start, so that the trained actor is
   one fixed piecewise linear function;
 - the actor's and the critic's gradients are clipped separately.
