@@ -45,8 +45,8 @@ def clone_teacher(run: "MAPPO", teacher: Policy, config: CloneConfig) -> list[Te
     """Fits the actors to a teacher; returns the mean squared errors after each round, each [K].
 
     Args:
-        run: before its first update; its actors are trained in place, in the midst of whose
-            episodes its worlds are left.
+        run: before its first update; its actors are trained in place, its worlds are left in the
+            midst of episodes.
         teacher: labels the states that the learners meet.
         config: how much.
 

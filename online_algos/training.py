@@ -166,9 +166,10 @@ def _check_margin(run: OnlineRun) -> None:
 
 
 def _claim(folder: Path, run: OnlineRun) -> None:
-    """Makes the folder this run's, or checks that it is."""
+    """Makes the folder this run's, or checks that it is; one that failed at once has no claim."""
     folder.mkdir(parents=True, exist_ok=True)
-    if not (folder / CONFIG).exists():
+    names = {path.name for path in folder.iterdir()}
+    if CONFIG not in names or names == {CONFIG}:
         write_atomically(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))

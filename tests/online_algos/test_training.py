@@ -127,6 +127,15 @@ def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
         train_run(other, tmp_path / "run")
 
 
+def test_a_run_that_fails_at_once_leaves_its_folder_to_others(tmp_path: Path) -> None:
+    wrong = replace(SMALL, teacher="straight", clone_rounds=0)
+    with pytest.raises(SpecError, match="clone_rounds is 0"):
+        train_run(describe_run("mappo", wrong, SPEC, (0,)), tmp_path)
+    run = describe_run("mappo", SMALL, SPEC, (0,), n_checkpoints=1, n_episodes=2)
+    assert train_run(run, tmp_path) == tmp_path
+    assert OnlineRun.from_file(tmp_path / "config.json") == run
+
+
 def test_a_run_without_checkpoints_has_no_policy(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="wait for its first checkpoint"):
         last_policy_path(tmp_path, 0)
