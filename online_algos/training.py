@@ -28,7 +28,7 @@ from pydantic import Field
 from tensorboardX import SummaryWriter
 from tqdm import tqdm
 
-from swarmdata.errors import BuildError, SpecError
+from swarmdata.errors import BuildError, SpecError, SwarmdataError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint, write_atomically
@@ -122,7 +122,8 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
 
     Raises:
         BuildError: the folder holds another run.
-        SpecError: the replay would not last from one checkpoint to the next.
+        SpecError: the replay would not last from one checkpoint to the next, or a setting of the
+            algorithm is wrong.
     """
     _check_margin(run)
     before = torch.get_num_threads()
@@ -130,7 +131,7 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     try:
         _claim(folder, run)
         if not _is_finished(run, folder):
-            _Training(run, folder).finish(progress)
+            _begin(run, folder).finish(progress)
     finally:
         torch.set_num_threads(before)
     if (folder / REPLAY).exists():  # gigabytes that nothing goes on from
@@ -166,10 +167,9 @@ def _check_margin(run: OnlineRun) -> None:
 
 
 def _claim(folder: Path, run: OnlineRun) -> None:
-    """Makes the folder this run's, or checks that it is; one that failed at once has no claim."""
+    """Makes the folder this run's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = {path.name for path in folder.iterdir()}
-    if CONFIG not in names or names == {CONFIG}:
+    if not (folder / CONFIG).exists():
         write_atomically(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
@@ -179,6 +179,16 @@ def _claim(folder: Path, run: OnlineRun) -> None:
             f"{folder} holds another run, which differs in {', '.join(different)}. Choose another "
             "folder, or delete that one."
         )
+
+
+def _begin(run: OnlineRun, folder: Path) -> "_Training":
+    """Builds a run or loads it; one that cannot begin gives up its claim to the folder."""
+    try:
+        return _Training(run, folder)
+    except SwarmdataError:
+        if not (folder / CHECKPOINT).exists():
+            (folder / CONFIG).unlink()
+        raise
 
 
 class _Training:

@@ -127,10 +127,32 @@ def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
         train_run(other, tmp_path / "run")
 
 
-def test_a_run_that_fails_at_once_leaves_its_folder_to_others(tmp_path: Path) -> None:
-    wrong = replace(SMALL, teacher="straight", clone_rounds=0)
-    with pytest.raises(SpecError, match="clone_rounds is 0"):
-        train_run(describe_run("mappo", wrong, SPEC, (0,)), tmp_path)
+def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*args: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MAPPO, "warm_start", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train_run(RUN, tmp_path)
+    other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
+    with pytest.raises(BuildError, match="differs in seeds"):
+        train_run(other, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"noise_memory": 2.0}, "noise_memory is 2"), ({"clone_rounds": 0}, "clone_rounds is 0")],
+)
+def test_a_run_that_cannot_begin_leaves_its_folder_to_others(
+    tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
+    config = replace(SMALL, teacher="straight", **wrong)
+    with pytest.raises(SpecError, match=message):
+        train_run(describe_run("mappo", config, SPEC, (0,)), tmp_path)
+    assert not list(tmp_path.iterdir())
     run = describe_run("mappo", SMALL, SPEC, (0,), n_checkpoints=1, n_episodes=2)
     assert train_run(run, tmp_path) == tmp_path
     assert OnlineRun.from_file(tmp_path / "config.json") == run
