@@ -5,10 +5,11 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from swarmdata import restoring
@@ -305,21 +306,39 @@ def test_a_recipe_that_differs_from_the_manifest_is_not_believed(dataset: Path) 
     assert content(dataset) == before
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=5)
-@given(data=st.data())
-def test_any_set_of_files_is_repaired(
-    dataset: Path, published: Published, data: st.DataObject
-) -> None:
+@pytest.mark.usefixtures("published")
+def test_an_altered_recipe_without_a_manifest_is_refused_and_nothing_changes(dataset: Path) -> None:
+    recipe = json.loads((dataset / "recipe.json").read_bytes())
+    (dataset / "recipe.json").write_text(json.dumps({**recipe, "seed": 77}))
+    (dataset / "manifest.json").unlink()
     before = content(dataset)
-    chosen = data.draw(st.sets(st.sampled_from([*FILES, "manifest.json"]), min_size=1))
-    for file in chosen:
-        if data.draw(st.booleans(), file):
-            (dataset / file).unlink()
-        else:
-            flip(dataset / file, data.draw(st.integers(0, 200)) % len(before[file]))
-    done = {each.file for each in repair(dataset, progress=False)}
-    assert done == chosen
+    with pytest.raises(ManifestError, match="not what its recipe makes"):
+        repair(dataset, progress=False)
     assert content(dataset) == before
+
+
+FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=5)
+@given(
+    damage=st.dictionaries(st.sampled_from([*FILES, "manifest.json"]), FLIPPED_BYTES, min_size=1)
+)
+def test_any_set_of_files_is_repaired(
+    intact: Path, published: Published, damage: dict[str, int | None]
+) -> None:
+    # without its manifest, an altered recipe cannot be told from one of somebody's own
+    assume("manifest.json" not in damage or damage.get("recipe.json") is None)
+    with TemporaryDirectory(dir=intact.parent) as folder:  # a copy for each example
+        dataset = Path(shutil.copytree(intact, Path(folder) / TINY.id))
+        before = content(dataset)
+        for file, byte in damage.items():
+            if byte is None:
+                (dataset / file).unlink()
+            else:
+                flip(dataset / file, byte % len(before[file]))
+        assert {each.file for each in repair(dataset, progress=False)} == set(damage)
+        assert content(dataset) == before
 
 
 def test_remade_from_its_files_a_manifest_is_the_same(intact: Path) -> None:
