@@ -1,6 +1,6 @@
 """What each number of an observation is: its name, its physical kind, and its axis if a vector's.
 
-The kind decides which noise applies, the axis what a rotation into the body's frame does to it.
+The kind gives the unit, the axis what a rotation into the body's frame does to it.
 """
 
 from collections.abc import Iterable

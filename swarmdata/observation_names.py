@@ -11,6 +11,7 @@ from swarmdata.senses import (
     BearingModel,
     LidarModel,
     OccupancyModel,
+    SensorNoise,
     StateModel,
 )
 
@@ -33,7 +34,7 @@ _RANGES = {"state": "limit", "lidar": "range", "bearing": "range"}
 """What the modifier `range` sets: how far robots see."""
 
 _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
-    "noise": lambda _, std: {"noise": {"position": std, "range": std, "velocity": std}},
+    "noise": lambda _, std: {"noise": dict.fromkeys(SensorNoise.model_fields, std)},
     "dropout": lambda _, probability: {"dropout": probability},
     "delay": lambda _, steps: {"delay": steps},
     "stack": lambda _, frames: {"stack": frames},
@@ -50,8 +51,9 @@ def observation_model(
         source: a model; its fields; a YAML or JSON file or text of them; or a name. A name is a
             kind, with `-<size>` if you like (`lidar-32` rays, `bearing-5` or `state-5` neighbours,
             `occupancy-11` cells), and modifiers joined by `+`: `noise-0.05` (standard deviation of
-            positions and ranges, m, and of velocities, m/s), `dropout-0.1`, `delay-2` (steps),
-            `stack-4` (frames), `range-1.5` (m; not of `occupancy`, whose cells say it).
+            positions and ranges, m, of velocities, m/s, and of directions, rad), `dropout-0.1`,
+            `delay-2` (steps), `stack-4` (frames), `range-1.5` (m; not of `occupancy`, whose cells
+            say it).
 
     Raises:
         UnknownNameError: no such kind or modifier.

@@ -50,10 +50,10 @@ class Observer:
             self._sensor.observe(now, active, now.observations)
         else:
             cut = len(self._sensor.features)
-            self._sensor.observe(now, active, now.observations[..., :cut])
+            known = self._sensor.observe(now, active, now.observations[..., :cut])
             if fresh is not None:
                 self._channel.forget(fresh)
-            self._channel.transmit(now, actions, active, now.observations[..., cut:])
+            self._channel.transmit(now, known, actions, active, now.observations[..., cut:])
 
     def allocate(self, shape: tuple[int, ...], n_agents: int) -> tuple[Float, Float, Bool, Counts]:
         """Zeroed arrays (observations, sent, delivered, ages) with leading axes `shape`."""

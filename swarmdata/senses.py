@@ -1,6 +1,6 @@
 """What robots sense and hear, as data: observation models and communication models."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -8,22 +8,29 @@ from swarmdata.frozen import Frozen, NonNegative, Positive, Probability
 
 
 class SensorNoise(Frozen):
-    """Standard deviations of the Gaussian noise on each kind of feature, anew in each step."""
+    """Standard deviations of the Gaussian noise on each kind of measurement, anew in each step.
 
-    position: NonNegative = 0.0  # m, of positions and displacements
-    velocity: NonNegative = 0.0  # m/s
-    direction: NonNegative = 0.0  # of the components of unit vectors
-    range: NonNegative = 0.0  # m, of distances
+    What is measured is noisy, and every feature is computed from that: see
+    `sensing.measured_world`.
+    """
+
+    position: NonNegative = 0.0  # m, of the own position and of displacements, each component
+    velocity: NonNegative = 0.0  # m/s, of the own velocity and of relative ones, each component
+    direction: NonNegative = 0.0  # rad, of the own heading, of axes and of bearings
+    range: NonNegative = 0.0  # m, of beams and of distances measured by range and bearing
 
 
 class ObservationModel(Frozen):
-    """What every observation model has: how its returns are worsened, in this order.
+    """What every observation model has: how its measurements are worsened, in this order.
 
-    Noise is added to what is sensed; each return (a slot, a beam) is lost with probability
-    `dropout`; robots see `delay` steps late; the last `stack` frames are concatenated, newest
-    first. Before the first frame there is nothing but that frame. All of it is a function of the
-    episode's seed and the step.
+    Noise is added to what is measured; each object (a robot, an obstacle), beam or cell is missed
+    with probability `dropout`; robots see `delay` steps late, and know themselves as late; the last
+    `stack` frames are concatenated, newest first. Before the first frame there is nothing but that
+    frame. All of it is a function of the episode's seed and the step.
     """
+
+    noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
+    """Fields of `SensorNoise` that the model uses."""
 
     noise: SensorNoise = SensorNoise()
     dropout: Probability = 0.0
@@ -44,6 +51,8 @@ class StateModel(ObservationModel):
 class LidarModel(ObservationModel):
     """A range scan with hit types in the body's frame, and the target in polar form."""
 
+    noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
+
     kind: Literal["lidar"] = "lidar"
     n_rays: Annotated[int, Field(ge=1)] = 16
     range: Positive = 2.0  # m from the robot's centre
@@ -51,6 +60,8 @@ class LidarModel(ObservationModel):
 
 class BearingModel(ObservationModel):
     """Bearings and ranges of visible neighbours in the body's frame, occluded ones missing."""
+
+    noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
 
     kind: Literal["bearing"] = "bearing"
     n_neighbors: Annotated[int, Field(ge=0)] = 3

@@ -18,7 +18,14 @@ from swarmdata.frozen import Frozen
 from swarmdata.models import check_senses, describe
 from swarmdata.observing import features_of
 from swarmdata.registry import make_task
-from swarmdata.senses import BearingModel, Broadcast, LidarModel, StateModel
+from swarmdata.senses import (
+    BearingModel,
+    Broadcast,
+    LidarModel,
+    ObservationModel,
+    SensorNoise,
+    StateModel,
+)
 from swarmdata.spec import TaskSpec
 
 Part = Literal["communication", "observation"]
@@ -33,7 +40,7 @@ SHORT = {
 }
 """Short names of fields of the communication model."""
 
-NOISES = ("position", "range", "velocity")
+NOISES = tuple(SensorNoise.model_fields)
 """What the short name `noise` sets, as `noise-0.05` does in the name of an observation model."""
 
 UNITS = {"state": "range", "lidar": "range", "bearing": "range", "occupancy": "cell_size"}
@@ -189,7 +196,7 @@ def parameters(spec: TaskSpec, part: Part) -> dict[str, tuple[Place, ...]]:
     for path, is_whole in _fields(type(model)):
         name, place = ".".join(path), (part, *path)
         is_unit = part == "observation" and name == UNITS[model.kind]
-        if is_unit or _is_idle(model, path, features):
+        if is_unit or _is_idle(model, path):
             continue
         if not (is_whole and _changes_features(spec, place, features)):
             found[name] = (place,)
@@ -256,7 +263,7 @@ def _is_whole(part: Part, name: str) -> bool:
     return any(dict(_fields(model)).get(path, False) for model in models)
 
 
-def _is_idle(model: Frozen, path: tuple[str, ...], features: tuple[Feature, ...]) -> bool:
+def _is_idle(model: Frozen, path: tuple[str, ...]) -> bool:
     """Whether a field does nothing in this model."""
     if isinstance(model, Broadcast):
         needed: Mapping[str, bool] = {
@@ -264,7 +271,9 @@ def _is_idle(model: Frozen, path: tuple[str, ...], features: tuple[Feature, ...]
             "message_size": model.payload == "learned",
         }
         return not needed.get(path[0], True)
-    return path[0] == "noise" and path[1] not in {feature.kind for feature in features}
+    if isinstance(model, ObservationModel):
+        return path[0] == "noise" and path[1] not in model.noises
+    return False
 
 
 def _changes_features(spec: TaskSpec, place: Place, features: tuple[Feature, ...]) -> bool:

@@ -9,7 +9,7 @@ from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.observation_names import observation_model
 from swarmdata.senses import BearingModel, LidarModel, OccupancyModel, SensorNoise, StateModel
 
-NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05)
+NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from swarmdata.frozen import differences
 from swarmdata.models import with_models
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
+from swarmdata.senses import SensorNoise
 from swarmdata.spec import Robot, Role, TaskSpec
 from swarmdata.sweep_axes import Axis, Part, Place, changed, course_of, parameters, parse_axis
 
@@ -93,6 +94,15 @@ def test_every_number_that_leaves_features_alone_is_a_parameter(kind: str) -> No
     assert seen.keys() >= {"dropout", "delay", "noise.position", "noise.velocity", "noise", "range"}
     shapes = {"n_neighbors", "n_obstacles", "n_rays", "cells", "cell_size", "stack"}
     assert not (heard.keys() | seen.keys()) & (shapes | {"message_size", "n_nearest"})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("noise", SensorNoise.model_fields)
+def test_a_noise_is_a_parameter_if_and_only_if_robots_feel_it(kind: str, noise: str) -> None:
+    quiet, loud = (with_models(TaskSpec(), {"kind": kind, "noise": {noise: s}}) for s in (0.0, 0.3))
+    seen = [make_env(spec).reset(np.array([3], np.uint64)).observations for spec in (quiet, loud)]
+    offered = f"noise.{noise}" in parameters(quiet, "observation")
+    assert offered == (not np.array_equal(*seen))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -36,9 +36,11 @@ class Channel:
     5. Drops: each link loses the message by chance, on its own or in Gilbert-Elliott bursts.
     6. Delay: what got through arrives, as it was sent, `delay` steps later.
 
-    A robot keeps the newest message of every other robot. What it receives is a function of the
-    episode's seed, states and actions: the same alone and in any batch. Whatever `Step.delivered`
-    says arrived, arrived in that step; `Step.ages` counts from the step of sending.
+    A robot sends what its own sensors tell it of itself, with their noise and delay, and takes what
+    it hears relative to the same. It keeps the newest message of every other robot. What it
+    receives is a function of the episode's seed, states and actions: the same alone and in any
+    batch. Whatever `Step.delivered` says arrived, arrived in that step; `Step.ages` counts from the
+    step of sending.
 
     Args:
         spec: its communication must be a `Broadcast`.
@@ -75,13 +77,19 @@ class Channel:
         ages[copies] = NEVER
         bad[copies] = NOT_DRAWN
 
-    def transmit(self, now: Step, actions: Float | Double | None, active: Bool, out: Float) -> None:
+    def transmit(
+        self, now: Step, known: Float, actions: Float | Double | None, active: Bool, out: Float
+    ) -> None:
         """Sends, delivers and shows the messages of one step.
 
         To be called once for every step of an episode, from its beginning on.
 
         Args:
-            now: its states, seeds and times are read; its sent, delivered and ages are written.
+            now: its states (for ranges), seeds and times are read; its sent, delivered and ages
+                are written.
+            known: what each robot knows of itself in this step, and so what it sends and what it
+                compares with what it hears: columns `ROBOT` first, [E, >= 8 N]; the states
+                themselves where sensors are exact.
             actions: the actions that led to it, [E, N, A], message columns last; None where all
                 active copies have just begun. Learned messages are zero when an episode begins.
             active: copies to do it for; nothing of the others is touched, [E].
@@ -94,6 +102,7 @@ class Channel:
             self._listen_to(actions, now.times, active)
         transmit_all(
             now.states,
+            known,
             now.seeds,
             now.times,
             self._said,

@@ -23,11 +23,13 @@ COLUMNS = {
 }
 """Columns of the sender's part of the state that each payload carries, two for each vector."""
 
+_FROM_OWN = "the sender's position when it sent, minus the own now, both as measured"
+
 VECTORS = {
-    X: vector("position", "position", "the sender's position when it sent, minus the own now"),
+    X: vector("position", "position", _FROM_OWN),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
-    TX: vector("target", "position", "its target when it sent, minus the own position now"),
+    TX: vector("target", "position", "its target when it sent, minus the own measured position"),
 }
 """Features of the vector that starts at a column."""
 
@@ -114,7 +116,7 @@ def quantize(value: float, low: float, width: float, n_cells: int) -> float:
 
 @kernel(inline="always")
 def compose(
-    states: Float,
+    known: Float,
     actions: Float,
     e: int,
     begins: bool,
@@ -127,7 +129,7 @@ def compose(
     """Writes what every robot of copy e puts on air, sent [E, N, P].
 
     Args:
-        states: [E, S].
+        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
         actions: learned message of each robot, [E, N, P]; not read for other payloads.
         e: the copy.
         begins: whether its episode has just begun; there is no action yet, so that learned
@@ -144,7 +146,7 @@ def compose(
             if is_learned:
                 value = 0.0 if begins else min(max(float(actions[e, j, c]), -1.0), 1.0)
             else:
-                value = float(states[e, N_COLUMNS * j + columns[c]])
+                value = float(known[e, N_COLUMNS * j + columns[c]])
             if n_cells > 0 and not (is_learned and begins):
                 value = quantize(value, low[j, c], width[j, c], n_cells)
             sent[e, j, c] = value
@@ -152,7 +154,7 @@ def compose(
 
 @kernel(inline="always")
 def write_slots(
-    states: Float,
+    known: Float,
     e: int,
     held: Float,
     ages: Counts,
@@ -164,7 +166,7 @@ def write_slots(
     """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)].
 
     Args:
-        states: [E, S].
+        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
         e: the copy.
         held: newest message of each (receiver, sender), [E, N, N, P].
         ages: its age in steps, or NEVER, [E, N, N].
@@ -187,7 +189,7 @@ def write_slots(
                     for c in range(size):
                         out[e, i, o + c] = held[e, i, j, c]
                 else:
-                    _write_vectors(states, e, i, j, held, is_position, in_body_frame, out, o)
+                    _write_vectors(known, e, i, j, held, is_position, in_body_frame, out, o)
                 out[e, i, o + size] = min(ages[e, i, j], AGE_LIMIT) / AGE_LIMIT
                 out[e, i, o + size + 1] = 1.0
                 out[e, i, o + size + 2] = j / (n - 1)
@@ -196,7 +198,7 @@ def write_slots(
 
 @kernel(inline="always")
 def _write_vectors(
-    states: Float,
+    known: Float,
     e: int,
     i: int,
     j: int,
@@ -208,12 +210,12 @@ def _write_vectors(
 ) -> None:
     """Writes robot j's message into out[e, i, o:], as robot i sees it."""
     me = N_COLUMNS * i
-    ux, uy = float(states[e, me + UX]), float(states[e, me + UY])
+    ux, uy = float(known[e, me + UX]), float(known[e, me + UY])
     for c in range(0, held.shape[3], 2):
         vx, vy = float(held[e, i, j, c]), float(held[e, i, j, c + 1])
         if is_position[c]:
-            vx -= float(states[e, me + X])
-            vy -= float(states[e, me + Y])
+            vx -= float(known[e, me + X])
+            vy -= float(known[e, me + Y])
         if in_body_frame:
             vx, vy = vx * ux + vy * uy, vy * ux - vx * uy
         out[e, i, o + c] = vx

@@ -25,6 +25,7 @@ Scratch = tuple[Bool, Double, Int, Int, Int]
 @kernel
 def transmit_all(
     states: Float,
+    known: Float,
     seeds: Seeds,
     times: Int,
     said: Float,
@@ -39,7 +40,8 @@ def transmit_all(
     """One step of the active copies.
 
     Args:
-        states: [E, S].
+        states: decide who is in range, [E, S].
+        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
         seeds: [E].
         times: [E].
         said: learned messages, [E, N, P].
@@ -71,10 +73,10 @@ def transmit_all(
             continue
         t = times[e]
         slot = t % messages.shape[1]
-        compose(states, said, e, t == 0, columns, low, width, n_cells, sent)
+        compose(known, said, e, t == 0, columns, low, width, n_cells, sent)
         _choose(states, seeds[e], t, e, limits, chances, bad, scratch, underway[e, slot])
         _deliver(t, e, sent, messages, underway, held, newest, delivered, ages)
-        write_slots(states, e, held, newest, columns, is_position, in_body_frame, out)
+        write_slots(known, e, held, newest, columns, is_position, in_body_frame, out)
 
 
 @kernel(inline="always")

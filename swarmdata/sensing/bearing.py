@@ -12,6 +12,8 @@ from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import CIRCLE, bounding_radius
 from swarmdata.senses import BearingModel
+from swarmdata.sensing.measured_world import World
+from swarmdata.sensing.modifiers import NO_ECHOES
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
@@ -29,8 +31,8 @@ _WIDTH = len(NEIGHBOR)
 class Bearing:
     """Own velocity, the target in polar form, and the nearest visible neighbours.
 
-    Features: `scene.POLAR`, then the slots of `NEIGHBOR`, nearest centre first. A slot without a
-    return is zero.
+    Features: `scene.POLAR`, then the slots of `NEIGHBOR`, nearest centre first, as measured. A slot
+    without a neighbour is zero.
 
     Args:
         model: how many slots, and how far robots see.
@@ -40,14 +42,17 @@ class Bearing:
     def __init__(self, model: BearingModel, scene: Scene) -> None:
         slots = numbered("neighbor", model.n_neighbors, NEIGHBOR)
         self.features = (*POLAR, *slots)
-        self.metres = np.array([scene.diagonal] * N_POLAR + [model.range] * len(slots))
+        self.echoes = NO_ECHOES
         self._scene, self._ranges = scene, np.minimum(scene.ranges, model.range)
         self._size = (model.n_neighbors, model.range, scene.diagonal)
 
-    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s, size = self._scene, self._size
-        observe_bearings(states, layouts, s.radii, self._ranges, s.bodies, size, active, out)
+    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+        """Writes `features` of some robots of the active copies, [E, N, F]."""
+        s, w, size = self._scene, world, self._size
+        observe_bearings(
+            w.true_states, w.true_layouts, w.states, s.radii, self._ranges, s.bodies, size,
+            (robots.start, robots.stop), active, out,
+        )  # fmt: skip
 
 
 @kernel
@@ -108,13 +113,16 @@ def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Do
 
 @kernel
 def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: Double) -> int:
-    """Lists the robots within reach of robot i as rows (distance, index), nearest first."""
+    """Lists the robots within reach of robot i as rows (distance, index), nearest first.
+
+    A robot at NaN was missed and is not listed.
+    """
     count = 0
     for j in range(n_agents):
         dx = float(state[N_COLUMNS * j + X]) - float(state[N_COLUMNS * i + X])
         dy = float(state[N_COLUMNS * j + Y]) - float(state[N_COLUMNS * i + Y])
         distance = math.sqrt(dx * dx + dy * dy)
-        if j == i or distance > reach:
+        if j == i or not distance <= reach:
             continue
         slot = count
         while slot > 0 and order[slot - 1, 0] > distance:
@@ -145,22 +153,26 @@ def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: f
 def observe_bearings(
     states: Float,
     layouts: Float,
+    measured: Float,
     radii: Double,
     ranges: Double,
     bodies: Double,
     size: tuple[int, float, float],
+    robots: tuple[int, int],
     active: Bool,
     out: Float,
 ) -> None:
-    """Writes the `bearing` observation of every robot in every active copy.
+    """Writes the `bearing` observation of some robots in every active copy.
 
     Args:
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
+        states: decide who is hidden, [E, S].
+        layouts: obstacles, the same, [E, M, 8].
+        measured: states as measured; a robot that was missed is at NaN, [E, S].
         radii: m, [N].
         ranges: how far each robot sees, m, [N].
         bodies: movable bodies, as in `Scene`, [K, 3].
         size: number of slots, the model's range (m), and the arena's diagonal (m).
+        robots: first, and one past the last, of those that observe.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -170,18 +182,18 @@ def observe_bearings(
     for b in range(states.shape[0]):
         if not active[b]:
             continue
-        state = states[b]
+        state, seen = states[b], measured[b]
         gather(state, layouts[b], n_agents, bodies, rows)
         for m in range(n_rows):
             sizes[m] = bounding_radius(rows[m])
-        for i in range(n_agents):
+        for i in range(robots[0], robots[1]):
             o = out[b, i]
-            write_polar(o, state, i, diagonal)
+            write_polar(o, seen, i, diagonal)
             o[N_POLAR : N_POLAR + _WIDTH * n_slots] = 0.0
             slot = 0
-            for nth in range(_sort_by_distance(state, i, n_agents, ranges[i], order)):
+            for nth in range(_sort_by_distance(seen, i, n_agents, ranges[i], order)):
                 j = int(order[nth, 1])
                 if slot < n_slots and not _hidden(state, i, j, radii, rows, sizes):
                     first = N_POLAR + _WIDTH * slot
-                    _write_slot(o[first:], state, i, j, order[nth, 0], span)
+                    _write_slot(o[first:], seen, i, j, order[nth, 0], span)
                     slot += 1

@@ -17,6 +17,8 @@ from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import CIRCLE, bounding_radius
 from swarmdata.senses import LidarModel
+from swarmdata.sensing.measured_world import World
+from swarmdata.sensing.modifiers import echoes_of
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
@@ -52,14 +54,17 @@ class Lidar:
         )
         beams = numbered("beam", model.n_rays, beam)
         self.features = (*POLAR, *beams)
-        self.metres = np.array([scene.diagonal] * N_POLAR + [model.range] * len(beams))
+        self.echoes = echoes_of(self.features)
         self._scene, self._rays = scene, ray_blocks(model.n_rays)
         self._size = (model.n_rays, model.range, scene.diagonal)
 
-    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s, rays, size = self._scene, self._rays, self._size
-        scan(states, layouts, s.radii, s.ranges, s.half, s.bodies, rays, size, active, out)
+    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+        """Writes `features` of some robots of the active copies, [E, N, F]."""
+        s, w, rays, size = self._scene, world, self._rays, self._size
+        scan(
+            w.true_states, w.true_layouts, w.states, s.radii, s.ranges, s.half, s.bodies, rays,
+            size, (robots.start, robots.stop), active, out,
+        )  # fmt: skip
 
 
 def ray_blocks(n_rays: int) -> Float:
@@ -216,26 +221,30 @@ def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.flo
 def scan(
     states: Float,
     layouts: Float,
+    measured: Float,
     radii: Double,
     ranges: Double,
     half: Double,
     bodies: Double,
     rays: Float,
     size: tuple[int, float, float],
+    robots: tuple[int, int],
     active: Bool,
     out: Float,
 ) -> None:
-    """Writes the `lidar` observation of every robot in every active copy.
+    """Writes the `lidar` observation of some robots in every active copy.
 
     Args:
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
+        states: what the beams meet, [E, S].
+        layouts: obstacles, the same, [E, M, 8].
+        measured: states as measured, for velocity and target, [E, S].
         radii: m, [N].
         ranges: m, of each robot's own sensors, [N].
         half: half width and half height of the arena, m, [2].
         bodies: movable bodies, as in `Scene`, [K, 3].
         rays: as of `ray_blocks`.
         size: number of rays, the model's range (m), and the arena's diagonal (m).
+        robots: first, and one past the last, of those that observe.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -252,9 +261,9 @@ def scan(
         gather(state, layouts[b], n_agents, bodies, rows)
         for m in range(rows.shape[0]):
             sizes[m] = bounding_radius(rows[m])
-        for i in range(n_agents):
+        for i in range(robots[0], robots[1]):
             at, reach = N_COLUMNS * i, min(span, ranges[i])
-            write_polar(out[b, i], state, i, diagonal)
+            write_polar(out[b, i], measured[b], i, diagonal)
             for block in range(rays.shape[0]):
                 _start(lanes, rays[block], state[at:], half, np.float32(reach))
                 _objects(lanes, state, i, radii, rows, sizes, n_obstacles, reach)

@@ -1,8 +1,7 @@
-"""How observations are worsened, whatever the model: noise, lost returns, delay and stacking.
+"""What is done to frames: lost and noisy echoes, delay and stacking.
 
-A *return* is what one echo gives: a slot or a beam. The names of the features tell: the features
-`beam_3.distance`, `beam_3.robot`, ... belong to one return because they share a numbered prefix and
-have a flag that says whether anything is there. So a model gets dropout by naming its features.
+An *echo* is one beam of a lidar, or one cell of a grid: a measurement of its own, with noise and
+losses of its own. What a sensor measures of whole objects is in `measured_world`.
 
 Noise and losses are functions of the episode's seed and the step in which a frame is sensed.
 """
@@ -17,18 +16,23 @@ from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_normal, to_uniform
 from swarmdata.features import Feature
 from swarmdata.seeding import STREAMS, normal_table
-from swarmdata.senses import ObservationModel, SensorNoise
+from swarmdata.senses import LidarModel, ObservationModel
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["sensor"]
 _NOISE, _LOSS = 0, 1
-"""Last counter but one of each draw; the last one is the feature, or the return."""
+"""Last counter but one of each draw; the last one is the feature, or the echo."""
 
-_PLAIN, _FLAG, _DISTANCE = 0, 1, 2
+NO_ECHOES = np.zeros((0, 2), dtype=np.int64)
+"""Of models that measure objects."""
 
 
-def returns_of(features: Sequence[Feature]) -> Int:
-    """First feature of each return, and one past its last, [R, 2]."""
+def echoes_of(features: Sequence[Feature]) -> Int:
+    """First feature of each numbered group with a flag, and one past its last, [R, 2].
+
+    The features `beam_3.distance`, `beam_3.robot`, ... belong to one echo because they share a
+    numbered prefix and have flags that say whether anything is there.
+    """
     found, first = [], 0
     for prefix, run in itertools.groupby(features, _numbered_prefix):
         group = list(run)
@@ -38,73 +42,37 @@ def returns_of(features: Sequence[Feature]) -> Int:
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def lost_values(features: Sequence[Feature]) -> Float:
-    """What each feature of a lost return reads, [F].
+class Echoes:
+    """Adds noise to the distances of echoes and then loses some; their features are in [0, 1].
 
-    0, except a distance with no mask beside it: its 1 says that nothing is within range.
-    """
-    values = np.zeros(len(features), dtype=np.float32)
-    for first, last in returns_of(features):
-        group = features[first:last]
-        if not any(feature.name.endswith(".mask") for feature in group):
-            values[first:last] = [feature.kind == "range" for feature in group]
-    return values
-
-
-def deviations(features: Sequence[Feature], metres: Double, noise: SensorNoise) -> Double:
-    """Standard deviation of the noise on each feature, in the feature's own unit, [F].
+    A lost cell reads 0, a lost beam like one that hits nothing: distance 1, no hit.
 
     Args:
-        features: a frame's.
-        metres: in one unit of each feature that is a normalised distance, [F].
-        noise: in metres and seconds.
-    """
-    known = noise.model_dump()
-    return np.array(
-        [
-            known.get(feature.kind, 0.0) / (unit if feature.kind == "range" else 1.0)
-            for feature, unit in zip(features, metres, strict=True)
-        ]
-    )
-
-
-class Worsening:
-    """Adds noise to a frame and then loses returns.
-
-    Args:
-        features: a frame's.
-        metres: as for `deviations`.
+        features: what a model's kind gives.
+        echoes: as of `echoes_of`.
         model: how much noise, and how many losses.
     """
 
-    def __init__(
-        self, features: Sequence[Feature], metres: Double, model: ObservationModel
-    ) -> None:
-        codes = {"flag": _FLAG, "range": _DISTANCE}
-        self._deviations = deviations(features, metres, model.noise)
-        self._codes = np.array([codes.get(f.kind, _PLAIN) for f in features], dtype=np.int64)
-        self._returns = returns_of(features)
-        self._owners = np.full(len(features), -1, dtype=np.int64)
-        for index, (first, last) in enumerate(self._returns):
-            self._owners[first:last] = index
-        self._lost, self._dropout = lost_values(features), model.dropout
+    def __init__(self, features: Sequence[Feature], echoes: Int, model: ObservationModel) -> None:
+        noise = model.noise.range / model.range if isinstance(model, LidarModel) else 0.0
+        is_distance = np.array([feature.kind == "range" for feature in features], dtype=np.bool_)
+        self._echoes, self._is_distance = echoes, is_distance
+        self._deviation, self._dropout = noise, model.dropout
 
     @property
-    def is_needed(self) -> bool:
-        """Whether it changes anything."""
-        return self._dropout > 0 or bool(self._deviations.any())
+    def are_worsened(self) -> bool:
+        """Whether there are echoes, with noise or losses."""
+        return len(self._echoes) > 0 and (self._dropout > 0 or self._deviation > 0)
 
-    def apply(self, now: Step, active: Bool, frame: Float) -> None:
-        """Worsens the frames of the active copies in place, [E, N, F]."""
+    def worsen(self, now: Step, active: Bool, frame: Float) -> None:
+        """Worsens the echoes of the active copies in place, [E, N, F]."""
         worsen(
             now.seeds,
             now.times,
             active,
-            self._deviations,
-            self._codes,
-            self._owners,
-            self._returns,
-            self._lost,
+            self._echoes,
+            self._is_distance,
+            self._deviation,
             self._dropout,
             normal_table(),
             frame,
@@ -117,16 +85,17 @@ class History:
     Before an episode's first frame there is nothing but that frame.
 
     Args:
-        model: delay and stack.
         shape: of a frame, (E, N, F).
+        delay: age of the newest frame that is given, steps.
+        stack: how many frames are given.
     """
 
-    def __init__(self, model: ObservationModel, shape: tuple[int, int, int]) -> None:
+    def __init__(self, shape: tuple[int, int, int], delay: int, stack: int = 1) -> None:
         n_copies, n_agents, n_features = shape
-        depth = model.delay + model.stack
+        depth = delay + stack
         self._ring = np.zeros((n_copies, depth, n_agents, n_features), dtype=np.float32)
         self._counts = np.zeros(n_copies, dtype=np.int64)
-        self._delay, self._stack = model.delay, model.stack
+        self._delay, self._stack = delay, stack
 
     def forget(self, copies: Int) -> None:
         """Lets the next frame of each of these copies be its first."""
@@ -143,64 +112,51 @@ def _numbered_prefix(feature: Feature) -> str:
 
 
 @kernel
-def _draw_fates(
-    row: Float, returns: Int, codes: Int, dropout: float, bits: int, fates: Int
-) -> None:
-    """Says of each return whether it is absent (0), present (1) or lost (2)."""
-    for r in range(returns.shape[0]):
-        fates[r] = 0
-        for f in range(returns[r, 0], returns[r, 1]):
-            if codes[f] == _FLAG and row[f] != 0.0:
-                fates[r] = 1
-        if fates[r] == 1 and dropout > 0.0 and to_uniform(absorb(bits, r)) < dropout:
-            fates[r] = 2
-
-
-@kernel
 def worsen(
     seeds: Seeds,
     times: Int,
     active: Bool,
-    deviations: Double,
-    codes: Int,
-    owners: Int,
-    returns: Int,
-    lost: Float,
+    echoes: Int,
+    is_distance: Bool,
+    deviation: float,
     dropout: float,
     table: Double,
     frame: Float,
 ) -> None:
-    """Adds noise to frames and loses returns.
+    """Adds noise to echoes and loses some of them.
 
     Args:
         seeds: of the episodes, [E].
         times: control steps since their reset, [E].
         active: copies to worsen, [E].
-        deviations: of the noise on each feature, [F].
-        codes: 1 for flags, 2 for normalised distances, else 0, [F].
-        owners: return of each feature, or -1, [F].
-        returns: first feature of each return and one past its last, [R, 2].
-        lost: what each feature of a lost return reads, [F].
-        dropout: probability that a return is lost.
+        echoes: first feature of each echo and one past its last, [R, 2].
+        is_distance: which features are distances; the others of an echo are flags, [F].
+        deviation: of the noise on a distance, in its own unit.
+        dropout: probability that an echo is lost.
         table: quantiles of the normal, as of `seeding.normal_table`.
         frame: changed, [E, N, F].
     """
-    fates = np.empty(returns.shape[0], dtype=np.int64)
     for b in range(frame.shape[0]):
         if not active[b]:
             continue
         for i in range(frame.shape[1]):
             row = frame[b, i]
             robot = absorb(absorb(absorb(seeds[b], _STREAM), times[b]), i)
-            noise = absorb(robot, _NOISE)
-            _draw_fates(row, returns, codes, dropout, absorb(robot, _LOSS), fates)
-            for f in range(owners.shape[0]):
-                fate = fates[owners[f]] if owners[f] >= 0 else 1
-                if fate == 2:
-                    row[f] = lost[f]
-                elif fate == 1 and deviations[f] > 0.0:
-                    value = row[f] + deviations[f] * to_normal(absorb(noise, f), table)
-                    row[f] = min(max(value, 0.0), 1.0) if codes[f] == _DISTANCE else value
+            noise, loss = absorb(robot, _NOISE), absorb(robot, _LOSS)
+            for r in range(echoes.shape[0]):
+                first, last = echoes[r]
+                is_there = False
+                for f in range(first, last):
+                    is_there |= not is_distance[f] and row[f] != 0.0
+                if not is_there:
+                    continue
+                is_lost = dropout > 0.0 and to_uniform(absorb(loss, r)) < dropout
+                for f in range(first, last):
+                    if is_lost:
+                        row[f] = 1.0 if is_distance[f] else 0.0
+                    elif is_distance[f] and deviation > 0.0:
+                        value = row[f] + deviation * to_normal(absorb(noise, f), table)
+                        row[f] = min(max(value, 0.0), 1.0)
 
 
 @kernel

@@ -11,6 +11,8 @@ from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.senses import OccupancyModel
+from swarmdata.sensing.measured_world import World
+from swarmdata.sensing.modifiers import echoes_of
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, gather, write_polar
 from swarmdata.states import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
@@ -26,7 +28,8 @@ class Occupancy:
     its centre at ((row - m) * size, (column - m) * size) in the body's frame, m = (cells - 1) / 2:
     rows go forward, columns to the left. `robot`: the centre is in another robot's disc, inflated
     by half a cell; `static` and `payload`: it is within half a cell of such a body, or outside the
-    arena. Cells beyond the robot's sensor range are zero.
+    arena. Cells beyond the robot's sensor range are zero. The grid is drawn from where the robot
+    measured itself and the bodies to be.
 
     Args:
         model: how many cells, and how large.
@@ -37,13 +40,16 @@ class Occupancy:
         channels = CHANNELS if len(scene.bodies) else CHANNELS[:2]
         flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
         self.features = (*POLAR, *numbered("cell", model.cells * model.cells, flags))
-        self.metres = np.full(len(self.features), scene.diagonal)
+        self.echoes = echoes_of(self.features)
         self._scene, self._size = scene, (model.cells, model.cell_size, scene.diagonal)
 
-    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies, [E, N, F]."""
-        s, size = self._scene, self._size
-        observe_grids(states, layouts, s.radii, s.ranges, s.half, s.bodies, size, active, out)
+    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+        """Writes `features` of some robots of the active copies, [E, N, F]."""
+        s, w, size = self._scene, world, self._size
+        observe_grids(
+            w.states, w.layouts, s.radii, s.ranges, s.half, s.bodies, size,
+            (robots.start, robots.stop), active, out,
+        )  # fmt: skip
 
 
 @kernel
@@ -148,19 +154,21 @@ def observe_grids(
     half: Double,
     bodies: Double,
     model: tuple[int, float, float],
+    robots: tuple[int, int],
     active: Bool,
     out: Float,
 ) -> None:
-    """Writes the `occupancy` observation of every robot in every active copy.
+    """Writes the `occupancy` observation of some robots in every active copy.
 
     Args:
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
+        states: as measured, [E, S].
+        layouts: obstacles, the same, [E, M, 8].
         radii: m, [N].
         ranges: how far each robot sees, m, [N].
         half: half width and half height of the arena, m, [2].
         bodies: movable bodies, as in `Scene`, [K, 3].
         model: cells in each direction, size of a cell (m), and the arena's diagonal (m).
+        robots: first, and one past the last, of those that observe.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -173,7 +181,7 @@ def observe_grids(
             continue
         state = states[b]
         gather(state, layouts[b], n_agents, bodies, rows)
-        for i in range(n_agents):
+        for i in range(robots[0], robots[1]):
             at, span = N_COLUMNS * i, ranges[i]
             px, py = float(state[at + X]), float(state[at + Y])
             ux, uy = float(state[at + UX]), float(state[at + UY])

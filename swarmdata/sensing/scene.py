@@ -21,7 +21,11 @@ TARGET_NEAR = 0.01
 POLAR = (
     *vector("own.v", "velocity", "own velocity"),
     Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
-    *vector("target.bearing", "direction", "cosine and sine of the target's bearing"),
+    *vector(
+        "target.bearing",
+        "direction",
+        "cosine and sine of the target's bearing; (0, 0) within 1 cm of it",
+    ),
 )
 """What every model in the body's frame starts with."""
 

@@ -11,31 +11,33 @@ from swarmdata.interfaces import Task
 from swarmdata.senses import BearingModel, LidarModel, ObservationModel, OccupancyModel, StateModel
 from swarmdata.sensing.bearing import Bearing
 from swarmdata.sensing.lidar import Lidar
-from swarmdata.sensing.modifiers import History, Worsening
+from swarmdata.sensing.measured_world import MeasuredWorld, World
+from swarmdata.sensing.modifiers import Echoes, History
 from swarmdata.sensing.occupancy import Occupancy
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.state import State
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, UX, UY
-from swarmdata.types import Bool, Double, Float, Int, Step
+from swarmdata.types import Bool, Float, Int, Step
 
 
 class Sense(Protocol):
     """One kind of observation model on one scene."""
 
     features: tuple[Feature, ...]
-    metres: Double  # in one unit of each feature that is a normalised distance, [F]
+    echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
 
-    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies, [E, N, F]."""
+    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+        """Writes `features` of some robots of the active copies, [E, N, F]."""
         ...
 
 
 class Sensor:
     """Writes observations: a function of an episode's seed, layout and states up to the step.
 
-    A frame is what the model's kind gives, and what the task adds, in the same frame of reference.
-    Noise, dropout, delay and stacking follow; in teams with several roles the robot's role is last.
+    A frame is what the model's kind gives, and what the task adds, in the same frame of reference,
+    both computed from the world as each robot measured it. Noise and losses of single beams and
+    cells, delay and stacking follow; in teams with several roles the robot's role is last.
 
     Args:
         task: the task; its spec has the model.
@@ -58,14 +60,18 @@ class Sensor:
             dtype=np.int64,
         )
         self._turns = model.kind != "state" and len(self._pairs) > 0
-        # a task normalises its distances by the arena's diagonal
-        metres = np.concatenate([self._sense.metres, np.full(len(extra), scene.diagonal)])
-        worsening = Worsening(frame, metres, model)
-        self._worsening = worsening if worsening.is_needed else None
-        shape = (n_copies, spec.n_agents, self._size)
+        measured = MeasuredWorld(task, scene, n_copies)
+        self._measured = None if measured.is_exact else measured
+        self._added = np.zeros((n_copies, spec.n_agents, len(extra)), dtype=np.float32)
+        echoes = Echoes(kind, self._sense.echoes, model)
+        self._echoes = echoes if echoes.are_worsened else None
+        self._shape = shape = (n_copies, spec.n_agents, self._size)
         has_history = model.delay + model.stack > 1
-        self._history = History(model, shape) if has_history else None
+        self._history = History(shape, model.delay, model.stack) if has_history else None
         self._frame = np.zeros(shape if has_history else (0, 0, 0), dtype=np.float32)
+        itself = (n_copies, spec.n_agents, N_COLUMNS)
+        self._known = History(itself, model.delay) if model.delay > 0 else None
+        self._late = np.zeros(itself if model.delay > 0 else (0, 0, 0), dtype=np.float32)
         self._roles = _role_codes(spec)
         self.features = (
             *_stacked(frame, model.stack),
@@ -77,16 +83,21 @@ class Sensor:
 
     def forget(self, copies: Int) -> None:
         """Lets an episode begin in each of these copies: its next frame is its first."""
-        if self._history is not None:
-            self._history.forget(copies)
+        for history in (self._history, self._known):
+            if history is not None:
+                history.forget(copies)
 
-    def observe(self, now: Step, active: Bool, out: Float) -> None:
+    def observe(self, now: Step, active: Bool, out: Float) -> Float:
         """Writes what the robots of the active copies observe.
 
         Args:
             now: a step whose states, layouts, seeds and times are complete.
             active: copies to observe, [E]; rows of the others are not written.
             out: written, [E, N, O].
+
+        Returns:
+            What each robot knows of itself, columns `ROBOT` first, [E, >= 8 N]: with its sensors'
+            noise and delay, and so what it can tell others. To be read before the next call.
 
         Raises:
             SchemaError: `out` does not have one column for each of `features`.
@@ -99,17 +110,40 @@ class Sensor:
         n_roles = self._roles.shape[1]
         seen = out[..., :-n_roles] if n_roles else out
         frame = seen if self._history is None else self._frame
-        self._sense.sense(now.states, now.layouts, active, frame)
-        if self._cut < self._size:
-            self._task.write_features(now.states, now.layouts, active, frame[..., self._cut :])
-            if self._turns:
-                turn(now.states, self._pairs, active, frame)
-        if self._worsening is not None:
-            self._worsening.apply(now, active, frame)
+        own = self._write_frame(now, active, frame)
+        if self._turns:
+            turn(own, self._pairs, active, frame)
+        if self._echoes is not None:
+            self._echoes.worsen(now, active, frame[..., : self._cut])
         if self._history is not None:
             self._history.exchange(frame, active, seen)
         if n_roles:
             np.copyto(out[..., -n_roles:], self._roles, where=active[:, None, None])
+        return own if self._known is None else self._delay(self._known, own, active)
+
+    def _write_frame(self, now: Step, active: Bool, frame: Float) -> Float:
+        """Writes the frames of all robots; returns what each believes of itself, [E, >= 8 N]."""
+        robots, added = range(self._shape[1]), frame[..., self._cut :]
+        if self._measured is None:
+            truth = World(now.states, now.layouts, now.states, now.layouts)
+            self._sense.sense(truth, robots, active, frame)
+            if self._cut < self._size:
+                self._task.write_features(now.states, now.layouts, active, added)
+            return now.states
+        own = self._measured.localise(now, active)
+        for i in robots:
+            world = self._measured.seen_by(i, now, active)
+            self._sense.sense(world, robots[i : i + 1], active, frame)
+            if self._cut < self._size:  # the task writes all robots; this world is one robot's
+                self._task.write_features(world.states, world.layouts, active, self._added)
+                np.copyto(added[:, i], self._added[:, i], where=active[:, None])
+        return own
+
+    def _delay(self, known: History, own: Float, active: Bool) -> Float:
+        """What the robots knew of themselves `delay` steps ago, [E, 8 N]."""
+        n_copies, n, width = self._late.shape
+        known.exchange(own[:, : n * width].reshape(n_copies, n, width), active, self._late)
+        return self._late.reshape(n_copies, n * width)
 
 
 def _sense(model: ObservationModel, scene: Scene) -> Sense:

@@ -11,6 +11,8 @@ from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest_of
 from swarmdata.senses import StateModel
+from swarmdata.sensing.measured_world import World
+from swarmdata.sensing.modifiers import NO_ECHOES
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.selection import order_keys, take_smallest
 from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
@@ -63,10 +65,10 @@ _OWN, _NEIGHBOR, _OBSTACLE = len(OWN), len(NEIGHBOR), len(OBSTACLE)
 
 
 class State:
-    """Self, nearest robots and nearest obstacles, in the world's frame.
+    """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
 
     Features: `OWN`, `HEADING` in teams with a unicycle, then the slots of `NEIGHBOR` and of
-    `OBSTACLE`, nearest surface first. A slot without a return is zero.
+    `OBSTACLE`, nearest surface first. A slot without an object is zero.
 
     Args:
         model: how many slots, and how far robots see.
@@ -78,16 +80,17 @@ class State:
         near = numbered("neighbor", model.n_neighbors, NEIGHBOR)
         around = numbered("obstacle", model.n_obstacles, OBSTACLE)
         self.features = own + near + around
-        self.metres = np.ones(len(self.features))
         limit = np.inf if model.limit is None else model.limit
+        self.echoes = NO_ECHOES
         self._radii, self._limits = scene.radii, np.minimum(scene.ranges, limit)
         self._slots, self._reach = (len(own), model.n_neighbors, model.n_obstacles), model.range
 
-    def sense(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies, [E, N, F]."""
+    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+        """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_states(
-            states, layouts, self._radii, self._limits, self._slots, self._reach, active, out
-        )
+            world.states, world.layouts, self._radii, self._limits, self._slots, self._reach,
+            (robots.start, robots.stop), active, out,
+        )  # fmt: skip
 
 
 @kernel(inline="always")
@@ -170,7 +173,7 @@ def _neighbors(
         j = take_smallest(keys) if slot < n else i
         ddx, ddy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
         gap = math.sqrt(ddx * ddx + ddy * ddy) - own - radii[j]
-        if j == i or gap > limit:
+        if j == i or not gap <= limit:  # NaN: missed
             for c in range(_NEIGHBOR):
                 out[o + c] = 0.0
             continue
@@ -217,7 +220,8 @@ def _find_obstacles(
     n = squares.shape[0]
     for m in range(n):
         dx, dy, size = circles[0, m] - px, circles[1, m] - py, circles[2, m]
-        squares[m] = dx * dx + dy * dy
+        square = dx * dx + dy * dy
+        squares[m] = square if square < np.inf else np.inf  # NaN: missed
         powers[m] = squares[m] - size * size
     order_keys(keys)
     for slot in range(k):
@@ -275,18 +279,20 @@ def observe_states(
     limits: Double,
     slots: tuple[int, int, int],
     reach: float,
+    robots: tuple[int, int],
     active: Bool,
     observations: Float,
 ) -> None:
-    """Writes the `state` observation of every robot in every active copy.
+    """Writes the `state` observation of some robots in every active copy.
 
     Args:
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
+        states: [E, S]; a robot that was missed is at NaN.
+        layouts: obstacles, [E, M, 8]; the same.
         radii: robot radii, m, [N].
         limits: gaps beyond which each robot sees nothing, m, [N].
         slots: length of the own block, number of neighbour and of obstacle slots.
         reach: gap (m) at which closeness features reach 0.
+        robots: first, and one past the last, of those that observe.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
     """
@@ -304,7 +310,7 @@ def observe_states(
             circles[0, m] = layout[m, 1]
             circles[1, m] = layout[m, 2]
             circles[2, m] = bounding_radius(layout[m])
-        for i in range(n_agents):
+        for i in range(robots[0], robots[1]):
             out, at = observations[b, i], N_COLUMNS * i
             px, py, radius = state[at + X], state[at + Y], radii[i]
             _own(out, state, at, n_own)

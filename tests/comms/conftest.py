@@ -95,7 +95,7 @@ def run(
         now.states[:, :size] = states[t]
         now.times[:] = t
         given = None if actions is None or t == 0 else actions[t]
-        channel.transmit(now, given, active, now.observations[..., GUARD:])
+        channel.transmit(now, now.states, given, active, now.observations[..., GUARD:])
         assert np.isnan(now.observations[..., :GUARD]).all()
         written = (now.sent, now.delivered, now.ages, now.observations[..., GUARD:])
         rows.append([array.copy() for array in written])

@@ -202,10 +202,10 @@ def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int
         now.states[:, :32], now.times[:] = states[t], t
         before = [array.copy() for array in written]
         out = now.observations[..., 3:]
-        channel.transmit(now, actions[t], np.array([True, False]), out)
+        channel.transmit(now, now.states, actions[t], np.array([True, False]), out)
         for array, old in zip(written, before, strict=True):
             np.testing.assert_array_equal(array[1], old[1])
-        channel.transmit(now, actions[t], np.array([False, True]), out)
+        channel.transmit(now, now.states, actions[t], np.array([False, True]), out)
         for array, rows in zip((*written[:3], out), expected, strict=True):
             np.testing.assert_array_equal(array, rows[t])
 
@@ -252,7 +252,7 @@ def test_learned_messages_are_zero_where_an_episode_begins_among_others(lab: Any
     now = lab.blank_step(spec, channel, 2)
     now.times[:] = [0, 5]
     both = np.array([True, True])
-    channel.transmit(now, np.full((2, 2, 3), 0.9), both, now.observations[..., 3:])
+    channel.transmit(now, now.states, np.full((2, 2, 3), 0.9), both, now.observations[..., 3:])
 
     np.testing.assert_array_equal(now.sent[..., 0], [[0, 0], [0.875, 0.875]])
 
@@ -265,9 +265,9 @@ def test_wrong_actions_are_refused(lab: Any) -> None:
     active, out = np.array([True]), now.observations[..., 3:]
 
     with pytest.raises(SchemaError, match=r"\[1, 2, 2\], expected \[1, 2, 4\]"):
-        channel.transmit(now, np.zeros((1, 2, 2)), active, out)
+        channel.transmit(now, now.states, np.zeros((1, 2, 2)), active, out)
     with pytest.raises(SchemaError, match=r"None for copies \[0\]"):
-        channel.transmit(now, None, active, out)
+        channel.transmit(now, now.states, None, active, out)
 
 
 def test_a_channel_needs_robots_that_talk() -> None:
