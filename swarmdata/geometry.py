@@ -76,7 +76,9 @@ def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, floa
 def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
     """Returns the distance from a point to an obstacle's surface and the vector to it.
 
-    The distance is 0 inside an obstacle.
+    The distance is 0 inside an obstacle. Where two bars of a corner or pocket are equally near, the
+    vector is that to the first, and the last bits decide: one that is computed with other rounding
+    may be that to the second.
 
     Args:
         px: point, m.

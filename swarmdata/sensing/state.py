@@ -20,7 +20,10 @@ from swarmdata.types import Bool, Double, Float, Int
 
 _TO_TARGET = "target minus own position"
 _TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
-_NEAR = "direction to the nearest surface point times closeness: 0 at the range, 1 in contact"
+_NEAR = (
+    "direction to the nearest surface point, either one of two, times closeness: 0 at the range, "
+    "1 in contact"
+)
 
 OWN = (
     Feature("own.x", "position", "x", "own position"),

@@ -259,10 +259,15 @@ def _frame(axes: Any, title: str) -> None:
 
 
 def _legend_above(drawing: Any, handles: Sequence[Any]) -> None:
-    """In as many columns as the figure's width has room for, each as wide as the longest name."""
+    """In as many columns as the figure's width has room for, each as wide as the longest name.
+
+    Rows after the first make the figure taller, so that panels keep their height.
+    """
     points = 7 * max(len(handle.get_label()) for handle in handles) + 50  # of 10-point letters
     columns = int(72 * drawing.get_figwidth() // points)
     columns = max(1, min(columns, len(handles)))
+    n_rows = math.ceil(len(handles) / columns)
+    drawing.set_figheight(drawing.get_figheight() + 0.22 * (n_rows - 1))
     drawing.legend(handles=handles, loc="outside upper center", ncols=columns)
 
 
