@@ -8,7 +8,6 @@ without a request.
 import hashlib
 import os
 import re
-import shutil
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from swarmdata.errors import (
     SwarmdataError,
 )
 from swarmdata.locking import locked
-from swarmdata.recipes import build_folder, finish, is_finished
+from swarmdata.recipes import finish, is_finished, remove_parts
 from swarmdata.remotes.addresses import Address, open_remote, parse_address
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
@@ -30,7 +29,7 @@ from swarmdata.remotes.names import is_id
 from swarmdata.remotes.pulling import pull
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, read_manifest
-from swarmdata.store.atomic import sync
+from swarmdata.store.atomic import remove_scratch, scratch_folder, sync
 from swarmdata.store.layout import CARD, MANIFEST
 
 OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
@@ -89,8 +88,7 @@ def obtain(
         if source is None:
             finish(recipe, folder, workers=workers, progress=progress)
             return Found(folder, "rebuilt")
-        if build_folder(folder).exists():
-            shutil.rmtree(build_folder(folder))
+        remove_parts(recipe, folder)
         return Found(folder, source)
 
 
@@ -199,9 +197,8 @@ def _arrive(
     remote: Remote, release: Release, folder: Path, wanted: _Wanted, progress: bool
 ) -> None:
     """Pulls a release beside its place, checks every byte and both digests, and renames it."""
-    arriving = folder.with_name(f"{folder.name}.arriving")
-    if arriving.exists():
-        shutil.rmtree(arriving)  # of a process that was killed before it had checked it
+    arriving = scratch_folder(folder, "arriving")
+    remove_scratch(arriving)  # of a process that was killed before it had checked it
     pull(remote, release, arriving, digest=wanted.digest, progress=progress)
     try:
         found = open_store(arriving, "full").manifest
@@ -218,10 +215,10 @@ def _arrive(
         if not (arriving / CARD).exists():
             write_card(arriving)
     except BaseException:
-        shutil.rmtree(arriving)
+        remove_scratch(arriving)
         raise
-    arriving.rename(folder)
-    sync(folder.parent)
+    arriving.rename(folder.resolve())  # where a link leads, if it is one
+    sync(arriving.parent)
 
 
 def _is_usable(folder: Path) -> bool:

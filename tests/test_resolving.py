@@ -34,6 +34,7 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
+from swarmdata.store.atomic import scratch_folder
 from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 
@@ -183,13 +184,13 @@ def test_a_damaged_copy_is_skipped(tmp_path: Path, tiny: Path) -> None:
 
 def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Path) -> None:
     shelf = Shelf(tmp_path / "shelf", tiny)
-    shutil.copytree(tiny, tmp_path / "d.arriving")
-    flip(tmp_path / "d.arriving" / "recipe.json", 30)
+    arriving = Path(shutil.copytree(tiny, scratch_folder(tmp_path / "d", "arriving")))
+    flip(arriving / "recipe.json", 30)
     build_folder(tmp_path / "d").mkdir()
     found = obtain(TINY, tmp_path / "d", remotes=[shelf.address], progress=False)
     assert found.source == f"{shelf.address}/{TINY.id}"
     Dataset.open(tmp_path / "d", "full")
-    left = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
+    left = {path.name for path in tmp_path.iterdir() if not path.name.endswith(".lock")}
     assert left == {"shelf", "d"}
 
 

@@ -20,7 +20,7 @@ from swarmdata.errors import (
 )
 from swarmdata.remotes.contents import MAX_SMALL, SIDE_FILES, contradictions
 from swarmdata.remotes.interface import Release, Remote
-from swarmdata.store.atomic import sync, sync_tree
+from swarmdata.store.atomic import remove_scratch, scratch_folder, sync, sync_tree
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.shards import file_digest
@@ -32,7 +32,7 @@ BAR_SECONDS = 0.5
 """Seconds between two looks at how much has arrived."""
 
 _INCOMING = "incoming"
-"""Folder in `<folder>.pull` where the manifest waits until everything that it lists is there."""
+"""Folder among the collected files where the manifest waits until all that it lists is there."""
 
 
 def pull(
@@ -45,9 +45,10 @@ def pull(
 ) -> Path:
     """Fetches a release into a new folder and returns the folder.
 
-    Files are collected in `<folder>.pull` and checked there; the folder appears in one rename,
-    when all of them are on the disk. Kill the process at any time and call again: finished files
-    are kept. Where another process pulls to the same folder, this one waits for it.
+    Files are collected and checked beside the folder, in `scratch_folder(folder, "pull")`; the
+    folder appears in one rename, when all of them are on the disk. Kill the process at any time and
+    call again: finished files are kept. Where another process pulls to the same folder, this one
+    waits for it.
 
     Args:
         remote: where from.
@@ -64,12 +65,12 @@ def pull(
     """
     folder = Path(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    scratch = folder.with_name(f"{folder.name}.pull")
-    with FileLock(folder.with_name(f".{folder.name}.pull.lock")):
+    scratch, whole = scratch_folder(folder, "pull"), folder.resolve()
+    with FileLock(whole.with_name(f".{whole.name}.pull.lock")):
         manifest = _incoming_manifest(remote, release, scratch, digest)
         if folder.exists() and any(folder.iterdir()):
             _check_same(folder, scratch / _INCOMING)
-            shutil.rmtree(scratch)
+            remove_scratch(scratch)
             return folder
         _check_space(manifest, scratch, release)
         with tqdm(
@@ -81,7 +82,7 @@ def pull(
         ) as bar:
             _fetch_all(remote, release, manifest, scratch, bar)
         _fetch_side_files(remote, release, scratch)
-        _publish(manifest, scratch, folder)
+        _publish(manifest, scratch, whole)
     return folder
 
 
@@ -157,11 +158,9 @@ def _incoming_manifest(
             f"digest is {manifest.digest}, expected {digest}. Pull from another remote."
         )
     if not _belongs(scratch, (arriving / MANIFEST).read_bytes()):
-        if scratch.exists():
-            shutil.rmtree(scratch)
+        remove_scratch(scratch)
         scratch.mkdir()
-    if (scratch / _INCOMING).exists():
-        shutil.rmtree(scratch / _INCOMING)
+    remove_scratch(scratch / _INCOMING)
     arriving.rename(scratch / _INCOMING)
     return manifest
 

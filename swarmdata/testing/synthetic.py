@@ -1,6 +1,5 @@
 """Synthetic episodes and datasets, whose values name their episode, time and agent."""
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from swarmdata.spec import PolicySource, Recipe, Role, Splits, TaskSpec
 from swarmdata.store import Manifest, assemble, merge_order, write_part
+from swarmdata.store.atomic import remove_scratch, scratch_folder
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Counts, Episode
 
 N, S, A, M = 2, 3, 2, 4
@@ -126,7 +126,8 @@ def make_large_dataset(
     """Writes a dataset of the size and shapes of a real one, episodes of 125 steps."""
     length, per_part = 125, 64
     n_parts = -(-n_steps // (length * per_part))
-    parts = [out.parent / f"{out.name}.parts" / f"part-{k:04d}" for k in range(n_parts)]
+    scratch = scratch_folder(out, "synthetic")
+    parts = [scratch / f"part-{k:04d}" for k in range(n_parts)]
     for k, part in enumerate(parts):
         seeds = range(k * per_part, (k + 1) * per_part)
         sizes = {
@@ -139,5 +140,5 @@ def make_large_dataset(
     recipe = make_recipe(n_steps)
     order = merge_order(recipe, [[length] * (n_parts * per_part)]).order
     manifest = assemble(out, recipe=recipe, parts={0: parts}, order=order)
-    shutil.rmtree(parts[0].parent)
+    remove_scratch(scratch)
     return manifest

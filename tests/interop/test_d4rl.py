@@ -16,6 +16,7 @@ from swarmdata.interop.choices import Choices
 from swarmdata.interop.d4rl import read
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
+from swarmdata.store.atomic import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS, Episode
 
@@ -254,7 +255,7 @@ def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
     with pytest.raises(ConversionError, match=r"rows 0 to \d+ does not end exactly once"):
         import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-back-v0")
     assert not (tmp_path / "back").exists()
-    assert not (tmp_path / "back.build").exists()
+    assert not scratch_folder(tmp_path / "back", "conversion").exists()
 
 
 def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:

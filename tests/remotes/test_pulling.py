@@ -13,6 +13,7 @@ from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import fetch_file, pull
 from swarmdata.store import open_store, read_manifest
+from swarmdata.store.atomic import scratch_folder
 from swarmdata.store.manifest import _ZEROS, _digest
 from tests.remotes.conftest import CARD, ID, same_files
 
@@ -109,7 +110,8 @@ def test_a_stopped_pull_goes_on(root: Path, dataset: Path, tmp_path: Path, n_rea
         pull(first, RELEASE, tmp_path / ID, progress=False)
     assert nothing_there(tmp_path)
     n_kept = sum(
-        (tmp_path / f"{ID}.pull" / name).is_file() for name in read_manifest(dataset).files
+        (scratch_folder(tmp_path / ID, "pull") / name).is_file()
+        for name in read_manifest(dataset).files
     )
 
     second = Tampered(root)
@@ -159,7 +161,7 @@ def test_leftovers_of_another_release_are_thrown_away(
 
     with pytest.raises(KeyboardInterrupt):
         pull(Tampered(other.parent, stop), RELEASE, tmp_path / ID, progress=False)
-    (tmp_path / f"{ID}.pull" / "data.zarr" / "stranger").write_bytes(b"x")
+    (scratch_folder(tmp_path / ID, "pull") / "data.zarr" / "stranger").write_bytes(b"x")
     pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, dataset)
 
@@ -176,8 +178,8 @@ def test_half_written_leftovers_are_fetched_again(
 
     with pytest.raises(KeyboardInterrupt):
         pull(Tampered(root, stop), RELEASE, tmp_path / ID, progress=False)
-    (tmp_path / f"{ID}.pull" / "recipe.json").write_bytes(b"")
-    (tmp_path / f"{ID}.pull" / "stranger.part").write_bytes(b"left")
+    (scratch_folder(tmp_path / ID, "pull") / "recipe.json").write_bytes(b"")
+    (scratch_folder(tmp_path / ID, "pull") / "stranger.part").write_bytes(b"left")
     pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, dataset)
 
