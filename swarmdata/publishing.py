@@ -11,12 +11,13 @@ from tqdm import tqdm
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
 from swarmdata.cards.schema import Published, changed_versions, publication, published
-from swarmdata.catalog import cache_folder, dataset_folder
+from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, write_file
-from swarmdata.store.atomic import remove_scratch, scratch_folder
+from swarmdata.store.cache import cache_folder
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 MINI = "-mini-v"
 """In the ids of minis."""

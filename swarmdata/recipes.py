@@ -26,6 +26,7 @@ from swarmdata.rollout import rollout
 from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import (
+    Manifest,
     MergeOrder,
     PartTable,
     assemble,
@@ -36,6 +37,7 @@ from swarmdata.store import (
     write_file,
     write_part,
 )
+from swarmdata.store.cache import note_build
 from swarmdata.store.layout import CARD, MANIFEST, RECIPE
 from swarmdata.types import Episode, Int, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
@@ -79,7 +81,7 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, CARD)
     if not out.exists():
-        _make(recipe, out, workers or os.cpu_count() or 1, progress)
+        note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)
     write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
 
@@ -185,14 +187,14 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     return (out / CARD).exists()
 
 
-def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> None:
+def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> Manifest:
     parts = _Parts(recipe, build_folder(out))
     parts.open()
     with _bar(recipe, parts, progress) as report, Crew(f"{__name__}:work", workers) as crew:
         while (merge := parts.merge()).lacking is not None:
             parts.check_space()
             crew.run(parts.wave(merge, workers), report)
-    assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
+    return assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from swarmdata.publishing import (
 )
 from swarmdata.recipes import build
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
-from swarmdata.store.atomic import scratch_folder
+from swarmdata.store.scratch import scratch_folder
 
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",

@@ -17,7 +17,8 @@ from swarmdata.locking import locked
 from swarmdata.origins import Recording
 from swarmdata.spec import Splits
 from swarmdata.store import SPLITS, assemble, write_part
-from swarmdata.store.atomic import remove_scratch, scratch_folder, sync
+from swarmdata.store.atomic import sync
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
 
 

@@ -19,9 +19,9 @@ from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.hub_calls import HubCalls, Listed, quiet
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
-from swarmdata.store.atomic import remove_scratch, scratch_folder
 from swarmdata.store.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 MAIN = "main"
 """The branch of the newest push."""

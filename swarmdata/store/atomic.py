@@ -5,7 +5,6 @@ Readers see the old state or the new one, whatever is killed and whenever.
 
 import contextlib
 import errno
-import hashlib
 import os
 import re
 import shutil
@@ -142,26 +141,3 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink()
-
-
-def scratch_folder(path: Path, purpose: str) -> Path:
-    """Where one kind of work on a dataset's folder keeps what is not finished, beside the folder.
-
-    The name ends with a digest of itself, by which it is ours: a folder of the user's, such as
-    `<path>.repair`, is never taken for it. It is the same in every process, so that the next one
-    goes on where a killed one stopped.
-
-    Args:
-        path: the dataset's folder, which need not exist.
-        purpose: what the work is, such as `repair`.
-    """
-    whole = path.resolve()  # `.` and `..` have no name of their own
-    name = f"{whole.name}.{purpose}"
-    mark = hashlib.sha256(b"scratch folder of swarmdata: " + os.fsencode(name)).hexdigest()[:16]
-    return whole.parent / f".swarmdata-{name}-{mark}"
-
-
-def remove_scratch(folder: Path) -> None:
-    """Deletes a folder that `scratch_folder` has named, if it is there."""
-    if folder.is_dir() and not folder.is_symlink():
-        shutil.rmtree(folder)

@@ -15,7 +15,7 @@ from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
-from swarmdata.store.atomic import scratch_folder
+from swarmdata.store.scratch import scratch_folder
 from tests.remotes.conftest import (  # noqa: F401  # fixtures
     ID,
     NEXT,

@@ -10,7 +10,7 @@ from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
 from swarmdata.interop.incoming import episode_of
-from swarmdata.store.atomic import scratch_folder
+from swarmdata.store.scratch import scratch_folder
 from swarmdata.types import Episode
 
 

@@ -12,9 +12,9 @@ from swarmdata.errors import ChecksumError, DatasetError, FormatVersionError, Hu
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import fetch_file, pull
-from swarmdata.store import open_store, read_manifest
-from swarmdata.store.atomic import scratch_folder
+from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.manifest import _ZEROS, _digest
+from swarmdata.store.scratch import scratch_folder
 from tests.remotes.conftest import CARD, ID, same_files
 
 Change = Callable[[str, bytes], bytes]
@@ -70,8 +70,7 @@ def nothing_there(tmp_path: Path) -> bool:
 
 def test_a_pull_is_the_published_folder(root: Path, dataset: Path, tmp_path: Path) -> None:
     remote = Tampered(root)
-    digest = read_manifest(dataset).digest
-    assert pull(remote, RELEASE, tmp_path / ID, digest=digest, progress=False) == tmp_path / ID
+    assert pull(remote, RELEASE, tmp_path / ID, progress=False) == tmp_path / ID
     assert same_files(tmp_path / ID, dataset)
     assert remote.reads[0] == "manifest.json"
     assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
@@ -216,8 +215,11 @@ def test_wrong_bytes_once_and_always(
 
 
 def test_another_dataset_than_the_published_one(root: Path, tmp_path: Path) -> None:
-    with pytest.raises(ChecksumError, match="expected 0000"):
-        pull(Tampered(root), RELEASE, tmp_path / ID, digest="0" * 64, progress=False)
+    def refuse(manifest: Manifest) -> str:
+        return f"{manifest.id} is another"
+
+    with pytest.raises(ChecksumError, match=f"is not the {ID} that is wanted: {ID} is another"):
+        pull(Tampered(root), RELEASE, tmp_path / ID, refuse=refuse, progress=False)
     assert nothing_there(tmp_path)
 
 
