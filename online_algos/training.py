@@ -170,6 +170,11 @@ def _claim(folder: Path, run: OnlineRun) -> None:
     """Makes the folder this run's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / CONFIG).exists():
+        if (folder / REPLAY).exists():  # which would go when this run ends
+            raise BuildError(
+                f"{folder / REPLAY} is there, and {folder} holds no run: it is of somebody else. "
+                "Choose another folder, or move it away."
+            )
         write_atomically(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
@@ -187,6 +192,8 @@ def _begin(run: OnlineRun, folder: Path) -> "_Training":
         return _Training(run, folder)
     except SwarmdataError:
         if not (folder / CHECKPOINT).exists():
+            if (folder / REPLAY).exists():
+                shutil.rmtree(folder / REPLAY)  # it was not there when the folder was claimed
             (folder / CONFIG).unlink()
         raise
 

@@ -33,8 +33,9 @@ def audit(
 def _folder(dataset: str) -> Path:
     """The path itself, or the folder of an id in the cache; nothing is built or fetched."""
     from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.catalog import cache_folder, dataset_folder
+    from swarmdata.catalog import dataset_folder
     from swarmdata.errors import DatasetNotFoundError
+    from swarmdata.store.cache import cache_folder
 
     for path in (Path(dataset), cache_folder() / "datasets" / dataset):
         if path.is_dir():

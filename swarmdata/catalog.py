@@ -4,23 +4,20 @@ A dataset is looked for in the cache, then on the configured remotes; what is no
 the recipe in the package, so that everything works without a network.
 """
 
-import os
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-from platformdirs import user_cache_path
 
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.schema import (
     Published,
     TaskReferences,
-    changed_versions,
     published,
     references_of,
 )
 from swarmdata.dataset import Dataset
-from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.identity import judge
 from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
 from swarmdata.origins import RecordedSpec
@@ -35,11 +32,16 @@ from swarmdata.resolving import (
     obtain_foreign,
 )
 from swarmdata.spec import Recipe, TaskSpec
-from swarmdata.store.reading import Verify
+from swarmdata.store.cache import cache_folder
+from swarmdata.store.reading import Verify, check_widths
 
 
 class RebuiltDifferentlyWarning(UserWarning):
-    """A dataset rebuilt on this machine does not have the published digest."""
+    """A dataset that was built on this machine does not have the published digest."""
+
+
+class AnotherDatasetWarning(UserWarning):
+    """A dataset has the id of a published one, and is another."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +58,6 @@ class DatasetInfo:
     score: float | None  # of the mean return of its episodes; 0 no skill, 100 expert
     digest: str | None
     is_cached: bool
-
-
-def cache_folder() -> Path:
-    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder."""
-    named = os.environ.get("SWARMDATA_CACHE")
-    return Path(named) if named else user_cache_path("swarmdata")
 
 
 def dataset_folder(recipe: Recipe) -> Path:
@@ -132,7 +128,9 @@ def load(
         HubError: the dataset at an address could not be had.
         DatasetError: the files cannot be used.
     """
-    text = str(dataset_id)
+    text = _checked(dataset_id)
+    if path is not None:
+        _checked(path)
     recipe = _recipe(dataset_id)
     if recipe is not None:
         seen = with_models(recipe.spec, observation, communication)
@@ -147,10 +145,27 @@ def load(
         found = _elsewhere(dataset_id, is_offline(offline), progress)
     dataset = Dataset.open(found.folder, verify, None, found.source)
     dataset = replace(dataset, references=known_references(dataset.recipe.spec))
-    entry = published().get(dataset.id)
-    if entry is not None and entry.digest != dataset.digest:
-        warnings.warn(_differs(dataset, entry), RebuiltDifferentlyWarning, stacklevel=2)
+    identity = judge(dataset.stored.manifest)
+    if identity.kind != "published":
+        check_widths(dataset.stored)
+    if not identity.is_as_named:
+        kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
+        warnings.warn(f"{dataset.path}: {identity.sentence}.", kind, stacklevel=2)
     return dataset.reobserve(observation, communication, progress=progress)
+
+
+def _checked(name: str | Path) -> str:
+    """The name as text.
+
+    Raises:
+        AddressError: it is empty; as a path that would be the current folder.
+    """
+    if not str(name).strip():
+        raise AddressError(
+            f"the name of a dataset is {str(name)!r}, expected an id such as 'coop_nav-medium', an "
+            "address or a folder; the current folder is '.'."
+        )
+    return str(name)
 
 
 def _recipe(name: str | Path) -> Recipe | None:
@@ -169,13 +184,10 @@ def _obtain(
     progress: bool,
 ) -> Found:
     """A shipped dataset; in a folder of the user's own its source is `folder`."""
-    entry = published().get(recipe.id)
-    is_current = entry is not None and entry.recipe_hash == recipe.hash()
     found = obtain(
         recipe,
         dataset_folder(recipe) if path is None else Path(path),
         remotes=() if is_offline(offline) else configured_remotes(),
-        digest=entry.digest if entry is not None and is_current else None,
         workers=workers,
         progress=progress,
     )
@@ -220,7 +232,9 @@ def find_folder(name: str | Path) -> Path:
 
     Raises:
         UnknownNameError: neither a folder, nor the id of a recipe or of what is in the cache.
+        AddressError: the name is empty, or a malformed address.
     """
+    _checked(name)
     recipe = _recipe(name)
     if recipe is not None:
         return dataset_folder(recipe)
@@ -233,12 +247,3 @@ def known_references(spec: TaskSpec | RecordedSpec) -> Reference | None:
     if found is None or found.no_skill is None or found.expert is None:
         return None
     return Reference(no_skill=found.no_skill, expert=found.expert)
-
-
-def _differs(dataset: Dataset, entry: Published) -> str:
-    changed = changed_versions(entry.made_with, dataset.stored.manifest.provenance)
-    return (
-        f"{dataset.id} at {dataset.path} has digest {dataset.digest[:12]}, the published one has "
-        f"{entry.digest[:12]}. It is kept and usable, but results on it are not exactly comparable."
-        f" It was built with {', '.join(changed) or 'the same versions on other hardware'}."
-    )

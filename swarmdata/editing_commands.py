@@ -93,7 +93,7 @@ def _open(source: str) -> "Dataset":
 
 
 def _out(new_id: str, out: Path | None) -> Path:
-    from swarmdata.catalog import cache_folder
+    from swarmdata.store.cache import cache_folder
 
     return out or cache_folder() / "datasets" / new_id
 

@@ -8,9 +8,8 @@ import tempfile
 from pathlib import Path
 
 from swarmdata.audit import problems_of
-from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.cards.schema import published
 from swarmdata.errors import DatasetError, HubError
+from swarmdata.identity import judge
 from swarmdata.remotes import Remote
 from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.layout import MANIFEST
@@ -29,7 +28,7 @@ def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
     """
     try:
         problems = problems_of(folder)
-        stored = open_store(folder, "none")
+        stored = open_store(folder, "none", widths=True)
     except DatasetError as error:
         return (str(error),)  # nothing else of it can be trusted
     return (*problems, *_of_identity(stored), *_of_version(stored, remote))
@@ -37,15 +36,8 @@ def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
 
 def _of_identity(stored: StoredDataset) -> tuple[str, ...]:
     """An id of the package means one dataset everywhere."""
-    recipe, manifest = stored.recipe, stored.manifest
-    shipped, entry = shipped_recipes().get(recipe.id), published().get(recipe.id)
-    if shipped is not None and shipped.hash() != recipe.hash():
-        return (f"{recipe.id} is the id of a shipped recipe, and it was made from another one.",)
-    if entry is not None and entry.digest != manifest.digest:
-        return (
-            f"its digest is {manifest.digest}, but {recipe.id} was published with {entry.digest}.",
-        )
-    return ()
+    identity = judge(stored.manifest)
+    return () if identity.is_as_named else (f"{identity.sentence}.",)
 
 
 def _of_version(stored: StoredDataset, remote: Remote) -> tuple[str, ...]:

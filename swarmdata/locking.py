@@ -27,6 +27,7 @@ def locked(folder: Path, shown: bool = True) -> Iterator[None]:
     Raises:
         BuildError: nothing can be written there.
     """
+    folder = folder.resolve()  # `.` has no name, and a link is another name of the same folder
     lock = FileLock(folder.parent / f".{folder.name}.lock")
     owner = folder.parent / f".{folder.name}.owner"
     try:

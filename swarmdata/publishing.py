@@ -1,7 +1,6 @@
 """Makes published datasets again, and says in what they differ from what was published."""
 
 import json
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +11,13 @@ from tqdm import tqdm
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
 from swarmdata.cards.schema import Published, changed_versions, publication, published
-from swarmdata.catalog import cache_folder, dataset_folder
+from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.recipes import build, build_folder, is_finished
+from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, write_file
+from swarmdata.store.cache import cache_folder
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 MINI = "-mini-v"
 """In the ids of minis."""
@@ -109,21 +110,15 @@ def make_again(
     kept = dataset_folder(recipe)
     if cached and is_finished(kept, recipe):
         return publication(open_store(kept, "full"))
-    folder = cache_folder() / "checks" / recipe.id
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(folder.parent / f".{recipe.id}.check.lock"):
-        _remove(folder)  # parts of a check that was killed may have been made by older code
+    scratch = scratch_folder(cache_folder() / "checks" / recipe.id, "check")
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(scratch.parent / f".{recipe.id}.check.lock"):
+        remove_scratch(scratch)  # parts of a killed check may have been made by older code
         try:
-            build(recipe, folder, workers=workers, progress=progress)
-            return publication(open_store(folder, "full"))
+            build(recipe, scratch / recipe.id, workers=workers, progress=progress)
+            return publication(open_store(scratch / recipe.id, "full"))
         finally:
-            _remove(folder)
-
-
-def _remove(folder: Path) -> None:
-    for each in (folder, build_folder(folder)):
-        if each.exists():
-            shutil.rmtree(each)
+            remove_scratch(scratch)
 
 
 def differences(dataset: str, entry: Published, found: Published) -> tuple[Difference, ...]:

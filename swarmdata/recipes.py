@@ -5,6 +5,7 @@ pure function of the recipe and k. So it does not matter who makes a part, when,
 """
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from swarmdata.rollout import rollout
 from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import (
+    Manifest,
     MergeOrder,
     PartTable,
     assemble,
@@ -35,12 +37,16 @@ from swarmdata.store import (
     write_file,
     write_part,
 )
-from swarmdata.store.layout import CARD
+from swarmdata.store.cache import note_build
+from swarmdata.store.layout import CARD, MANIFEST, RECIPE
 from swarmdata.types import Episode, Int, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
 
 N_COPIES = 64
 """Copies of the task that a worker steps together; episodes are the same for any number."""
+
+_PART = re.compile(r"policy-\d+-part-\d{5,}")
+"""Names of parts."""
 
 
 def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> Path:
@@ -73,17 +79,35 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     if is_finished(out, recipe):
         return  # somebody else's, while we waited for the lock
     remove_leftovers(out.parent, out.name)
-    remove_leftovers(out)
+    remove_leftovers(out, MANIFEST, CARD)
     if not out.exists():
-        _make(recipe, out, workers or os.cpu_count() or 1, progress)
-    if build_folder(out).exists():
-        shutil.rmtree(build_folder(out))
+        note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
+    remove_parts(recipe, out)
     write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
 
 
 def build_folder(out: Path) -> Path:
     """Where the parts of an unfinished dataset are."""
-    return out.parent / f"{out.name}.build"
+    whole = out.resolve()  # `.` has no name
+    return whole.parent / f"{whole.name}.build"
+
+
+def remove_parts(recipe: Recipe, out: Path) -> None:
+    """Removes the parts of a recipe in `build_folder(out)`, the note of the recipe last.
+
+    The folder goes with them, unless somebody has put something else there. A folder without the
+    note of this recipe is not touched: its parts are of another one, or it is somebody else's.
+    """
+    parts = _Parts(recipe, build_folder(out))
+    if not parts.folder.is_dir():
+        return
+    parts.remove_leftovers()
+    if parts.is_ours():
+        for path in parts.all():
+            shutil.rmtree(path)
+        parts.note.unlink()
+    if not any(parts.folder.iterdir()):
+        parts.folder.rmdir()
 
 
 def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> Seeds:
@@ -163,14 +187,14 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     return (out / CARD).exists()
 
 
-def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> None:
+def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> Manifest:
     parts = _Parts(recipe, build_folder(out))
     parts.open()
     with _bar(recipe, parts, progress) as report, Crew(f"{__name__}:work", workers) as crew:
         while (merge := parts.merge()).lacking is not None:
             parts.check_space()
             crew.run(parts.wave(merge, workers), report)
-    assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
+    return assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
 
 
 @contextmanager
@@ -203,17 +227,41 @@ class _Parts:
     def open(self) -> None:
         """Creates the folder, or checks that the one there is of the same recipe."""
         self.folder.mkdir(exist_ok=True)
-        remove_leftovers(self.folder)
-        note = self.folder / "recipe.json"
-        if not note.exists():
-            write_file(note, self.recipe.to_json().encode())
+        self.remove_leftovers()
+        if not self.note.exists():
+            if any(self.folder.iterdir()):
+                raise BuildError(
+                    f"{self.folder} is not a folder of parts: it has other files and no {RECIPE}. "
+                    "Parts of a build are collected there. Move it away, or choose another folder "
+                    "for the dataset."
+                )
+            write_file(self.note, self.recipe.to_json().encode())
             return
-        there = Recipe.from_file(note)
+        there = Recipe.from_file(self.note)
         if there != self.recipe:
             raise RecipeConflictError(
                 f"{self.folder} holds parts of another recipe: {_difference(there, self.recipe)}. "
                 "Delete it or choose another folder."
             )
+
+    @property
+    def note(self) -> Path:
+        """The recipe that the parts are of, by which the folder is known."""
+        return self.folder / RECIPE
+
+    def is_ours(self) -> bool:
+        """Whether the folder has been begun with this recipe."""
+        try:
+            return Recipe.from_file(self.note) == self.recipe
+        except (OSError, ValueError):  # none, or of somebody who keeps other things there
+            return False
+
+    def remove_leftovers(self) -> None:
+        remove_leftovers(self.folder, RECIPE, _PART)
+
+    def all(self) -> list[Path]:
+        """Every part, those after a gap included."""
+        return sorted(path for path in self.folder.iterdir() if _PART.fullmatch(path.name))
 
     def path(self, policy: int, part: int) -> Path:
         return self.folder / f"policy-{policy}-part-{part:05d}"

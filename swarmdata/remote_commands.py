@@ -45,11 +45,10 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch a dataset, checked on the way in; run again after any interruption to go on."""
-    from swarmdata.cards.schema import published
-    from swarmdata.locking import locked
+    from swarmdata.identity import judge
     from swarmdata.remotes import configured_remotes, find_release, locate
-    from swarmdata.remotes import pull as pull_from
     from swarmdata.remotes.addresses import is_address
+    from swarmdata.resolving import obtain_release
     from swarmdata.store import read_manifest
 
     if is_address(dataset) and origin is not None:
@@ -64,20 +63,16 @@ def pull(
         remote, release = find_release(
             _versioned(dataset), remotes, lambda problem: typer.echo(problem, err=True)
         )
-    entry = published().get(release.id)
-    digest = None if entry is None else entry.digest
-    folder = out or _cached(release.id)
-    with locked(folder):  # nobody else builds or repairs it meanwhile
-        pull_from(remote, release, folder, digest=digest)
+    folder = obtain_release(remote, release, out or _cached(release.id))
     manifest = read_manifest(folder)
-    known = "the published one" if entry else "none is published to compare with"
-    typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest} ({known})")
+    typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest}")
+    typer.echo(judge(manifest).sentence)
 
 
 def _pull_address(address: str) -> None:
     """Fetches to where `load` of the same address looks for it."""
-    from swarmdata.catalog import cache_folder
     from swarmdata.resolving import obtain_address
+    from swarmdata.store.cache import cache_folder
 
     found = obtain_address(address, cache_folder() / "remotes")
     typer.echo(f"{found.folder}\nfrom {found.source}")
@@ -146,7 +141,7 @@ def _folder(dataset: str) -> Path:
 
 
 def _cached(dataset_id: str) -> Path:
-    from swarmdata.catalog import cache_folder
+    from swarmdata.store.cache import cache_folder
 
     return cache_folder() / "datasets" / dataset_id
 

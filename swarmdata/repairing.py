@@ -5,14 +5,22 @@ with the SHA-256 in the manifest, and swapped in with one rename. The manifest i
 only where the published digests, or all the other files, agree with it.
 """
 
-import shutil
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tqdm import tqdm
+
 from swarmdata.cards.render import card_of, write_card
 from swarmdata.cards.schema import changed_versions
-from swarmdata.errors import DatasetError, SchemaError, SpecError, SwarmdataError
+from swarmdata.errors import (
+    DatasetError,
+    DatasetNotFoundError,
+    SchemaError,
+    SpecError,
+    SwarmdataError,
+)
 from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
@@ -27,7 +35,8 @@ from swarmdata.store import (
 )
 from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST
-from swarmdata.store.reading import links_in
+from swarmdata.store.recognition import is_dataset, no_dataset
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.store.shards import file_digest
 
 
@@ -57,10 +66,14 @@ def examine(path: Path) -> tuple[Damage, ...]:
 
 def _card_damage(path: Path) -> Damage | None:
     """What is wrong with the card of a dataset whose other files are sound."""
+    if (path / CARD).is_symlink():
+        return Damage(CARD, "is a symbolic link, expected a plain file")
     try:
         found = (path / CARD).read_bytes().splitlines()
     except FileNotFoundError:
         return Damage(CARD, "is absent")
+    except OSError as error:  # such as a folder of this name
+        return Damage(CARD, f"cannot be read: {error.strerror or error}")
     try:
         expected = card_of(path).encode().splitlines()
     except (SchemaError, SpecError) as error:
@@ -82,8 +95,10 @@ def repair(
 ) -> tuple[Repair, ...]:
     """Replaces the broken files of a dataset and leaves the others as they are.
 
-    Kill it at any time and call again; no file is ever half replaced. A scratch folder
-    `<path>.repair` lies beside the dataset meanwhile.
+    What is replaced is what the manifest lists, the manifest and the card; what is removed is named
+    on standard error, and is of our own making: files that killed processes left, and links where a
+    file of the dataset belongs. Nothing is touched in a folder that is no dataset. Kill it at any
+    time and call again; no file is ever half replaced.
 
     Args:
         path: the dataset's folder.
@@ -95,21 +110,27 @@ def repair(
         What was replaced, and from where; empty if nothing was broken.
 
     Raises:
+        DatasetNotFoundError: there is no dataset.
         DatasetError: it cannot be repaired; the message says what was tried. Files that could be
             replaced are.
         BuildError: the recipe could not be built.
     """
+    if not is_dataset(path):  # before so much as a lock lies there
+        raise DatasetNotFoundError(f"{no_dataset(path)} Nothing was changed.")
     with locked(path, progress):
-        scratch = path.with_name(f"{path.name}.repair")
+        scratch = scratch_folder(path, "repair")
         job = _Job(path, Sources(scratch, tuple(remotes), workers, progress))
-        done = tuple(job.run())
-        if scratch.exists():
-            shutil.rmtree(scratch)
+        try:
+            done = tuple(job.run())
+        except DatasetError:  # what was built did not help; after an interrupt it is gone on with
+            remove_scratch(scratch)
+            raise
+        remove_scratch(scratch)
     left = examine(path)
     if left:
         raise DatasetError(
-            f"{path} is still damaged after repair: {'; '.join(map(str, left))}. Delete it and "
-            "load it again."
+            f"{path} is still damaged after repair: {'; '.join(map(str, left))}. Load it again "
+            "elsewhere."
         )
     return done
 
@@ -122,16 +143,15 @@ class _Job:
     sources: Sources
 
     def run(self) -> Iterator[Repair]:
-        remove_leftovers(self.path)
-        for link in links_in(self.path):
-            (self.path / link).unlink()  # what it points to is not ours; the file is now absent
+        remove_leftovers(self.path, MANIFEST, CARD)
         damage = {each.file for each in examine(self.path)}
         if MANIFEST in damage:
             restored, how = restore_manifest(self.path, self.sources)
+            self._make_way(MANIFEST)
             write_file(self.path / MANIFEST, restored.to_bytes())
             yield Repair(MANIFEST, how)
         manifest = read_manifest(self.path)
-        left = [each.file for each in find_damage(self.path)]
+        left = self._broken_files(manifest)
         for address in self.sources.remotes:
             for file in self._fetched(address, manifest, left):
                 left.remove(file)
@@ -140,12 +160,38 @@ class _Job:
             for file in self._rebuilt_files(manifest, left):
                 yield Repair(file, MADE_AGAIN)
         if _card_damage(self.path):
+            self._make_way(CARD)
             write_card(self.path)
             yield Repair(CARD, "written anew")
+
+    def _broken_files(self, manifest: Manifest) -> list[str]:
+        """The listed files that are broken, those in linked folders included."""
+        damage = {each.file for each in find_damage(self.path)}
+        return [
+            file
+            for file in sorted(manifest.files)
+            if any(part in damage for part in (file, *map(str, Path(file).parents)))
+        ]
+
+    def _make_way(self, file: str) -> None:
+        """Removes links where folders of the dataset belong; a link for a file is overwritten.
+
+        Raises:
+            DatasetError: somebody's own file or folder is in the way. It is not touched.
+        """
+        for folder in (self.path / part for part in reversed(Path(file).parents[:-1])):
+            if folder.is_symlink():
+                folder.unlink()
+                tqdm.write(f"removed {folder}, a link in place of a folder", file=sys.stderr)
+            elif folder.exists() and not folder.is_dir():
+                raise _in_the_way(folder, "folder", "file")
+        if (self.path / file).is_dir() and not (self.path / file).is_symlink():
+            raise _in_the_way(self.path / file, "file", "folder")
 
     def _swap(self, source: Path, file: str) -> None:
         """Puts a checked file in its place."""
         target = self.path / file
+        self._make_way(file)
         target.parent.mkdir(parents=True, exist_ok=True)
         sync(source)
         source.replace(target)
@@ -176,8 +222,15 @@ class _Job:
             raise DatasetError(
                 f"{', '.join(wrong)} of {self.path} cannot be repaired: made again from the recipe "
                 f"they have other bytes than were written ({', '.join(made) or 'same versions'}). "
-                f"Take them from a remote, or delete {self.path} and load {manifest.id} again."
+                f"Take them from a remote, or load {manifest.id} again elsewhere."
             )
         for file in sorted(files):
             self._swap(rebuilt / file, file)
             yield file
+
+
+def _in_the_way(path: Path, expected: str, got: str) -> DatasetError:
+    return DatasetError(
+        f"{path} is a {got}, expected a {expected} of the dataset. It is not ours, so it was left: "
+        "move it away and repair again."
+    )

@@ -8,7 +8,6 @@ without a request.
 import hashlib
 import os
 import re
-import shutil
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,22 +15,22 @@ from pathlib import Path
 
 from swarmdata.cards.render import write_card
 from swarmdata.errors import (
-    ChecksumError,
     DatasetNotFoundError,
-    RecipeConflictError,
     SwarmdataError,
 )
+from swarmdata.identity import judge
 from swarmdata.locking import locked
-from swarmdata.recipes import build_folder, finish, is_finished
+from swarmdata.recipes import finish, is_finished, remove_parts
 from swarmdata.remotes.addresses import Address, open_remote, parse_address
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
 from swarmdata.remotes.names import is_id
-from swarmdata.remotes.pulling import pull
+from swarmdata.remotes.pulling import Refusal, pull, refuse_current_folder
 from swarmdata.spec import Recipe
-from swarmdata.store import open_store, read_manifest
+from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 """Variables of the environment that keep `load` from asking remotes."""
@@ -61,7 +60,6 @@ def obtain(
     folder: Path,
     *,
     remotes: Sequence[str] = (),
-    digest: str | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> Found:
@@ -71,7 +69,6 @@ def obtain(
         recipe: what the dataset is made from.
         folder: where it is or shall be.
         remotes: addresses to ask, in order, before building.
-        digest: the published logical digest; a remote with another one is skipped.
         workers: processes that build.
         progress: whether to show bars.
 
@@ -84,13 +81,12 @@ def obtain(
     with locked(folder, progress):
         if is_finished(folder, recipe):
             return Found(folder, "cache")
-        wanted = _Wanted(recipe.id, recipe.hash(), digest)
-        source = None if folder.exists() else _fetch(wanted, folder, remotes, progress)
+        wanted = recipe.id, _refusal(recipe)
+        source = None if folder.exists() else _fetch(*wanted, folder, remotes, progress)
         if source is None:
             finish(recipe, folder, workers=workers, progress=progress)
             return Found(folder, "rebuilt")
-        if build_folder(folder).exists():
-            shutil.rmtree(build_folder(folder))
+        remove_parts(recipe, folder)
         return Found(folder, source)
 
 
@@ -118,7 +114,7 @@ def obtain_foreign(
     with locked(folder, progress):
         if _is_usable(folder):
             return Found(folder, "cache")
-        source = _fetch(_Wanted(dataset), folder, remotes, progress)
+        source = _fetch(dataset, _refusal(), folder, remotes, progress)
     return None if source is None else Found(folder, source)
 
 
@@ -162,30 +158,60 @@ def obtain_address(
     with locked(folder, progress):
         if _is_usable(folder):
             return Found(folder, "cache")
-        _arrive(remote, release, folder, _Wanted(release.id), progress)
+        _arrive(remote, release, folder, _refusal(), progress)
     return Found(folder, release.address)
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What a release must be; None: whatever it says."""
+def obtain_release(remote: Remote, release: Release, folder: Path, progress: bool = True) -> Path:
+    """Fetches a release to a folder, where it is not there yet, and returns the folder.
 
-    id: str
-    recipe_hash: str | None = None
-    digest: str | None = None
+    Args:
+        remote: where from.
+        release: from `remote.find`.
+        folder: the dataset's.
+        progress: whether to show a bar.
+
+    Raises:
+        ChecksumError: the release is another dataset than the one published under its id.
+        HubError: it could not be had.
+        DatasetError: something else is at `folder`, or the release cannot be used.
+    """
+    refuse_current_folder(folder)
+    with locked(folder, progress):  # nobody else builds or repairs it meanwhile
+        if folder.exists() and any(folder.iterdir()):  # it is compared, and not changed
+            pull(remote, release, folder, refuse=_refusal(), progress=progress)
+        else:
+            _arrive(remote, release, folder, _refusal(), progress)
+    return folder
 
 
-def _fetch(wanted: _Wanted, folder: Path, remotes: Iterable[str], progress: bool) -> str | None:
+def _refusal(recipe: Recipe | None = None) -> Refusal:
+    """Why a manifest on a remote is not wanted: not what its id says, or of another recipe."""
+
+    def refuse(manifest: Manifest) -> str | None:
+        identity = judge(manifest)
+        if not identity.is_as_named:
+            return identity.sentence
+        if recipe is not None and manifest.recipe_hash != recipe.hash():
+            return f"it is of recipe {manifest.recipe_hash[:12]}, expected {recipe.hash()[:12]}"
+        return None
+
+    return refuse
+
+
+def _fetch(
+    dataset: str, refuse: Refusal, folder: Path, remotes: Iterable[str], progress: bool
+) -> str | None:
     """Takes the dataset from the first remote that has it; returns the release's address."""
     for address in remotes:
         try:
             remote = open_remote(address)
-            release = remote.find(wanted.id)
+            release = remote.find(dataset)
             if release is not None:
-                _arrive(remote, release, folder, wanted, progress)
+                _arrive(remote, release, folder, refuse, progress)
                 return release.address
         except SwarmdataError as error:
-            skip(address, wanted.id, error)
+            skip(address, dataset, error)
     return None
 
 
@@ -196,32 +222,21 @@ def skip(address: str, what: str, error: SwarmdataError) -> None:
 
 
 def _arrive(
-    remote: Remote, release: Release, folder: Path, wanted: _Wanted, progress: bool
+    remote: Remote, release: Release, folder: Path, refuse: Refusal, progress: bool
 ) -> None:
-    """Pulls a release beside its place, checks every byte and both digests, and renames it."""
-    arriving = folder.with_name(f"{folder.name}.arriving")
-    if arriving.exists():
-        shutil.rmtree(arriving)  # of a process that was killed before it had checked it
-    pull(remote, release, arriving, digest=wanted.digest, progress=progress)
+    """Pulls a release beside its place, checks every byte and what it is, and renames it."""
+    arriving = scratch_folder(folder, "arriving")
+    remove_scratch(arriving)  # of a process that was killed before it had checked it
+    pull(remote, release, arriving, refuse=refuse, progress=progress)
     try:
-        found = open_store(arriving, "full").manifest
-        if wanted.digest not in (None, found.digest):
-            raise ChecksumError(
-                f"{release.address} is another dataset than the published {wanted.id}: its "
-                f"logical digest is {found.digest}, expected {wanted.digest}."
-            )
-        if found.id != wanted.id or wanted.recipe_hash not in (None, found.recipe_hash):
-            raise RecipeConflictError(
-                f"{release.address} is {found.id} of recipe {found.recipe_hash[:12]}, expected "
-                f"{wanted.id} of recipe {(wanted.recipe_hash or 'any')[:12]}."
-            )
+        open_store(arriving, "full", widths=True)
         if not (arriving / CARD).exists():
             write_card(arriving)
     except BaseException:
-        shutil.rmtree(arriving)
+        remove_scratch(arriving)
         raise
-    arriving.rename(folder)
-    sync(folder.parent)
+    arriving.rename(folder.resolve())  # where a link leads, if it is one
+    sync(arriving.parent)
 
 
 def _is_usable(folder: Path) -> bool:

@@ -10,14 +10,16 @@ from pathlib import Path
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.schema import Published, published
 from swarmdata.errors import DatasetError, ManifestError, SpecError, SwarmdataError
+from swarmdata.identity import judge
 from swarmdata.recipes import build
 from swarmdata.remotes.addresses import open_remote
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.resolving import skip
 from swarmdata.spec import Recipe
 from swarmdata.store import Manifest, read_manifest
-from swarmdata.store.layout import MANIFEST, RECIPE
+from swarmdata.store.layout import MANIFEST, RECIPE, array_file
 from swarmdata.store.manifest import MAX_BYTES, parse_manifest
+from swarmdata.store.recognition import root_attributes
 from swarmdata.store.remaking import remake_manifest
 from swarmdata.store.shards import file_digest
 
@@ -63,18 +65,24 @@ class Sources:
 def recipe_of(path: Path, manifest: Manifest | None) -> Recipe:
     """The recipe beside the data if it is whole, else the shipped one of the same name and hash.
 
+    The manifest says which is whole. Where it is lost, what is written beside the arrays does;
+    datasets that were written before that was so have only their own recipe, or their name.
+
     Raises:
         DatasetError: there is neither.
     """
-    beside = _recipe_beside(path)
-    if beside is not None and (manifest is None or manifest.recipe_hash == beside.hash()):
-        return beside
-    shipped = shipped_recipes().get(path.name if manifest is None else manifest.id)
-    if shipped is not None and (manifest is None or manifest.recipe_hash == shipped.hash()):
-        return shipped
+    attributes = root_attributes(path)
+    known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
+    name = attributes.get("id", path.resolve().name) if manifest is None else manifest.id
+    beside, shipped = _recipe_beside(path), shipped_recipes().get(str(name))
+    for recipe in (beside, shipped):
+        if recipe is not None and known in (None, recipe.hash()):
+            return recipe
+    what = "absent, broken or no recipe" if beside is None else "not the one it was made from"
     raise DatasetError(
-        f"{path} cannot be made again: its {RECIPE} is broken or absent, and the package has no "
-        "recipe of it. Take it from a remote, or delete it."
+        f"{path} cannot be made again: its {RECIPE} is {what}, and the package has no recipe of it"
+        f"{f' (SHA-256 {known[:12]})' if isinstance(known, str) else ''}. Take {name} from a "
+        f"remote, or its {RECIPE} from a copy."
     )
 
 
@@ -107,16 +115,37 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
     if (own := _from_files(path, recipe, entry)) is not None:
         return own, "made again from files that have the published digests"
     for theirs, address in _offers(path, recipe.id, sources):
-        if theirs.digest == entry.digest:
-            return theirs, f"fetched from {address}"
+        if judge(theirs).kind == "published":
+            return _of_most_files(path, theirs), f"fetched from {address}"
     rebuilt = read_manifest(sources.rebuild(recipe))
-    if rebuilt.digest != entry.digest:
+    identity = judge(rebuilt)
+    if identity.kind != "published":
         raise ManifestError(
-            f"the manifest of {path} cannot be restored: made again from the recipe, {recipe.id} "
-            f"has digest {rebuilt.digest}, the published one is {entry.digest}. Delete {path} and "
-            f"load {recipe.id} again."
+            f"the manifest of {path} cannot be restored: it was made again from the recipe, and "
+            f"{identity.sentence}. Take {recipe.id} from a remote. Nothing was changed."
         )
-    return rebuilt, MADE_AGAIN
+    return _of_most_files(path, rebuilt), MADE_AGAIN
+
+
+def _of_most_files(path: Path, manifest: Manifest) -> Manifest:
+    """The manifest, if most arrays here are those that it lists.
+
+    Where most are others, this is somebody's own dataset, whatever its name: nothing of it may be
+    replaced.
+
+    Raises:
+        ManifestError: most are others.
+    """
+    names = {name: array_file(name, len(entry.shape)) for name, entry in manifest.arrays.items()}
+    there = [file for file in names.values() if file in manifest.files and (path / file).is_file()]
+    same = sum(file_digest(path / file) == manifest.files[file].sha256 for file in there)
+    if 2 * same > len(there):
+        return manifest
+    raise ManifestError(
+        f"the manifest of {path} cannot be restored: {len(there) - same} of its {len(there)} "
+        f"arrays are not those of the published {manifest.id}, so this is another dataset, or too "
+        "little is left of it. Nothing was changed."
+    )
 
 
 def _offers(path: Path, dataset: str, sources: Sources) -> Iterator[tuple[Manifest, str]]:
@@ -136,8 +165,8 @@ def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None
         own = remake_manifest(path, recipe, entry.made_with)
     except DatasetError:
         return None
-    digests = own.digest, own.transport_digest
-    return own if digests == (entry.digest, entry.transport_digest) else None
+    is_whole = own.transport_digest == entry.transport_digest
+    return own if is_whole and judge(own).kind == "published" else None
 
 
 def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> tuple[Manifest, str]:
@@ -148,8 +177,8 @@ def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> tuple[Manif
     rebuilt = read_manifest(sources.rebuild(recipe))
     if (file := _other_file(path, rebuilt)) is not None:
         raise ManifestError(
-            f"the manifest of {path} cannot be restored: no digest of {recipe.id} is published, "
-            f"and {file} is not what its recipe makes here. Delete {path} and make it again."
+            f"the manifest of {path} cannot be restored: no digest of {recipe.id} with this recipe "
+            f"is published, and {file} is not what its recipe makes here. Nothing was changed."
         )
     return rebuilt, MADE_AGAIN
 

@@ -54,4 +54,4 @@ def test_what_cannot_be_read(name: str) -> None:
 def test_a_folder_that_is_no_dataset(tmp_path: Path) -> None:
     result = RUNNER.invoke(app, ["audit", str(tmp_path)])
     assert result.exit_code == 2
-    assert "MissingManifestError" in result.stderr
+    assert "there is no dataset at" in result.stderr

@@ -6,10 +6,10 @@ from types import MappingProxyType
 
 import pytest
 
-from swarmdata import catalog
+from swarmdata import catalog, identity
 from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
 from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.errors import MissingManifestError, SpecError, UnknownNameError
+from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
@@ -63,7 +63,7 @@ def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> N
 
     assert dataset.path == tmp_path / "mine"
     assert load("coop_nav-tiny", path=tmp_path / "mine").source == "folder"
-    assert not list(cache_folder.iterdir())
+    assert not (cache_folder / "datasets").exists()
 
 
 @pytest.mark.usefixtures("tiny")
@@ -93,11 +93,11 @@ def test_other_digest_than_the_published_is_kept_with_a_warning(
         **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
     )
 
-    monkeypatch.setattr(catalog, "published", lambda: MappingProxyType({TINY.id: right}))
+    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: right}))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         load("x", path=tmp_path / "d")
-    monkeypatch.setattr(catalog, "published", lambda: MappingProxyType({TINY.id: wrong}))
+    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: wrong}))
     with pytest.warns(RebuiltDifferentlyWarning, match="instead of 1.2.3"):
         dataset = load("x", path=tmp_path / "d")
     assert dataset.digest == right.digest
@@ -127,5 +127,5 @@ def test_references_of_the_same_spec_anchor_the_score(
 
 @pytest.mark.usefixtures("tiny")
 def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MissingManifestError):
+    with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):
         load("x", path=tmp_path)

@@ -125,7 +125,7 @@ def test_filter_refuses_what_is_not_there(source: Dataset, tmp_path: Path) -> No
     with pytest.raises(BuildError, match="none of the episodes is in the train split"):
         filter_dataset(source, out, id="coop_nav-some-v0", split="test")
     with pytest.raises(SpecError, match="invalid Edit"):
-        filter_dataset(source, out, id="../coop_nav", success=True)
+        filter_dataset(source, out, id="../coop_nav", success=False)
     assert not out.exists()
 
 

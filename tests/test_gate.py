@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata import gate
+from swarmdata import gate, identity
 from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
 from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import published
@@ -76,9 +76,9 @@ def test_an_id_of_the_package_is_one_dataset(good: Path, monkeypatch: pytest.Mon
     key = stored.recipe.id
     shipped = next(iter(shipped_recipes().values()))
     with monkeypatch.context() as patch:
-        patch.setattr(gate, "shipped_recipes", lambda: {key: shipped})
+        patch.setattr(identity, "shipped_recipes", lambda: {key: shipped})
         (reason,) = gate._of_identity(stored)
-        assert "made from another" in reason
-    monkeypatch.setattr(gate, "published", lambda: {key: next(iter(published().values()))})
+        assert "another dataset under the shipped name" in reason
+    monkeypatch.setattr(identity, "published", lambda: {key: next(iter(published().values()))})
     (reason,) = gate._of_identity(stored)
-    assert "was published with" in reason
+    assert "another dataset under the published name" in reason

@@ -42,7 +42,7 @@ RECORDING = Recording(id="tag_v3-mine-v0", spec=SPEC, policies=POLICIES, source=
 
 def record(length: int, seed: int) -> Episode:
     """An episode of agents that leave, in an environment without events and messages."""
-    episode = make_episode(length, seed, n_values=0, n_obstacles=0)
+    episode = make_episode(length, seed, n_values=0, n_obstacles=0, n_features=5, n_states=3)
     leaves = np.arange(length) == length // 2
     alive = np.ones((length + 1, 2), dtype=np.bool_)
     alive[1:, 0] = ~np.logical_or.accumulate(leaves)

@@ -26,6 +26,7 @@ from swarmdata.publishing import (
 )
 from swarmdata.recipes import build
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.scratch import scratch_folder
 
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",
@@ -138,15 +139,16 @@ def test_what_an_interrupted_check_left_is_not_used(
     monkeypatch: pytest.MonkeyPatch, entry: Published, cache_folder: Path
 ) -> None:
     publish(monkeypatch, {TINY.id: entry})
-    stale = cache_folder / "checks" / f"{TINY.id}.build"
-    stale.mkdir(parents=True)
-    (stale / "recipe.json").write_text("{}")
-    folder = cache_folder / "checks" / TINY.id
-    folder.mkdir()
+    stale = scratch_folder(cache_folder / "checks" / TINY.id, "check")
+    (stale / f"{TINY.id}.build").mkdir(parents=True)
+    (stale / f"{TINY.id}.build" / "recipe.json").write_text("{}")
+    own = cache_folder / "checks" / TINY.id / "notes"
+    own.parent.mkdir()
+    own.write_text("of the user's")
 
     assert only((TINY.id,)).differences == ()
     assert not stale.exists()
-    assert not folder.exists()
+    assert own.exists()
 
 
 def test_the_cache_is_used_only_if_asked_for(
@@ -170,7 +172,7 @@ def test_the_cache_is_used_only_if_asked_for(
 
 def test_a_failed_build_leaves_nothing(monkeypatch: pytest.MonkeyPatch, cache_folder: Path) -> None:
     def fail(recipe: Recipe, out: Path, **options: Any) -> Path:
-        (out.parent / f"{out.name}.build").mkdir()
+        (out.parent / f"{out.name}.build").mkdir(parents=True)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(publishing, "build", fail)

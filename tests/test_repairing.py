@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from swarmdata import restoring
+from swarmdata import identity, restoring
 from swarmdata.cards.schema import Published, publication
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
 from swarmdata.remotes.interface import Remote
@@ -50,8 +50,9 @@ def dataset(intact: Path, tmp_path: Path) -> Path:
 def published(monkeypatch: pytest.MonkeyPatch, intact: Path) -> Published:
     """The tiny dataset is published, and its recipe shipped."""
     entry = publication(open_store(intact))
-    monkeypatch.setattr(restoring, "published", lambda: MappingProxyType({TINY.id: entry}))
-    monkeypatch.setattr(restoring, "shipped_recipes", lambda: {TINY.id: TINY})
+    for module in (restoring, identity):
+        monkeypatch.setattr(module, "published", lambda: MappingProxyType({TINY.id: entry}))
+        monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
     return entry
 
 
@@ -307,12 +308,56 @@ def test_a_recipe_that_differs_from_the_manifest_is_not_believed(dataset: Path) 
 
 
 @pytest.mark.usefixtures("published")
-def test_an_altered_recipe_without_a_manifest_is_refused_and_nothing_changes(dataset: Path) -> None:
+@pytest.mark.parametrize("change", ["bit", "tier", "absent"])
+def test_a_lost_manifest_and_an_altered_recipe_are_both_restored(
+    dataset: Path, change: str
+) -> None:
+    """The recipe's hash beside the arrays says which recipe is right."""
+    before, recipe = content(dataset), dataset / "recipe.json"
+    if change == "bit":
+        digit = recipe.read_bytes().index(b'"seed":') + len(b'"seed":')
+        flip(recipe, digit)
+    elif change == "tier":
+        recipe.write_text(recipe.read_text().replace('"tier":"random"', '"tier":"expert"'))
+    else:
+        recipe.unlink()
+    assert recipe.exists() == (change != "absent")
+    (dataset / "manifest.json").unlink()
+    assert {each.file for each in repair(dataset, progress=False)} == {
+        "manifest.json",
+        "recipe.json",
+    }
+    assert content(dataset) == before
+
+
+@pytest.mark.usefixtures("published")
+@pytest.mark.parametrize("lost", [("manifest.json",), ("manifest.json", "recipe.json")])
+@pytest.mark.parametrize("has_hash", [True, False])
+def test_somebodys_own_dataset_under_a_shipped_name_is_never_replaced(
+    tmp_path: Path, lost: tuple[str, ...], has_hash: bool
+) -> None:
+    """Neither with the recipe's hash beside the arrays nor, as in older datasets, without."""
+    own = make_tiny(tmp_path / TINY.id, seed=6)
+    if not has_hash:
+        root = own / "data.zarr" / "zarr.json"
+        found = json.loads(root.read_bytes())
+        del found["attributes"]["recipe_hash"]
+        root.write_text(json.dumps(found))
+    flip(own / STATES, 40)
+    for name in lost:
+        (own / name).unlink()
+    before = content(own)
+    with pytest.raises(DatasetError):
+        repair(own, progress=False)
+    assert content(own) == before
+
+
+def test_a_recipe_that_nobody_has_is_not_made_up(dataset: Path) -> None:
     recipe = json.loads((dataset / "recipe.json").read_bytes())
     (dataset / "recipe.json").write_text(json.dumps({**recipe, "seed": 77}))
     (dataset / "manifest.json").unlink()
     before = content(dataset)
-    with pytest.raises(ManifestError, match="not what its recipe makes"):
+    with pytest.raises(DatasetError, match=r"recipe\.json is not the one it was made from"):
         repair(dataset, progress=False)
     assert content(dataset) == before
 
@@ -327,8 +372,11 @@ FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
 def test_any_set_of_files_is_repaired(
     intact: Path, published: Published, damage: dict[str, int | None]
 ) -> None:
-    # without its manifest, an altered recipe cannot be told from one of somebody's own
-    assume("manifest.json" not in damage or damage.get("recipe.json") is None)
+    # without manifest and root group, an altered recipe is as good as one of somebody's own
+    assume(
+        not {"manifest.json", "data.zarr/zarr.json"} <= damage.keys()
+        or damage.get("recipe.json") is None
+    )
     with TemporaryDirectory(dir=intact.parent) as folder:  # a copy for each example
         dataset = Path(shutil.copytree(intact, Path(folder) / TINY.id))
         before = content(dataset)

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import tempfile
+import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -199,7 +200,8 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     command += ["-s", f"{first.width}x{first.height}", "-r", str(rate), "-i", "-", "-an"]
     command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-c:v", "libx264"]
     command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    part = path.with_name(f"{path.stem}.part{path.suffix}")  # so that a film is whole or absent
+    # so that a film is whole or absent; ffmpeg goes by the ending
+    part = path.with_name(f".tmp-{path.stem}-{uuid.uuid4().hex}{path.suffix}")
     try:
         _feed([*command, str(part)], _raw(first, images, round(_REST / seconds)), path)
         part.replace(path)

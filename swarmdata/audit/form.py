@@ -5,18 +5,10 @@ import numpy as np
 from swarmdata.audit.findings import Remarks, problem
 from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
-from swarmdata.observing import Observer
-from swarmdata.origins import RecordedSpec
-from swarmdata.registry import make_env
 from swarmdata.spaces import DiscreteSpace, bounds, width
-from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.store import open_store
-from swarmdata.types import EVENTS, Bool, Float, Int
-
-Shape = tuple[int, ...]
-
-MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/layouts")
-"""Arrays without columns, or rows, where a recording does not have them."""
+from swarmdata.store.row_shapes import contradictions
+from swarmdata.types import Bool, Float, Int
 
 
 def integrity(subject: Subject) -> Remarks:
@@ -37,47 +29,9 @@ def shapes(subject: Subject) -> Remarks:
     Minari's and OG-MARL's readers take what is there: OG-MARL stores one halfcheetah's state as
     (T, N, S), the others' as (T, S), and its cards say "discrete" of continuous actions.
     """
-    spec = subject.origin.spec
-    expected = _recorded_sizes(spec) if isinstance(spec, RecordedSpec) else _task_sizes(spec)
-    is_recipe = isinstance(subject.origin, Recipe)
-    for name, shape in expected.items():
-        got = subject.arrays[name].shape[1:]
-        is_empty = not np.prod(got, dtype=np.int64) and name in MAY_BE_EMPTY
-        if got != shape and not (is_empty and not is_recipe):
-            yield problem(
-                f"{name} has rows of shape {list(got)}, expected {list(shape)} by the spec"
-            )
-
-
-def _task_sizes(spec: TaskSpec) -> dict[str, Shape]:
-    env = make_env(spec, 1)
-    n = spec.n_agents
-    observations, sent, delivered, ages = Observer(env.task, 1).allocate((), n)
-    return {
-        "observations": observations.shape,
-        "sent": sent.shape,
-        "delivered": delivered.shape,
-        "ages": ages.shape,
-        "states": (env.state_size,),
-        "actions": (n, env.action_size),
-        "log_probs": (n,),
-        "rewards": (n,),
-        "events": (n, len(EVENTS)),
-        "episodes/layouts": (len(env.task.kinds), 8),
-    }
-
-
-def _recorded_sizes(spec: RecordedSpec) -> dict[str, Shape]:
-    n = spec.n_agents
-    return {
-        "observations": (n, spec.observation_size),
-        "states": (spec.state_size,),
-        "actions": (n, spec.action_size),
-        "log_probs": (n,),
-        "rewards": (n,),
-        "events": (n, 0),
-        "episodes/layouts": (0, 8),
-    }
+    arrays = {name: array.shape for name, array in subject.arrays.items()}
+    for each in contradictions(subject.origin, arrays):
+        yield problem(each)
 
 
 def finite(subject: Subject) -> Remarks:

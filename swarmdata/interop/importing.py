@@ -1,7 +1,6 @@
 """Turns a foreign file or folder into a dataset of this library."""
 
 import hashlib
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -19,6 +18,7 @@ from swarmdata.origins import Recording
 from swarmdata.spec import Splits
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.store.atomic import sync
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
 
 
@@ -101,9 +101,8 @@ def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: boo
     if out.exists():  # finished, or of something else, which is an error
         assemble(out, recipe=recording, parts={}, order=[])
         return
-    build = out.parent / f"{out.name}.build"
-    if build.exists():
-        shutil.rmtree(build)  # of a killed conversion; only the lock's holder is here
+    build = scratch_folder(out, "conversion")
+    remove_scratch(build)  # of a killed conversion; only the lock's holder is here
     build.mkdir()
     try:
         parts, order = _write_parts(build, incoming.episodes)
@@ -115,7 +114,7 @@ def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: boo
             )
         assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
     finally:
-        shutil.rmtree(build)
+        remove_scratch(build)
     sync(out.parent)
 
 

@@ -74,7 +74,7 @@ class RecordingFolder:
         self.path, self.limits = path, limits or Limits()
         self.folder = recording_folder(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._lock = FileLock(path.parent / f".{path.name}.lock")
+        self._lock = FileLock(path.resolve().parent / f".{path.resolve().name}.lock")
         try:
             self._lock.acquire(timeout=0)
         except Timeout as error:
@@ -82,7 +82,7 @@ class RecordingFolder:
                 f"another process is recording to {path}. Wait for it, or choose another path."
             ) from error
         if self.folder.exists():
-            remove_leftovers(self.folder)
+            remove_leftovers(self.folder, SESSION, _PART)
         self._waiting: dict[int, list[Episode]] = {}
         parts = self.parts()
         self._next_part = max((number for number, _ in parts), default=-1) + 1
@@ -102,6 +102,11 @@ class RecordingFolder:
         """
         there = self.session()
         if there is None:
+            if self.folder.exists() and any(self.folder.iterdir()):
+                raise BuildError(
+                    f"{self.folder} is not the folder of an unfinished recording: it has other "
+                    f"files and no {SESSION}. Move it away, or choose another path for the dataset."
+                )
             self.folder.mkdir(exist_ok=True)
             write_file(self.folder / SESSION, session.to_json().encode())
             return
@@ -174,10 +179,15 @@ class RecordingFolder:
         return Dataset.open(self.path, source="recorded")
 
     def _remove(self) -> None:
-        """Deletes the folder, what says so last: killed in the middle, it can be done again."""
+        """Deletes what was recorded, the note last: killed in the middle, it can be done again.
+
+        The folder goes with it, unless somebody has put something else there.
+        """
         for part in self.parts().values():
             shutil.rmtree(part)
-        shutil.rmtree(self.folder)
+        (self.folder / SESSION).unlink(missing_ok=True)
+        if self.folder.exists() and not any(self.folder.iterdir()):
+            self.folder.rmdir()
 
     def release(self) -> None:
         """Lets other processes have the recording; what waits is lost."""
@@ -186,7 +196,8 @@ class RecordingFolder:
 
 def recording_folder(path: Path) -> Path:
     """Where the parts of an unfinished recording are."""
-    return path.parent / f"{path.name}.recording"
+    whole = path.resolve()  # `.` has no name
+    return whole.parent / f"{whole.name}.recording"
 
 
 def recover(path: Path | str) -> Dataset:

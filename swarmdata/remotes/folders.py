@@ -10,7 +10,7 @@ from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
 from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
-from swarmdata.remotes.names import is_id, split_id
+from swarmdata.remotes.names import ID_PATTERN, is_id, split_id
 from swarmdata.store.atomic import new_folder, remove_leftovers, write_file
 from swarmdata.store.layout import MANIFEST
 
@@ -66,7 +66,7 @@ class FolderRemote:
         target = self._root / dataset_id
         try:
             with FileLock(self._root / ".publish.lock"):
-                remove_leftovers(self._root)
+                remove_leftovers(self._root, INDEX, ID_PATTERN)
                 if not target.exists():
                     with new_folder(target) as scratch:
                         for name, file in files.items():

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -22,6 +21,7 @@ from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
 from swarmdata.store.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 MAIN = "main"
 """The branch of the newest push."""
@@ -94,11 +94,11 @@ class HubRemote:
                 f"{release.address} has {found:,} bytes of {file}, expected at most {size:,}. It is"
                 " not the file that the manifest lists; tell whoever publishes there."
             )
-        scratch = out.with_name(f"{out.name}.hub")  # kept after a failure: the client resumes
+        scratch = scratch_folder(out, "hub")  # kept after a failure: the client resumes
         with quiet():
             self._calls.download(self._repository(name), commit, file, scratch)
         (scratch / file).replace(out)
-        shutil.rmtree(scratch)
+        remove_scratch(scratch)
 
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         name, version = split_id(dataset_id)

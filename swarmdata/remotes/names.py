@@ -12,7 +12,7 @@ MAX_ID = 96
 MAX_PATH = 240
 """Most bytes of a file's path in a dataset: with a folder before it, systems allow 255."""
 
-_ID = re.compile(r"([a-z0-9_]+(?:-[a-z0-9_]+)+)-(v[0-9]+)")
+ID_PATTERN = re.compile(r"([a-z0-9_]+(?:-[a-z0-9_]+)+)-(v[0-9]+)")
 _PATH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*(?:/[A-Za-z0-9_][A-Za-z0-9._-]*)*")
 _OUT = re.compile(r"^$|^/|/$|//|(?:^|/)\.{1,2}(?:/|$)|\\|^[A-Za-z]:|[\x00-\x1f\x7f]")
 _DEVICES = re.compile(r"(?i)(?:^|/)(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\.[^/]*)?(?:/|$)")
@@ -28,7 +28,7 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
     Raises:
         AddressError: it is not an id with a version.
     """
-    match = _ID.fullmatch(dataset_id) if len(dataset_id) <= MAX_ID else None
+    match = ID_PATTERN.fullmatch(dataset_id) if len(dataset_id) <= MAX_ID else None
     if match is None:
         shown = dataset_id if len(dataset_id) <= MAX_ID else f"{dataset_id[:MAX_ID]}..."
         raise AddressError(
@@ -41,7 +41,7 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
 
 def is_id(text: str) -> bool:
     """Whether this is the id of a dataset, version included."""
-    return len(text) <= MAX_ID and _ID.fullmatch(text) is not None
+    return len(text) <= MAX_ID and ID_PATTERN.fullmatch(text) is not None
 
 
 def unsafe_names(names: Iterable[str]) -> tuple[str, ...]:

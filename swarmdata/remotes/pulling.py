@@ -3,7 +3,7 @@
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,14 @@ from swarmdata.errors import (
     DatasetError,
     FormatVersionError,
     HubError,
+    SwarmdataError,
 )
 from swarmdata.remotes.contents import MAX_SMALL, SIDE_FILES, contradictions
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.store.atomic import sync, sync_tree
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.store.shards import file_digest
 
 N_WORKERS = 4
@@ -31,8 +33,11 @@ N_WORKERS = 4
 BAR_SECONDS = 0.5
 """Seconds between two looks at how much has arrived."""
 
+Refusal = Callable[[Manifest], str | None]
+"""Why a dataset of this manifest is not wanted, None if it is."""
+
 _INCOMING = "incoming"
-"""Folder in `<folder>.pull` where the manifest waits until everything that it lists is there."""
+"""Folder among the collected files where the manifest waits until all that it lists is there."""
 
 
 def pull(
@@ -40,36 +45,38 @@ def pull(
     release: Release,
     folder: Path,
     *,
-    digest: str | None = None,
+    refuse: Refusal = lambda manifest: None,
     progress: bool = True,
 ) -> Path:
     """Fetches a release into a new folder and returns the folder.
 
-    Files are collected in `<folder>.pull` and checked there; the folder appears in one rename,
-    when all of them are on the disk. Kill the process at any time and call again: finished files
-    are kept. Where another process pulls to the same folder, this one waits for it.
+    Files are collected and checked beside the folder, in `scratch_folder(folder, "pull")`; the
+    folder appears in one rename, when all of them are on the disk. Kill the process at any time and
+    call again: finished files are kept. Where another process pulls to the same folder, this one
+    waits for it.
 
     Args:
         remote: where from.
         release: from `remote.find`.
         folder: the dataset's; where it holds this release already, nothing is done.
-        digest: the logical digest that the dataset must have; None: whatever its manifest says.
+        refuse: returns why a dataset of this manifest is not wanted, None if it is.
         progress: whether to show a bar in bytes, on standard error.
 
     Raises:
-        ChecksumError: it is another dataset than `digest` says, or the remote gives wrong bytes.
+        ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
         FormatVersionError: a newer format.
         HubError: the remote could not be asked, or gave what it must not.
         DatasetError: something else is at `folder`, or the disk is too small.
     """
     folder = Path(folder)
+    refuse_current_folder(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    scratch = folder.with_name(f"{folder.name}.pull")
-    with FileLock(folder.with_name(f".{folder.name}.pull.lock")):
-        manifest = _incoming_manifest(remote, release, scratch, digest)
+    scratch, whole = scratch_folder(folder, "pull"), folder.resolve()
+    with FileLock(whole.with_name(f".{whole.name}.pull.lock")):
+        manifest = _incoming_manifest(remote, release, scratch, refuse)
         if folder.exists() and any(folder.iterdir()):
             _check_same(folder, scratch / _INCOMING)
-            shutil.rmtree(scratch)
+            remove_scratch(scratch)
             return folder
         _check_space(manifest, scratch, release)
         with tqdm(
@@ -81,8 +88,21 @@ def pull(
         ) as bar:
             _fetch_all(remote, release, manifest, scratch, bar)
         _fetch_side_files(remote, release, scratch)
-        _publish(manifest, scratch, folder)
+        _publish(manifest, scratch, whole)
     return folder
+
+
+def refuse_current_folder(folder: Path) -> None:
+    """A dataset appears in one rename; a folder that somebody is in cannot be replaced so.
+
+    Raises:
+        DatasetError: it is the current folder, and no dataset yet.
+    """
+    if folder.resolve() == Path.cwd() and not (folder / MANIFEST).exists():
+        raise DatasetError(
+            f"a dataset cannot be pulled to the current folder {folder.resolve()}, only to one "
+            "that is not there yet. Name such a folder."
+        )
 
 
 def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, out: Path) -> None:
@@ -137,12 +157,27 @@ def _difference(path: Path, entry: FileEntry) -> str | None:
 
 
 def _incoming_manifest(
-    remote: Remote, release: Release, scratch: Path, digest: str | None
+    remote: Remote, release: Release, scratch: Path, refuse: Refusal
 ) -> Manifest:
     """Fetches and checks the manifest; what `scratch` holds of another release is deleted."""
     arriving = scratch.with_name(f"{scratch.name}.manifest")
     arriving.mkdir(exist_ok=True)
-    manifest = _read_manifest(remote, release, arriving)
+    try:
+        manifest = _wanted_manifest(remote, release, arriving, refuse)
+    except SwarmdataError:
+        remove_scratch(arriving)
+        raise
+    if not _belongs(scratch, (arriving / MANIFEST).read_bytes()):
+        remove_scratch(scratch)
+        scratch.mkdir()
+    remove_scratch(scratch / _INCOMING)
+    arriving.rename(scratch / _INCOMING)
+    return manifest
+
+
+def _wanted_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
+    """Fetches the manifest and checks that it is possible, and what is wanted."""
+    manifest = _read_manifest(remote, release, folder)
     problems = contradictions(manifest)
     if manifest.id != release.id:
         problems = (f"it is the manifest of {manifest.id}", *problems)
@@ -151,18 +186,11 @@ def _incoming_manifest(
             f"the manifest of {release.address} is refused: {'; '.join(problems)}. "
             "Pull from another remote, and tell whoever publishes there."
         )
-    if digest is not None and manifest.digest != digest:
+    if (reason := refuse(manifest)) is not None:
         raise ChecksumError(
-            f"{release.address} is another dataset than the published {release.id}: its logical "
-            f"digest is {manifest.digest}, expected {digest}. Pull from another remote."
+            f"{release.address} is not the {release.id} that is wanted: {reason}. Pull it from "
+            "another remote."
         )
-    if not _belongs(scratch, (arriving / MANIFEST).read_bytes()):
-        if scratch.exists():
-            shutil.rmtree(scratch)
-        scratch.mkdir()
-    if (scratch / _INCOMING).exists():
-        shutil.rmtree(scratch / _INCOMING)
-    arriving.rename(scratch / _INCOMING)
     return manifest
 
 

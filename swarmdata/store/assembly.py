@@ -296,6 +296,7 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
     """What somebody who has only Zarr needs to read the codes."""
     return {
         "id": recipe.id,
+        "recipe_hash": recipe.hash(),  # so that arrays and recipe are held together twice
         "splits": list(SPLITS),
         "end_reasons": list(TASK_END_REASONS if isinstance(recipe, Recipe) else END_REASONS),
         "events": list(EVENTS),

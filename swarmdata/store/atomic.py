@@ -5,18 +5,23 @@ Readers see the old state or the new one, whatever is killed and whenever.
 
 import contextlib
 import errno
-import glob
 import os
+import re
 import shutil
+import sys
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+
+from tqdm import tqdm
 
 from swarmdata.errors import DiskFullError
 
 TEMPORARY = ".tmp-"
 """Prefix of what is not published yet."""
 
+_LEFTOVER = re.compile(rf"{re.escape(TEMPORARY)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
+"""Names that `temporary_sibling` makes, with the name of what was written."""
 
 LITTLE = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
@@ -105,16 +110,34 @@ def _publish(temporary: Path, path: Path) -> None:
             raise
 
 
-def remove_leftovers(folder: Path, name: str | None = None) -> None:
+def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
     """Deletes what killed writers left in `folder`; only whoever holds its lock may call this.
+
+    Only names that `temporary_sibling` makes are deleted, and each is shown on standard error.
+    Whatever else begins with `.tmp-` is somebody else's.
 
     Args:
         folder: where to look; it need not exist.
-        name: of the file or folder that they were writing; None: any.
+        names: of the files and folders that they were writing, or patterns of such names.
     """
-    written = "*" if name is None else f"{glob.escape(name)}-{'[0-9a-f]' * 32}"
-    for leftover in folder.glob(f"{TEMPORARY}{written}"):
-        if leftover.is_dir() and not leftover.is_symlink():
-            shutil.rmtree(leftover)
-        else:
-            leftover.unlink()
+    if not folder.is_dir():
+        return
+    for each in sorted(folder.iterdir()):
+        match = _LEFTOVER.fullmatch(each.name)
+        if match is None or each.is_symlink():  # a writer makes no links
+            continue
+        if any(_is_named(match[1], name) for name in names):
+            _remove(each)
+            tqdm.write(f"removed {each}, which a killed process left", file=sys.stderr)
+
+
+def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
+    return found == name if isinstance(name, str) else name.fullmatch(found) is not None
+
+
+def _remove(path: Path) -> None:
+    """Deletes a file or a whole folder."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()

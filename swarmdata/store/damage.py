@@ -10,7 +10,8 @@ import xxhash
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
 from swarmdata.store.layout import MANIFEST, Shard, array_file
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
-from swarmdata.store.reading import check_listing, links_in, open_store
+from swarmdata.store.reading import blocking_links, check_listing, open_store
+from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.store.shards import file_digest
 from swarmdata.store.verification import logical_digest, map_shard
 
@@ -47,12 +48,14 @@ def find_damage(path: Path) -> tuple[Damage, ...]:
         Damage in the order of the file names, empty if all is well.
 
     Raises:
-        DatasetNotFoundError: there is no such folder.
+        DatasetNotFoundError: there is no such folder, or it is no dataset.
         FormatVersionError: written by a newer version; that is no damage.
     """
     if not path.is_dir():
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
-    links = set(links_in(path))
+    if not is_dataset(path):
+        raise DatasetNotFoundError(no_dataset(path))
+    links = set(blocking_links(path))
     damage = [Damage(link, "is a symbolic link, expected a plain file or folder") for link in links]
     if MANIFEST not in links:
         damage += _contents(path, links)
@@ -131,7 +134,7 @@ def rows_of(shard: Shard, chunk: int) -> tuple[int, int]:
 def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:
     """Sound files that contradict each other, as only whoever signs a manifest can make them."""
     try:
-        open_store(path, "none")
+        open_store(path, "none", widths=True)
     except DatasetError as error:
         return [Damage(MANIFEST, without_hint(str(error), path))]
     raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}

@@ -154,6 +154,14 @@ def expected_files(shards: Mapping[str, Shard]) -> list[str]:
     return sorted([RECIPE, *GROUP_FILES, *map(metadata_file, shards), *arrays])
 
 
+POSSIBLE_FILES = (
+    *(MANIFEST, RECIPE, CARD, *GROUP_FILES),
+    *map(metadata_file, ALL_FIELDS),
+    *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
+)
+"""Every file that a dataset of this format can have; a manifest lists some of them."""
+
+
 def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:
     """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding."""
     n_chunks = max(1, -(-shape[0] // CHUNK_ROWS))

@@ -14,11 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swarmdata.errors import (
     ChecksumError,
+    DatasetNotFoundError,
     FormatVersionError,
     ManifestError,
     MissingManifestError,
 )
 from swarmdata.store.layout import FORMAT_VERSION, MANIFEST, DType, Shard
+from swarmdata.store.recognition import is_dataset, no_dataset
 
 MAX_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
@@ -110,7 +112,12 @@ def _digest(blank: bytes) -> bytes:
 
 
 def rebuild_hint(folder: Path, identity: str = "ID") -> str:
-    """What to do about a dataset that cannot be used."""
+    """What to do about a dataset that cannot be used.
+
+    Never advises to delete a folder that may be something else.
+    """
+    if not is_dataset(folder):
+        return f"{folder} has nothing else that only a dataset of swarmdata has."
     return (
         f"{_repair(folder)} --repair`, which replaces what is broken, or delete {folder} and run "
         f"`swarmdata generate {identity}` to rebuild it."
@@ -130,7 +137,8 @@ def read_manifest(folder: Path) -> Manifest:
     """Reads and checks `manifest.json`.
 
     Raises:
-        MissingManifestError: there is none.
+        DatasetNotFoundError: the folder is no dataset.
+        MissingManifestError: it is one, and has lost its manifest.
         ManifestError: it is not JSON, or lacks or garbles something.
         FormatVersionError: a newer format.
         ChecksumError: it was changed after it was written.
@@ -138,11 +146,15 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     try:
         content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
+        if not is_dataset(folder):
+            raise DatasetNotFoundError(no_dataset(folder)) from error
         raise MissingManifestError(
             f"{path} is absent, expected the list of the dataset's files: the dataset was never "
             f"finished or the file was lost. {rebuild_hint(folder)}"
         ) from error
+    except OSError as error:  # such as a folder of this name
+        raise ManifestError(f"{path} cannot be read: {error.strerror}.") from error
     if content is None:
         raise ManifestError(f"{path} has more than {MAX_BYTES} bytes. {rebuild_hint(folder)}")
     return parse_manifest(content, path)
@@ -150,19 +162,19 @@ def read_manifest(folder: Path) -> Manifest:
 
 def parse_manifest(content: bytes, path: Path) -> Manifest:
     """Checks a manifest's content; `path` is named in errors, the same as `read_manifest`'s."""
-    hint = rebuild_hint(path.parent)
+    folder = path.parent
     try:
         data = json.loads(content, object_pairs_hook=_unique_keys)
     except (ValueError, RecursionError) as error:
-        raise ManifestError(f"{path} is not valid JSON: {error}. {hint}") from error
+        raise ManifestError(f"{path} is not valid JSON: {error}. {rebuild_hint(folder)}") from error
     found = _CHECKSUM.findall(content)
-    changed = ChecksumError(f"{path} was changed after it was written. {hint}")
     if len(found) == 1 and _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
-        raise changed  # before the version, which may be what was changed
+        raise _changed(path)  # before the version, which may be what was changed
     version = data.get("format_version") if isinstance(data, dict) else None
     if not isinstance(version, int) or version < 1:
         raise ManifestError(
-            f"{path} has format_version {version!r}, expected an integer from 1. {hint}"
+            f"{path} has format_version {version!r}, expected an integer from 1. "
+            f"{rebuild_hint(folder)}"
         )
     if version > FORMAT_VERSION:
         raise FormatVersionError(
@@ -170,14 +182,18 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
             "Upgrade it with: pip install --upgrade swarmdata"
         )
     if len(found) != 1:
-        raise changed
+        raise _changed(path)
     try:
         return Manifest.model_validate(data)
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
         )
-        raise ManifestError(f"{path} is malformed: {problems}. {hint}") from error
+        raise ManifestError(f"{path} is malformed: {problems}. {rebuild_hint(folder)}") from error
+
+
+def _changed(path: Path) -> ChecksumError:
+    return ChecksumError(f"{path} was changed after it was written. {rebuild_hint(path.parent)}")
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

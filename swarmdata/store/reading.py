@@ -18,6 +18,7 @@ from swarmdata.errors import (
     DatasetNotFoundError,
     ManifestError,
     MissingFileError,
+    SpawnError,
     SpecError,
     TruncatedFileError,
 )
@@ -25,6 +26,8 @@ from swarmdata.origins import Origin, parse_origin
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,
+    GROUP_FILES,
+    POSSIBLE_FILES,
     RECIPE,
     array_file,
     expected_files,
@@ -32,6 +35,8 @@ from swarmdata.store.layout import (
     metadata_file,
 )
 from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
+from swarmdata.store.recognition import root_attributes
+from swarmdata.store.row_shapes import contradictions
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.store.verification import (
     check_chunks,
@@ -60,14 +65,17 @@ class StoredDataset:
         return _reopen, (self.path, self.manifest.digest, held)
 
 
-def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
+def open_store(path: Path, verify: Verify = "fast", *, widths: bool = False) -> StoredDataset:
     """Opens a dataset's folder.
 
     Args:
         path: the folder.
         verify: `fast` checks every chunk and small file at memory speed, `full` also the SHA-256
-            of every file and the logical digest, `none` only names, sizes, metadata and the
-            episode table.
+            of every file and the logical digest, `none` only names, sizes, metadata, the episode
+            table and the spec.
+        widths: whether observations, states, messages and layouts of a task are compared with the
+            spec as well; that takes the task's code. The team and its actions, and all sizes of a
+            recording, are always compared.
 
     Raises:
         DatasetError: one of its subclasses, which names the file and says what to do.
@@ -83,6 +91,7 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
     if verify != "none":
         check_small_files(path, manifest)
     _check_metadata(path, manifest)
+    _check_root(path, manifest)
     raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
     _check_indices(path, manifest, raw)
     if verify != "none":
@@ -91,6 +100,7 @@ def open_store(path: Path, verify: Verify = "fast") -> StoredDataset:
         check_everything(path, manifest, raw)
     arrays = {name: _view(manifest, name, values) for name, values in raw.items()}
     recipe = _read_recipe(path, manifest)
+    _check_spec(path, manifest, recipe, widths=widths)
     table = _read_table(path, manifest, recipe, arrays)
     return StoredDataset(path, manifest, recipe, arrays, table)
 
@@ -132,9 +142,21 @@ def links_in(path: Path) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
+def blocking_links(path: Path) -> tuple[str, ...]:
+    """The links below a dataset's folder where a file or folder of the dataset belongs, sorted.
+
+    Somebody's own links elsewhere in the folder are never followed, and are none of our business.
+    """
+    found = links_in(path)
+    if not found:
+        return ()
+    ours = {file.parts[:n] for file in map(Path, POSSIBLE_FILES) for n in range(1, 9)}
+    return tuple(link for link in found if Path(link).parts in ours)
+
+
 def _refuse_links(path: Path) -> None:
     """A link could show any file of this machine as data."""
-    for link in links_in(path):
+    for link in blocking_links(path):
         raise ManifestError(
             f"{path / link} is a symbolic link, expected a plain file or folder. "
             f"{rebuild_hint(path)}"
@@ -226,6 +248,39 @@ def _check_metadata(path: Path, manifest: Manifest) -> None:
             got = found.get(key) if isinstance(found, dict) else None
             if got != expected:
                 raise _disagrees(path, manifest, f"{file} has {key} {got}, expected {expected}")
+
+
+def _check_root(path: Path, manifest: Manifest) -> None:
+    """Checks what is written of the dataset's identity beside its arrays.
+
+    Datasets written before there was a `recipe_hash` there are read all the same.
+    """
+    file, attributes = path / GROUP_FILES[0], root_attributes(path)
+    for key, expected in {"id": manifest.id, "recipe_hash": manifest.recipe_hash}.items():
+        got = attributes.get(key, expected)
+        if got != expected:
+            problem = f"{file} says {key} {got!r}, the manifest says {expected!r}"
+            raise _disagrees(path, manifest, problem)
+
+
+def check_widths(stored: StoredDataset) -> None:
+    """Compares what `open_store` with `widths=False` has not.
+
+    Raises:
+        ManifestError: naming what contradicts the spec.
+    """
+    _check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
+
+
+def _check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool) -> None:
+    """Checks that the spec in the recipe can be that of these arrays."""
+    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
+    try:
+        problems = contradictions(recipe, shapes, widths=widths)
+    except (SpecError, SpawnError) as error:
+        problems = (f"its spec is of no task: {error}",)
+    if problems:
+        raise _disagrees(path, manifest, "; ".join(problems))
 
 
 def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:

@@ -11,11 +11,12 @@ import numpy as np
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.cards.schema import Figures, figures_of, published
-from swarmdata.catalog import cache_folder, load
+from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
 from swarmdata.editing import filter_dataset
 from swarmdata.errors import SchemaError
 from swarmdata.frozen import Frozen
+from swarmdata.store.cache import cache_folder
 from swarmdata.study.plan import Size
 
 FULL, MINI = "full", "mini"

@@ -1,17 +1,26 @@
 """Synthetic episodes and datasets, whose values name their episode, time and agent."""
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from swarmdata.spec import PolicySource, Recipe, Role, Splits, TaskSpec
+from swarmdata.senses import Broadcast, StateModel
+from swarmdata.spec import Obstacles, PolicySource, Recipe, Role, Splits, TaskSpec
 from swarmdata.store import Manifest, assemble, merge_order, write_part
+from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Counts, Episode
 
-N, S, A, M = 2, 3, 2, 4
-N_FEATURES = 5
+SPEC = TaskSpec(
+    team=(Role(count=2),),
+    observation=StateModel(n_neighbors=0, n_obstacles=0),
+    obstacles=Obstacles(boxes=2, corners=0, pockets=0),
+    communication=Broadcast(),
+)
+"""A small task, whose shapes the episodes have."""
+
+N, S, A, M = 2, 16, 2, 4
+N_FEATURES, N_VALUES = 15, 4
 
 
 def make_episode(
@@ -22,7 +31,7 @@ def make_episode(
     n_agents: int = N,
     n_features: int = N_FEATURES,
     n_states: int = S,
-    n_values: int = 3,
+    n_values: int = N_VALUES,
 ) -> Episode:
     """Feature 0 is the seed, feature 1 the time, feature 2 the agent; the rest is noise.
 
@@ -69,7 +78,9 @@ def _make_events(rng: np.random.Generator, length: int, n_agents: int) -> Counts
     return events
 
 
-def make_recipe(n_steps: int, n_policies: int = 1, seed: int = 0, block: int = 5) -> Recipe:
+def make_recipe(
+    n_steps: int, n_policies: int = 1, seed: int = 0, block: int = 5, spec: TaskSpec = SPEC
+) -> Recipe:
     """A recipe whose policies have shares 1, 2, 3, ... of the steps."""
     policies = tuple(
         PolicySource(label=f"tag-{p}", name="random", share=p + 1.0) for p in range(n_policies)
@@ -77,7 +88,7 @@ def make_recipe(n_steps: int, n_policies: int = 1, seed: int = 0, block: int = 5
     return Recipe(
         id="coop_nav-synthetic-v0",
         tier="synthetic",
-        spec=TaskSpec(team=(Role(count=N),)),
+        spec=spec,
         policies=policies,
         seed=seed,
         n_steps=n_steps,
@@ -120,24 +131,18 @@ def make_dataset(
     return manifest, [streams[policy][episode] for policy, episode in merge.order]
 
 
-def make_large_dataset(
-    out: Path, n_steps: int, n_agents: int = 4, n_features: int = 53
-) -> Manifest:
+def make_large_dataset(out: Path, n_steps: int) -> Manifest:
     """Writes a dataset of the size and shapes of a real one, episodes of 125 steps."""
     length, per_part = 125, 64
+    sizes = {"n_agents": 4, "n_features": 53, "n_states": 32, "n_values": 0, "n_obstacles": 6}
     n_parts = -(-n_steps // (length * per_part))
-    parts = [out.parent / f"{out.name}.parts" / f"part-{k:04d}" for k in range(n_parts)]
+    scratch = scratch_folder(out, "synthetic")
+    parts = [scratch / f"part-{k:04d}" for k in range(n_parts)]
     for k, part in enumerate(parts):
         seeds = range(k * per_part, (k + 1) * per_part)
-        sizes = {
-            "n_agents": n_agents,
-            "n_features": n_features,
-            "n_states": 8 * n_agents,
-            "n_values": 0,
-        }
         write_part(part, [make_episode(length, seed, **sizes) for seed in seeds])
-    recipe = make_recipe(n_steps)
+    recipe = make_recipe(n_steps, spec=TaskSpec())
     order = merge_order(recipe, [[length] * (n_parts * per_part)]).order
     manifest = assemble(out, recipe=recipe, parts={0: parts}, order=order)
-    shutil.rmtree(parts[0].parent)
+    remove_scratch(scratch)
     return manifest

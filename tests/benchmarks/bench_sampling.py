@@ -1,6 +1,6 @@
 """Sampling batches, against a copy of the same bytes and a plain fancy-index sampler.
 
-python tests/benchmarks/bench_sampling.py [n_steps] [n_features]
+python tests/benchmarks/bench_sampling.py [n_steps]
 """
 
 import sys
@@ -50,9 +50,8 @@ def n_bytes(batch: Batch) -> int:
 
 def main() -> None:
     n_steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    n_features = int(sys.argv[2]) if len(sys.argv) > 2 else 53
     with tempfile.TemporaryDirectory() as folder:
-        make_large_dataset(Path(folder) / "ds", n_steps, n_features=n_features)
+        make_large_dataset(Path(folder) / "ds", n_steps)
         dataset = Dataset.open(Path(folder) / "ds")
         for batch_size, horizon in ((256, None), (4096, None), (64, 20)):
             sampler = dataset.sampler(batch_size, horizon=horizon)

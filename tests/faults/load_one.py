@@ -16,6 +16,7 @@ import pytest
 import swarmdata
 from swarmdata import catalog, recipes
 from swarmdata.spec import Recipe
+from swarmdata.store import Manifest
 from tests.one_process import use_one_process
 from tests.tiny import TINY
 
@@ -24,12 +25,12 @@ def main() -> None:
     notes, holds = Path(sys.argv[1]), sys.argv[2:] == ["hold"]
     make = recipes._make
 
-    def noted(recipe: Recipe, *arguments: object) -> None:
+    def noted(recipe: Recipe, *arguments: object) -> Manifest:
         with notes.open("a") as file:
             file.write(f"{os.getpid()}\n")
         while holds:
             time.sleep(0.05)
-        make(recipe, *arguments)  # type: ignore[arg-type]
+        return make(recipe, *arguments)  # type: ignore[arg-type]
 
     patch = pytest.MonkeyPatch()
     use_one_process(patch)

@@ -15,6 +15,7 @@ from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
+from swarmdata.store.scratch import scratch_folder
 from tests.remotes.conftest import (  # noqa: F401  # fixtures
     ID,
     NEXT,
@@ -165,7 +166,7 @@ def test_faults_that_stay(
     with pytest.raises(HubError, match="Datasets in the cache still load"):
         pull(remote, release, tmp_path / ID, progress=False)
     assert not (tmp_path / ID).exists()
-    assert (tmp_path / f"{ID}.pull" / "recipe.json").exists()
+    assert (scratch_folder(tmp_path / ID, "pull") / "recipe.json").exists()
 
     server.faults = []
     server.log.clear()

@@ -38,7 +38,7 @@ RECORDING = Recording(id="tag_v3-mine-v0", spec=SPEC, policies=POLICIES, source=
 
 def recorded_episode(length: int, seed: int) -> Episode:
     """Two different agents, the first of which leaves halfway; every second episode is cut."""
-    episode = make_episode(length, seed, n_values=0, n_obstacles=0)
+    episode = make_episode(length, seed, n_values=0, n_obstacles=0, n_features=5, n_states=3)
     steps = np.arange(length)
     last, leaves = steps == length - 1, steps == length // 2
     is_cut = bool(seed % 2)

@@ -16,6 +16,7 @@ from swarmdata.interop.choices import Choices
 from swarmdata.interop.d4rl import read
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
+from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS, Episode
 
@@ -55,7 +56,7 @@ def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> 
     found = read_all(export_dataset(ours, tmp_path / "x.hdf5", format="d4rl"))
     expected = ours.transitions()
     n = ours.n_steps
-    assert found["observations"].shape == (n, 10)
+    assert found["observations"].shape == (n, 30)
     for name in ("observations", "next_observations", "actions"):
         np.testing.assert_array_equal(found[name], expected[name].reshape(n, -1))
     np.testing.assert_array_equal(found["terminals"], expected["terminations"])
@@ -254,7 +255,7 @@ def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
     with pytest.raises(ConversionError, match=r"rows 0 to \d+ does not end exactly once"):
         import_dataset(path, tmp_path / "back", format="d4rl", id="tag_v3-back-v0")
     assert not (tmp_path / "back").exists()
-    assert not (tmp_path / "back.build").exists()
+    assert not scratch_folder(tmp_path / "back", "conversion").exists()
 
 
 def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:

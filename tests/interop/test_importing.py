@@ -10,6 +10,7 @@ from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset
 from swarmdata.interop.incoming import episode_of
+from swarmdata.store.scratch import scratch_folder
 from swarmdata.types import Episode
 
 
@@ -34,10 +35,10 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert {path.name for path in tmp_path.iterdir()} <= {".out.lock"}
     monkeypatch.undo()
-    (tmp_path / "out.build").mkdir()  # as a killed process leaves it
-    (tmp_path / "out.build/policy-0-part-00000").mkdir()
+    left = scratch_folder(tmp_path / "out", "conversion")  # by a process that was killed
+    (left / "policy-0-part-00000").mkdir(parents=True)
     made = import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
-    assert not (tmp_path / "out.build").exists()
+    assert not left.exists()
     assert import_dataset(
         source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0"
     ).digest == made.digest  # fmt: skip

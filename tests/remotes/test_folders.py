@@ -56,9 +56,11 @@ def test_an_interrupted_push_is_invisible(
     assert remote.ids() == ()
     assert [path.name for path in root.iterdir()] == [".publish.lock"]
 
-    (root / ".tmp-killed").mkdir()
+    (root / f".tmp-{ID}-{'0' * 32}").mkdir()
+    (root / ".tmp-notes").mkdir()
     assert remote.find(remote.publish(dataset, ID).id) is not None
-    assert {path.name for path in root.iterdir()} == {".publish.lock", "index.json", ID}
+    left = {path.name for path in root.iterdir()}
+    assert left == {".publish.lock", ".tmp-notes", "index.json", ID}
 
 
 def test_only_what_it_says_it_is_is_published(remote: FolderRemote, dataset: Path) -> None:

@@ -12,8 +12,9 @@ from swarmdata.errors import ChecksumError, DatasetError, FormatVersionError, Hu
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import fetch_file, pull
-from swarmdata.store import open_store, read_manifest
+from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.manifest import _ZEROS, _digest
+from swarmdata.store.scratch import scratch_folder
 from tests.remotes.conftest import CARD, ID, same_files
 
 Change = Callable[[str, bytes], bytes]
@@ -69,8 +70,7 @@ def nothing_there(tmp_path: Path) -> bool:
 
 def test_a_pull_is_the_published_folder(root: Path, dataset: Path, tmp_path: Path) -> None:
     remote = Tampered(root)
-    digest = read_manifest(dataset).digest
-    assert pull(remote, RELEASE, tmp_path / ID, digest=digest, progress=False) == tmp_path / ID
+    assert pull(remote, RELEASE, tmp_path / ID, progress=False) == tmp_path / ID
     assert same_files(tmp_path / ID, dataset)
     assert remote.reads[0] == "manifest.json"
     assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
@@ -109,7 +109,8 @@ def test_a_stopped_pull_goes_on(root: Path, dataset: Path, tmp_path: Path, n_rea
         pull(first, RELEASE, tmp_path / ID, progress=False)
     assert nothing_there(tmp_path)
     n_kept = sum(
-        (tmp_path / f"{ID}.pull" / name).is_file() for name in read_manifest(dataset).files
+        (scratch_folder(tmp_path / ID, "pull") / name).is_file()
+        for name in read_manifest(dataset).files
     )
 
     second = Tampered(root)
@@ -159,7 +160,7 @@ def test_leftovers_of_another_release_are_thrown_away(
 
     with pytest.raises(KeyboardInterrupt):
         pull(Tampered(other.parent, stop), RELEASE, tmp_path / ID, progress=False)
-    (tmp_path / f"{ID}.pull" / "data.zarr" / "stranger").write_bytes(b"x")
+    (scratch_folder(tmp_path / ID, "pull") / "data.zarr" / "stranger").write_bytes(b"x")
     pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, dataset)
 
@@ -176,8 +177,8 @@ def test_half_written_leftovers_are_fetched_again(
 
     with pytest.raises(KeyboardInterrupt):
         pull(Tampered(root, stop), RELEASE, tmp_path / ID, progress=False)
-    (tmp_path / f"{ID}.pull" / "recipe.json").write_bytes(b"")
-    (tmp_path / f"{ID}.pull" / "stranger.part").write_bytes(b"left")
+    (scratch_folder(tmp_path / ID, "pull") / "recipe.json").write_bytes(b"")
+    (scratch_folder(tmp_path / ID, "pull") / "stranger.part").write_bytes(b"left")
     pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, dataset)
 
@@ -214,8 +215,11 @@ def test_wrong_bytes_once_and_always(
 
 
 def test_another_dataset_than_the_published_one(root: Path, tmp_path: Path) -> None:
-    with pytest.raises(ChecksumError, match="expected 0000"):
-        pull(Tampered(root), RELEASE, tmp_path / ID, digest="0" * 64, progress=False)
+    def refuse(manifest: Manifest) -> str:
+        return f"{manifest.id} is another"
+
+    with pytest.raises(ChecksumError, match=f"is not the {ID} that is wanted: {ID} is another"):
+        pull(Tampered(root), RELEASE, tmp_path / ID, refuse=refuse, progress=False)
     assert nothing_there(tmp_path)
 
 

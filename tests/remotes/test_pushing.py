@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import GateError, MissingManifestError
+from swarmdata.errors import DatasetNotFoundError, GateError
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.pushing import push
 from tests.remotes.conftest import ID
@@ -30,5 +30,5 @@ def test_through_the_gate(tmp_path: Path, dataset: Path) -> None:
 
 def test_an_unfinished_dataset(tmp_path: Path) -> None:
     (tmp_path / "ds").mkdir()
-    with pytest.raises(MissingManifestError):
+    with pytest.raises(DatasetNotFoundError):
         push(tmp_path / "ds", FolderRemote(f"file://{tmp_path}"), lambda folder: ())

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import zarr
 
+from swarmdata.spec import Obstacles
 from swarmdata.store import assemble, merge_order, open_store, write_part
 from swarmdata.store import layout as layout_module
 from swarmdata.store.layout import FIELDS, array_file, crc32c, plan_shard
@@ -17,7 +18,13 @@ from swarmdata.store.shards import file_digest
 from swarmdata.store.statistics import Moments
 from swarmdata.store.verification import logical_digest
 from swarmdata.testing.dataset import check_dataset
-from swarmdata.testing.synthetic import make_dataset, make_recipe, make_streams, write_streams
+from swarmdata.testing.synthetic import (
+    SPEC,
+    make_dataset,
+    make_recipe,
+    make_streams,
+    write_streams,
+)
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
 
@@ -116,7 +123,8 @@ def test_layouts_without_obstacles(tmp_path: Path) -> None:
 
     episodes = [make_episode(3, seed=i, n_obstacles=0) for i in range(5)]
     write_part(tmp_path / "part", episodes)
-    recipe = make_recipe(15)
+    spec = SPEC.with_updates(obstacles=Obstacles(circles=0, boxes=0, corners=0, pockets=0))
+    recipe = make_recipe(15, spec=spec)
     order = [(0, i) for i in range(5)]
     assemble(tmp_path / "ds", recipe=recipe, parts={0: [tmp_path / "part"]}, order=order)
     assert open_store(tmp_path / "ds", "full").table.layouts.shape == (5, 0, 8)

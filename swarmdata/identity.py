@@ -1,0 +1,123 @@
+"""What a dataset's folder is: published, something else under a published name, or unknown.
+
+A published dataset is arrays and recipe, and with the recipe its spec. Every command that has to
+know what a folder is asks `identify`, or `judge` where only the manifest is there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.cards.schema import Published, changed_versions, published
+from swarmdata.store import Damage, Manifest, read_manifest
+from swarmdata.store.cache import was_built_here
+
+Kind = Literal["published", "rebuilt", "another", "unknown", "damaged"]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The verdict on a dataset.
+
+    Attributes:
+        kind: `published`: arrays and recipe are those published under its id. `rebuilt`: built here
+            from the published recipe, with other arrays. `another`: it has the id of a published or
+            shipped dataset, and is not that one. `unknown`: nothing is published under its id.
+            `damaged`: its files are not those that were written, so nothing can be said.
+        sentence: what is so, with the digests, for people.
+    """
+
+    kind: Kind
+    sentence: str
+
+    @property
+    def is_as_named(self) -> bool:
+        """Whether nothing speaks against its being what its id says."""
+        return self.kind in ("published", "unknown")
+
+
+def identify(folder: Path, damage: Sequence[Damage]) -> Identity:
+    """Says what a dataset's folder is.
+
+    Args:
+        folder: the dataset's.
+        damage: what was found broken in it, when every byte was read.
+
+    Raises:
+        DatasetError: nothing was found broken, and the manifest cannot be read.
+    """
+    if damage:
+        files = ", ".join(sorted({each.file for each in damage})[:3])
+        more = "" if len(damage) <= 3 else f" and {len(damage) - 3} more"
+        return Identity(
+            "damaged", f"this is a damaged dataset: {files}{more} are not as they were written"
+        )
+    return judge(read_manifest(folder))
+
+
+def judge(manifest: Manifest) -> Identity:
+    """Says what the dataset is that a manifest describes, if it has the bytes that are listed."""
+    entry, recipe = published().get(manifest.id), shipped_recipes().get(manifest.id)
+    if entry is not None:
+        return _compared(manifest, entry)
+    if recipe is not None and recipe.hash() != manifest.recipe_hash:
+        return Identity(
+            "another",
+            f"this is another dataset under the shipped name {manifest.id}: its recipe is "
+            f"{manifest.recipe_hash[:12]}, the shipped one is {recipe.hash()[:12]}",
+        )
+    return Identity(
+        "unknown",
+        f"no digest is published for {manifest.id}, so there is nothing to compare it with",
+    )
+
+
+def _compared(manifest: Manifest, entry: Published) -> Identity:
+    same_arrays = manifest.digest == entry.digest
+    same_recipe = manifest.recipe_hash == entry.recipe_hash
+    if same_arrays and same_recipe:
+        return Identity("published", f"this is the published dataset {manifest.id}")
+    digests = f"digest {manifest.digest[:12]}, published {entry.digest[:12]}"
+    recipes = f"SHA-256 {manifest.recipe_hash[:12]}, published {entry.recipe_hash[:12]}"
+    if same_recipe and was_built_here(manifest):
+        return Identity("rebuilt", _rebuilt(manifest, entry, digests))
+    start = f"this is another dataset under the published name {manifest.id}"
+    if same_arrays:
+        return Identity(
+            "another",
+            f"{start}: it has the published arrays, and a recipe that was not published "
+            f"({recipes}), so what the recipe says of task, tier and policies may be wrong",
+        )
+    if same_recipe:
+        return Identity(
+            "another",
+            f"{start}: it has the published recipe, and arrays that were not published ({digests})."
+            " There is no record that they were built on this machine. They may have been changed, "
+            f"or built where the simulation gives other bits; its manifest says{_made(manifest)}",
+        )
+    return Identity(
+        "another",
+        f"{start}: neither arrays ({digests}) nor recipe ({recipes}) are those that were published",
+    )
+
+
+def _rebuilt(manifest: Manifest, entry: Published, digests: str) -> str:
+    changed = changed_versions(entry.made_with, manifest.provenance)
+    cause = (
+        f"with {', '.join(changed)}"
+        if changed
+        else "with the versions it was published with, so this machine computes something else"
+    )
+    return (
+        f"this was built here from the published recipe of {manifest.id}, and has other arrays "
+        f"({digests}). It was built {cause}. It is usable, but results on it are not exactly "
+        "comparable"
+    )
+
+
+def _made(manifest: Manifest) -> str:
+    """The versions in a manifest, in words."""
+    made = ", ".join(f"{name} {version}" for name, version in sorted(manifest.provenance.items()))
+    return f" that they were made with {made}" if made else " nothing about how they were made"

@@ -1,0 +1,40 @@
+"""Where datasets are kept on this machine, and the record of those that were built here."""
+
+import contextlib
+import json
+import os
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+from swarmdata.store.atomic import write_file
+from swarmdata.store.manifest import Manifest
+
+
+def cache_folder() -> Path:
+    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder."""
+    named = os.environ.get("SWARMDATA_CACHE")
+    return Path(named) if named else user_cache_path("swarmdata")
+
+
+def note_build(manifest: Manifest) -> None:
+    """Records that a dataset was built here, so that this can be said of it later.
+
+    The record is beside the datasets, not in them: it neither travels with a copy nor survives a
+    change of recipe or arrays.
+    """
+    record = _record(manifest)
+    with contextlib.suppress(OSError):  # a cache that is read only: then nobody says so later
+        record.parent.mkdir(parents=True, exist_ok=True)
+        content = {"id": manifest.id, "digest": manifest.digest, "recipe": manifest.recipe_hash}
+        write_file(record, json.dumps(content).encode())
+
+
+def was_built_here(manifest: Manifest) -> bool:
+    """Whether a dataset of these arrays and this recipe was built here."""
+    return _record(manifest).is_file()
+
+
+def _record(manifest: Manifest) -> Path:
+    name = f"{manifest.recipe_hash[:32]}-{manifest.digest[:32]}.json"
+    return cache_folder() / "built" / name

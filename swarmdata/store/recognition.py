@@ -1,0 +1,75 @@
+"""Whether a folder is a dataset at all, by what only our datasets have; nothing is ever changed."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmdata.store.layout import (
+    FIELDS,
+    GROUP_FILES,
+    MANIFEST,
+    Field,
+    expected_metadata,
+    metadata_file,
+    plan_shard,
+)
+
+MAX_JSON_BYTES = 64 << 20
+"""A larger file is not read to find out what it is; of our own, the manifest may have as many."""
+
+ATTRIBUTES = frozenset({"id", "splits", "end_reasons", "policies", "time_arrays"})
+"""Keys that the root group of every dataset has among its attributes."""
+
+_MANIFEST_KEYS = frozenset({"checksum", "format_version", "recipe_hash", "arrays", "files"})
+
+
+def is_dataset(folder: Path) -> bool:
+    """Whether a folder is a dataset of swarmdata, whole or damaged.
+
+    One of these must be left of it: a manifest with our keys, a root group with our attributes, or
+    the metadata of most of our arrays, of exactly our kind. Names alone, a `recipe.json`, or arrays
+    of others are no evidence.
+    """
+    return (
+        _read_object(folder / MANIFEST).keys() >= _MANIFEST_KEYS
+        or root_attributes(folder).keys() >= ATTRIBUTES
+        or 2 * sum(_has_array(folder, *item) for item in FIELDS.items()) > len(FIELDS)
+    )
+
+
+def no_dataset(folder: Path) -> str:
+    """What to say of a folder that is none."""
+    return (
+        f"there is no dataset at {folder}: the folder has nothing that only a dataset of swarmdata "
+        "has, such as a manifest."
+    )
+
+
+def root_attributes(folder: Path) -> Mapping[str, Any]:
+    """The attributes of a dataset's root group, none where its file is absent or broken."""
+    found = _read_object(folder / GROUP_FILES[0]).get("attributes")
+    return found if isinstance(found, dict) else {}
+
+
+def _has_array(folder: Path, name: str, field: Field) -> bool:
+    """Whether an array is described exactly as we describe it."""
+    metadata = _read_object(folder / metadata_file(name))
+    shape = metadata.get("shape")
+    if not isinstance(shape, list) or len(shape) != len(field.dimensions):
+        return False
+    if not all(isinstance(size, int) and size >= 0 for size in shape):
+        return False
+    expected = expected_metadata(plan_shard(field.dtype, tuple(shape)))
+    return all(metadata.get(key) == value for key, value in expected.items())
+
+
+def _read_object(path: Path) -> Mapping[str, Any]:
+    """The JSON object in a plain file; empty where there is none. Links are not followed."""
+    try:
+        if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_JSON_BYTES:
+            return {}
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

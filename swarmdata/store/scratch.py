@@ -1,0 +1,32 @@
+"""Folders of unfinished work beside a dataset's folder, which the next process goes on with."""
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+PREFIX = ".swarmdata-"
+"""Of the names of scratch folders."""
+
+
+def scratch_folder(path: Path, purpose: str) -> Path:
+    """Where one kind of work on a dataset's folder keeps what is not finished, beside the folder.
+
+    The name ends with a digest of itself, by which it is ours: a folder of the user's, such as
+    `<path>.repair`, is never taken for it. It is the same in every process, so that the next one
+    goes on where a killed one stopped.
+
+    Args:
+        path: the dataset's folder, which need not exist.
+        purpose: what the work is, such as `repair`.
+    """
+    whole = path.resolve()  # `.` and `..` have no name of their own
+    name = f"{whole.name}.{purpose}"
+    mark = hashlib.sha256(b"scratch folder of swarmdata: " + os.fsencode(name)).hexdigest()[:16]
+    return whole.parent / f"{PREFIX}{name.removeprefix(PREFIX)}-{mark}"
+
+
+def remove_scratch(folder: Path) -> None:
+    """Deletes a folder that `scratch_folder` has named, if it is there."""
+    if folder.is_dir() and not folder.is_symlink():
+        shutil.rmtree(folder)
