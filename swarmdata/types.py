@@ -182,6 +182,10 @@ class Batch:
 
     `next_actions` are those of the next step of the same episode, zero where it ended, by either
     flag; None where they are not known, as in the replay of online training.
+
+    `log_probs` are those of the stored actions under the policies that made them (`density`), also
+    where `actions` are scaled or turned into another frame, zero on padding; None where they were
+    not recorded, as in most recordings of other environments and in the replay of online training.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]
@@ -194,6 +198,7 @@ class Batch:
     truncations: Any  # [B] or [B, L]
     mask: Any  # [B] or [B, L]
     next_actions: Any = None  # as actions
+    log_probs: Any = None  # as rewards
 
     def __len__(self) -> int:
         """Batch size, B."""
