@@ -8,10 +8,7 @@ import math
 
 from swarmdata.compiling import kernel
 from swarmdata.geometry import nearest, outer_radius, wall_gap
-from swarmdata.types import Bool, Counts, Double, Float
-
-SEPARATION = 0.01
-"""A contact ends when the gap exceeds this (m); a resting contact jitters by less."""
+from swarmdata.types import SEPARATION, Bool, Counts, Double, Float
 
 SKIP = 0.25
 """Gaps to obstacles beyond this (m) need not be exact."""

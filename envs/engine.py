@@ -3,6 +3,7 @@
 import numpy as np
 
 from swarmdata.envs.backend import Plan
+from swarmdata.envs.rewards import CONTACT_WEIGHTS
 from swarmdata.envs.steps import StepMaker, keep_ended
 from swarmdata.envs.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
@@ -10,17 +11,6 @@ from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
 from swarmdata.states import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
-
-CONTACT_WEIGHTS = (
-    "robot_contact",
-    "obstacle_contact",
-    "robot_collision",
-    "obstacle_collision",
-    "proximity",
-    "success",
-    "team_share",
-)
-"""Fields of `spec.Rewards` that `world.score_steps` applies, in its order."""
 
 
 class TaskEnv:

@@ -231,9 +231,7 @@ def test_tensors_of_log_probs_are_those_of_the_batch(dataset: Dataset, horizon: 
 
 
 @pytest.mark.parametrize("horizon", [None, 5])
-def test_without_recorded_log_probs_a_batch_has_none(
-    dataset: Dataset, horizon: int | None
-) -> None:
+def test_without_recorded_log_probs_a_batch_has_none(dataset: Dataset, horizon: int | None) -> None:
     arrays = dict(dataset.stored.arrays)
     arrays["log_probs"] = arrays["log_probs"][:, :0]
     sampler = Sampler(arrays, dataset.stored.table, dataset.selection, horizon=horizon)
