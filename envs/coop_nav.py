@@ -20,7 +20,7 @@ Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance 
 
 where D is the sum of distances from robots to goals under the assignment that makes it least. So
 the sum over the team is w.progress times what is less left to drive, and w.time for each goal not
-reached, in both. `engine.TaskEnv` adds what all tasks share.
+reached, in both. What all tasks share comes on top (`rewards`).
 
 Solved: all robots have reached their goals at the same time, or all goals are covered.
 Metric: `reached_fraction`, the share of goals reached or covered in the last state.

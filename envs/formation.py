@@ -25,8 +25,8 @@ its velocity's difference to that of the slot, after the step, and [x] one if x 
 
     - w.deviation min(d, 1) - (w.time if d > tolerance else w.velocity dv)
 
-Velocities count only in the slot, so that a robot may hurry to it. `engine.TaskEnv` adds what all
-tasks share.
+Velocities count only in the slot, so that a robot may hurry to it. What all tasks share comes on
+top (`rewards`).
 
 The team is in formation in a step if the root mean square of d over robots is at most `tolerance`.
 Solved: in formation for `hold_fraction` of the horizon's steps, in total, whether in one piece or

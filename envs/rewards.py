@@ -15,20 +15,18 @@ CONTACT_WEIGHTS = (
 )
 """Fields of `rules.Rewards` that `world.score_steps` applies, in its order."""
 
-_EVENT = "this column of `events`, of the robot in the step"
-
 _GAP = (
     "gap: least distance, m, from the robot's surface to that of another robot, an obstacle or a "
     "wall, after the step; below 0 where they overlap. A payload is none of them"
 )
 
-_SHARED = (
-    ("robot_contact", "-weight * robot_contact", _EVENT),
-    ("obstacle_contact", "-weight * obstacle_contact", _EVENT),
-    ("robot_collision", "-weight * robot_onsets", _EVENT),
-    ("obstacle_collision", "-weight * obstacle_onsets", _EVENT),
-    ("proximity", f"-weight * min(max(1 - gap / {PROXIMITY:g}, 0), 1)", _GAP),
+_EVENTS = (
+    ("robot_contact", "robot_contact"),
+    ("obstacle_contact", "obstacle_contact"),
+    ("robot_collision", "robot_onsets"),
+    ("obstacle_collision", "obstacle_onsets"),
 )
+"""Each weight of a contact term, and the column of `events` that it is multiplied with."""
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
@@ -38,10 +36,20 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
     over the team, where s is `spec.rules.rewards.team_share`.
     """
     weights = task.spec.rules.rewards
-    shared = tuple(Term(name, getattr(weights, name), *rest) for name, *rest in _SHARED)
+    contacts = tuple(
+        Term(
+            name,
+            getattr(weights, name),
+            f"-weight * {event}",
+            f"{event}: that column of `events`, of this robot in this step",
+        )
+        for name, event in _EVENTS
+    )
+    near = f"-weight * min(max(1 - gap / {PROXIMITY:g}, 0), 1)"
     solved = f"solved: after the step, {task.solved}. Then the episode ends"
     return (
         *task.terms,
         Term("success", weights.success, "weight * [solved]", solved),
-        *shared,
+        *contacts,
+        Term("proximity", weights.proximity, near, _GAP),
     )

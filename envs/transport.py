@@ -37,7 +37,7 @@ without `goal_angle`), and [x] one if x holds, else zero:
     w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
 
 The first three are differences of potentials: going back and forth earns nothing, and the whole
-episode's sum is bounded by where things started. `engine.TaskEnv` adds what all tasks share.
+episode's sum is bounded by where things started. What all tasks share comes on top (`rewards`).
 Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
 within that angle of the wanted one.
 

@@ -22,7 +22,7 @@ before (L') and after it, and [x] one if x holds, else zero:
 
     w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
 
-`engine.TaskEnv` adds what all tasks share. Solved: the team has made `quota` deliveries.
+What all tasks share comes on top (`rewards`). Solved: the team has made `quota` deliveries.
 
 Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
 """

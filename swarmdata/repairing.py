@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.cards.render import card_of, write_card
+from swarmdata.cards import side_files
+from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import changed_versions
-from swarmdata.errors import DatasetError, SchemaError, SpecError, SwarmdataError
+from swarmdata.errors import DatasetError, SwarmdataError
 from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
@@ -42,39 +43,18 @@ class Repair:
 def examine(path: Path) -> tuple[Damage, ...]:
     """Reads every byte of a dataset and names every broken file, its card included.
 
-    The card is in no digest: it is compared with what this version of the package writes.
+    The card and the references are in no digest: they are compared with what this version of the
+    package writes.
 
     Raises:
         DatasetNotFoundError: there is no such folder.
         FormatVersionError: written by a newer version.
     """
     damage = find_damage(path)
-    card = None if damage else _card_damage(path)
-    if damage and not (path / CARD).exists():
-        card = Damage(CARD, "is absent")
-    return (*damage, card) if card else damage
-
-
-def _card_damage(path: Path) -> Damage | None:
-    """What is wrong with the card of a dataset whose other files are sound."""
-    try:
-        found = (path / CARD).read_bytes().splitlines()
-    except FileNotFoundError:
-        return Damage(CARD, "is absent")
-    try:
-        expected = card_of(path).encode().splitlines()
-    except (SchemaError, SpecError) as error:
-        return Damage(CARD, f"cannot be compared, because no card can be made: {error}")
-    if found == expected:
-        return None
-    pairs = zip(found, expected, strict=False)
-    same = next((k for k, (one, other) in enumerate(pairs) if one != other), None)
-    line = (min(len(found), len(expected)) if same is None else same) + 1
-    return Damage(
-        CARD,
-        f"is not the card that the other files give: line {line} is the first that differs. It was "
-        "changed, or written by another version of swarmdata",
-    )
+    if not damage:
+        return side_files.damage_of(path)
+    absent = () if (path / CARD).exists() else (Damage(CARD, "is absent"),)
+    return (*damage, *absent)
 
 
 def repair(
@@ -139,9 +119,11 @@ class _Job:
         if left:
             for file in self._rebuilt_files(manifest, left):
                 yield Repair(file, MADE_AGAIN)
-        if _card_damage(self.path):
+        beside = side_files.damage_of(self.path)
+        if beside:
             write_card(self.path)
-            yield Repair(CARD, "written anew")
+        for each in beside:
+            yield Repair(each.file, "written anew")
 
     def _swap(self, source: Path, file: str) -> None:
         """Puts a checked file in its place."""

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.side_files import write_missing
 from swarmdata.errors import (
     ChecksumError,
     DatasetNotFoundError,
@@ -31,7 +31,7 @@ from swarmdata.remotes.pulling import pull
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.atomic import sync
-from swarmdata.store.layout import CARD, MANIFEST
+from swarmdata.store.layout import MANIFEST
 
 OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 """Variables of the environment that keep `load` from asking remotes."""
@@ -215,8 +215,7 @@ def _arrive(
                 f"{release.address} is {found.id} of recipe {found.recipe_hash[:12]}, expected "
                 f"{wanted.id} of recipe {(wanted.recipe_hash or 'any')[:12]}."
             )
-        if not (arriving / CARD).exists():
-            write_card(arriving)
+        write_missing(arriving)
     except BaseException:
         shutil.rmtree(arriving)
         raise

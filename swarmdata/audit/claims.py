@@ -4,6 +4,7 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
 from swarmdata.behavior_policies.tiers import SPECS
+from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.render import card_of
 from swarmdata.cards.schema import (
     TaskReferences,
@@ -14,7 +15,7 @@ from swarmdata.cards.schema import (
 )
 from swarmdata.errors import SwarmdataError
 from swarmdata.spec import Recipe
-from swarmdata.store.layout import CARD
+from swarmdata.store.layout import CARD, REFERENCES
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
@@ -143,8 +144,19 @@ def card(subject: Subject) -> Remarks:
             yield problem(f"no card can be made of it: {error}")
             return
         if text == wanted[-1].encode():
-            return
-    yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
+            break
+    else:
+        yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
+    yield from _references(subject)
+
+
+def _references(subject: Subject) -> Remarks:
+    """The references for programs are those of the card."""
+    wanted = reference_bytes(subject.origin.spec)
+    path = subject.path / REFERENCES
+    if wanted is not None and (not path.exists() or path.read_bytes() != wanted):
+        state = "is not what this version measured" if path.exists() else "is absent"
+        yield problem(f"{REFERENCES} {state}. Write it with: swarmdata card {subject.path} --write")
 
 
 def _first_difference(text: str, wanted: str) -> str:

@@ -21,6 +21,9 @@ FORMAT_VERSION = 1
 DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "card.md"
 """Names inside a dataset's folder."""
 
+REFERENCES = "references.json"
+"""What the reference policies of the task reach, beside the card; only where they were measured."""
+
 CHUNK_ROWS = 10_000
 """Most rows of one chunk; chunks are what the fast checksums cover."""
 
