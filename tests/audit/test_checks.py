@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
+from swarmdata.cards.render import write_card
 from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
 from swarmdata.presets import preset
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
-from swarmdata.store.layout import CARD, array_file
+from swarmdata.store.layout import CARD, REFERENCES, array_file
 from swarmdata.types import END_REASONS
 
 Arrays = dict[str, Any]
@@ -333,6 +334,16 @@ def test_card_that_says_something_else(clean: Path, tmp_path: Path) -> None:
     assert f"card.md, line {line}, says '| joint steps | about" in messages(look(folder), "card")
     (folder / CARD).unlink()
     assert "there is no card.md" in messages(look(folder), "card")
+
+
+def test_references_that_say_something_else(random_team: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(random_team, tmp_path / "typed"))
+    write_card(folder)
+    assert not messages(look(folder), "card")
+    (folder / REFERENCES).write_text("{}")
+    assert "references.json is not what this version measured" in messages(look(folder), "card")
+    (folder / REFERENCES).unlink()
+    assert "references.json is absent" in messages(look(folder), "card")
 
 
 @pytest.fixture(scope="module")
