@@ -2,8 +2,10 @@
 
     python -m tests.benchmarks.bench_contacts [SECTION ...]
 
-Sections: today variants. `today` measures the four tasks under three teams, `variants` what smaller
-physics steps, more iterations of the solver and a stronger correction would change, and cost.
+Sections: today recorded variants. `today` measures the four tasks under three teams, `recorded` the
+deepest overlaps and highest speeds of published datasets (which it builds if need be), `variants`
+what smaller physics steps, more iterations of the solver and a stronger correction would change,
+and cost.
 """
 
 import os
@@ -19,6 +21,7 @@ from unittest import mock
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import checkpoints
+from swarmdata.catalog import load
 from swarmdata.compiling import kernel
 from swarmdata.envs import munk
 from swarmdata.envs.backend import Plan
@@ -37,6 +40,19 @@ from tests.benchmarks.engines import Run, swarm
 from tests.benchmarks.measuring import interleave, table, write_section
 
 TEAMS = ("random", "scripted", "expert")
+RECORDED = (
+    "coop_nav-random-mini",
+    "coop_nav-n8-random-mini",
+    "formation-random-mini",
+    "formation-n8-medium-mini",
+    "transport-medium-mini",
+    "transport-medium-replay-mini",
+    "warehouse-random-mini",
+    "warehouse-medium-mini",
+    "warehouse-medium-replay-mini",
+    "warehouse-expert-mini",
+)
+
 N_EPISODES = 192
 N_COPIES = 64
 N_REPLAYS = 2000
@@ -246,6 +262,30 @@ def today_section() -> None:
     )
 
 
+def recorded_section() -> None:
+    """The extremes of published datasets."""
+    rows = []
+    for name in RECORDED:
+        dataset = load(name, progress=False)
+        spec = dataset.task
+        top, fastest = np.array([robot.max_speed for robot in spec.robots]), 0.0
+        deepest = np.full(3, -np.inf)
+        for episode in dataset:
+            deepest = np.maximum(deepest, depths(episode, spec).max(axis=(0, 1)))
+            robots = robots_of(episode.states, spec.n_agents).astype(np.float64)
+            speed = np.hypot(robots[..., VX], robots[..., VY]) / top - 1.0
+            fastest = max(fastest, float(speed.max()))
+        cells = ("—" if depth <= 0 else f"{1e3 * depth:.1f}" for depth in deepest.tolist())
+        rows.append((name, *cells, f"{100 * fastest:.1f}"))
+        print(" | ".join(rows[-1]), flush=True)
+    head = ("dataset", "robots, mm", "obstacles and walls, mm", "payload, mm", "over max_speed, %")
+    write_section(
+        "Contacts in datasets",
+        "The deepest overlap of each kind in a recorded state, and the highest speed above "
+        "`max_speed`.\n\n" + table(head, rows),
+    )
+
+
 def variants_section() -> None:
     """What other physics would give and cost; digests would change with any of them."""
     rows = []
@@ -282,11 +322,15 @@ def _within(variant: Variant, run: Run, seconds: float) -> float:
         return run(seconds)
 
 
-SECTIONS: dict[str, Callable[[], None]] = {"today": today_section, "variants": variants_section}
+SECTIONS: dict[str, Callable[[], None]] = {
+    "today": today_section,
+    "recorded": recorded_section,
+    "variants": variants_section,
+}
 
 
 def main() -> None:
-    """Measures the sections named on the command line, both by default."""
+    """Measures the sections named on the command line, all by default."""
     for name in sys.argv[1:] or SECTIONS:
         print(f"== {name}", flush=True)
         SECTIONS[name]()
