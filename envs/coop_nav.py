@@ -180,7 +180,7 @@ class CoopNav:
 
 
 def _goal_columns(n: int, half: tuple[float, float]) -> tuple[Column, ...]:
-    columns = (pair(f"goal_{k}_", f"place of goal {k}", "m", half) for k in range(n))
+    columns = (pair(f"goal_{k}_", f"position of goal {k}", "m", half) for k in range(n))
     return tuple(column for both in columns for column in both)
 
 

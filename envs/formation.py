@@ -244,33 +244,32 @@ class Formation:
 
 
 def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple[Column, ...]:
-    half = spec.half_size
-    later = (
-        (
-            *pair(f"preview_{k}_", f"place of the reference {seconds:g} s later", "m", half),
-            *pair(f"preview_{k}_u", f"its heading {seconds:g} s later", "", (1.0, 1.0)),
-        )
-        for k, seconds in enumerate(previews)
-    )
-    path = (
-        pair(
-            f"control_{k}_",
-            f"control point {k} of the reference's path, a uniform cubic B-spline whose segment "
-            "k has the control points k to k + 3; the same in the whole episode",
-            "m",
-            half,
-        )
-        for k in range(n_points)
+    rules, half = spec.rules, spec.half_size
+    assert isinstance(rules, FormationRules)  # checked by the task
+    spline = (
+        "of the reference's path, a uniform cubic B-spline of which each segment takes "
+        f"{rules.segment_time:g} s; the same in the whole episode"
     )
     held = "steps of the episode so far, this one included, in which the team was in formation"
     return (
-        *pair("reference_", "place of the reference, the centre of the slots", "m", half),
+        *pair("reference_", "position of the reference, the origin of the slots", "m", half),
         *pair("reference_v", "velocity of the reference", "m/s", None),
-        *pair("reference_u", "heading of the reference, a unit vector", "", (1.0, 1.0)),
+        *pair("reference_u", "heading of the reference", "", (1.0, 1.0), "; a unit vector"),
         Column("reference_turn_rate", "turn rate of its heading, counter-clockwise", "rad/s"),
         Column("steps_held", held, low=0, high=spec.horizon),
-        *(column for four in later for column in four),
-        *(column for both in path for column in both),
+        *(
+            column
+            for k, seconds in enumerate(previews)
+            for column in (
+                *pair(f"preview_{k}_", f"position of the reference {seconds:g} s later", "m", half),
+                *pair(f"preview_{k}_u", f"heading of it {seconds:g} s later", "", (1.0, 1.0)),
+            )
+        ),
+        *(
+            column
+            for k in range(n_points)
+            for column in pair(f"control_{k}_", f"control point {k} {spline}", "m", half)
+        ),
     )
 
 

@@ -274,7 +274,7 @@ class Transport:
         self.kinds: Int = self._plan.kinds
         self.movables: tuple[Payload, ...] = (rules.payload,)
         is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
-        wanted = "direction that the payload's local x axis shall have, or its opposite"
+        wanted = "direction that the payload's local x axis shall have (or its opposite)"
         self.extras = pair("goal_u", wanted, "", (1.0, 1.0)) if is_posed else ()
         self.terms, self.solved = _terms(rules), _solved(rules)
         self.features = _features(is_box, is_posed)

@@ -23,7 +23,7 @@ SHAPES = (
 """By code, what an obstacle consists of; x and y are in its local frame."""
 
 OBSTACLE_COLUMNS = (
-    Column("kind", "shape code", low=0, high=3),
+    Column("kind", "shape: an index into `shapes`", low=0, high=3),
     Column("x", "centre, x", "m", frame="world"),
     Column("y", "centre, y", "m", frame="world"),
     Column("ux", "direction of the local x axis, a unit vector, x", "", -1, 1, "world"),

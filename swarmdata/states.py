@@ -17,25 +17,28 @@ N_COLUMNS = len(ROBOT)
 BODY = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
 """Columns of a movable body, as `body_columns` describes them."""
 
-_SPEED = "velocity; within the robot's max_speed, but for robots in contact, which may exceed it"
-_HEADING = "heading, a unit vector; (1, 0) for ever on a holonomic robot"
-_TARGET = "target: the point where the robot should be now"
+_SPEED = "; no faster than the robot's max_speed, unless it is in contact"
+_HEADING = "; a unit vector, (1, 0) for ever on a holonomic robot"
+_TARGET = ", the point where the robot should be now"
 
 
 def pair(
-    prefix: str, meaning: str, unit: str, half: tuple[float, float] | None
+    prefix: str, what: str, unit: str, half: tuple[float, float] | None, more: str = ""
 ) -> tuple[Column, ...]:
     """The columns `<prefix>x` and `<prefix>y` of a vector in the world's frame.
 
     Args:
         prefix: of both names.
-        meaning: of both.
+        what: the vector.
         unit: of both.
         half: largest absolute value of x and of y; None if there is none.
+        more: the rest of the meaning, with its punctuation.
     """
     bounds = half or (None, None)
     return tuple(
-        Column(f"{prefix}{axis}", f"{meaning}, {axis}", unit, bound and -bound, bound, "world")
+        Column(
+            f"{prefix}{axis}", f"{axis} of the {what}{more}", unit, bound and -bound, bound, "world"
+        )
         for axis, bound in zip("xy", bounds, strict=True)
     )
 
@@ -43,10 +46,10 @@ def pair(
 def robot_columns(half: tuple[float, float]) -> tuple[Column, ...]:
     """The columns of each robot in an arena of this half width and half height (m)."""
     return (
-        *pair("", "position of the centre", "m", half),
-        *pair("v", _SPEED, "m/s", None),
-        *pair("u", _HEADING, "", (1.0, 1.0)),
-        *pair("t", _TARGET, "m", half),
+        *pair("", "centre's position", "m", half),
+        *pair("v", "velocity", "m/s", None, _SPEED),
+        *pair("u", "heading", "", (1.0, 1.0), _HEADING),
+        *pair("t", "target", "m", half, _TARGET),
     )
 
 
@@ -55,7 +58,7 @@ def body_columns(half: tuple[float, float]) -> tuple[Column, ...]:
     return (
         *pair("", "position of the payload's centre", "m", half),
         *pair("v", "velocity of the payload", "m/s", None),
-        *pair("u", "direction of the payload's local x axis, a unit vector", "", (1.0, 1.0)),
+        *pair("u", "direction of the payload's local x axis", "", (1.0, 1.0), "; a unit vector"),
         Column("turn_rate", "turn rate of the payload, counter-clockwise", "rad/s"),
     )
 

@@ -56,6 +56,40 @@ RECORDED_LAYOUT = (
 
 EMPTY = "An axis has length 0: there is nothing of the kind in this dataset."
 
+END_REASON = (
+    "success: the task was solved; failure: a failure that the task's spec names, a termination as "
+    "well; horizon: cut at the horizon, a truncation; ended: a termination of an environment that "
+    "does not say whether its task was solved."
+)
+"""What the codes of `episodes/end_reason` mean."""
+
+SENSED = {
+    "state": (
+        "Vectors are in the world's frame. Slots of neighbors and obstacles are in the order of "
+        "the gap between surfaces, the nearest first; a slot without a return is zero."
+    ),
+    "lidar": (
+        "Vectors are in the robot's body frame. Beam k of n points 2 pi k / n counter-clockwise "
+        "from the heading."
+    ),
+    "bearing": (
+        "Vectors are in the robot's body frame. Slots of neighbors are in the order of the "
+        "distance between centres, the nearest first; a slot without a return is zero."
+    ),
+    "occupancy": (
+        "Vectors are in the robot's body frame. Cell r n + c of n x n has its centre "
+        "(r - (n - 1) / 2) cell sizes ahead of the robot and (c - (n - 1) / 2) to its left."
+    ),
+}
+"""How each observation model is laid out."""
+
+MODIFIED = (
+    "`model` has its numbers: standard deviations of the noise by kind of feature (m, m/s), "
+    "probability of a lost return, steps of delay, frames in the stack; a name that ends in [-k] "
+    "is of the frame k steps before. message_k is from the k-th of the other agents in their order."
+)
+"""What holds of every observation model."""
+
 _CODES = {"episodes/split": SPLITS, "episodes/end_reason": END_REASONS}
 
 
@@ -75,6 +109,7 @@ def attributes_of(origin: Origin, shapes: Shapes) -> dict[str, Attributes]:
     if isinstance(origin, Recipe):
         known["log_probs"] = {"details": LOG_PROBS}
         known["episodes/end_reason"] = {"codes": list(TASK_END_REASONS)}
+    known.setdefault("episodes/end_reason", {})["details"] = END_REASON
     known["episodes/policy"] = {"codes": [policy.label for policy in origin.policies]}
     return {
         name: {**_of_field(name, shape, spec.agent_names), **known.get(name, {})}
@@ -100,7 +135,7 @@ def _of_field(name: str, shape: tuple[int, ...], agents: Sequence[str]) -> Attri
 def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
     spec = task.spec
     known: dict[str, Attributes] = {
-        name: {"columns": _plain(columns), "frames": FRAMES}
+        name: _of_columns(columns)
         for name, columns in task_columns(task).items()
         if columns and shapes.get(name, (0,))[-1] == len(columns)
     }
@@ -108,6 +143,10 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
         agents=list(spec.agent_names),
         radius={"value": [robot.radius for robot in spec.robots], "unit": "m"},
         arena={"value": [spec.arena.width, spec.arena.height], "unit": "m"},
+    )
+    known.setdefault("observations", {}).update(
+        details=f"{SENSED[spec.observation.kind]} {MODIFIED}",
+        model=spec.observation.model_dump(mode="json"),
     )
     known["actions"] = _of_actions(spec)
     known["rewards"] = _of_rewards(task)
@@ -121,12 +160,18 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
 
 def _of_actions(spec: TaskSpec) -> Attributes:
     """Commands, once for all robots or, where they differ, for each."""
-    each = [_plain(action_columns(robot, spec)) for robot in spec.robots]
-    names = spec.agent_names
+    each = [action_columns(robot, spec) for robot in spec.robots]
     if all(columns == each[0] for columns in each):
-        return {"columns": each[0], "frames": FRAMES}
-    by_agent = dict(zip(names, each, strict=True))
-    return {"columns_of_agents": by_agent, "frames": FRAMES}
+        return _of_columns(each[0])
+    by_agent = zip(spec.agent_names, map(_plain, each), strict=True)
+    return {"columns_of_agents": dict(by_agent), "frames": FRAMES}
+
+
+def _of_columns(columns: Sequence[Column]) -> Attributes:
+    """Columns, and the frames that they name."""
+    used = {column.frame for column in columns}
+    frames = {name: meaning for name, meaning in FRAMES.items() if name in used}
+    return {"columns": _plain(columns), **({"frames": frames} if frames else {})}
 
 
 def _of_rewards(task: Task) -> Attributes:

@@ -7,7 +7,7 @@ from swarmdata.interfaces import Task
 from swarmdata.observing import features_of
 from swarmdata.senses import Broadcast, SensorNoise
 from swarmdata.spec import Robot, TaskSpec
-from swarmdata.states import body_columns, robot_columns
+from swarmdata.states import body_columns, pair, robot_columns
 from swarmdata.types import EVENT_COLUMNS, Column
 
 
@@ -83,12 +83,8 @@ def _command_columns(robot: Robot) -> tuple[Column, ...]:
     what = "velocity" if is_velocity else "acceleration"
     scale = speed if is_velocity else acceleration
     if robot.dynamics == "holonomic":
-        meaning = (
-            f"{what} asked for, as part of {scale}, {limit}; a vector longer than 1 is cut to 1"
-        )
-        return tuple(
-            Column(f"{what}_{axis}", f"{meaning}, {axis}", "", -1.0, 1.0, "world") for axis in "xy"
-        )
+        more = f", as part of {scale}, {limit}; a vector longer than 1 is cut to length 1"
+        return pair(f"{what}_", f"{what} asked for", "", (1.0, 1.0), more)
     ahead = f"{what} asked for along the heading, as part of {scale}, {limit}"
     turn = f"turn rate, counter-clockwise, as part of {robot.max_turn_rate:g} rad/s"
     return (
@@ -111,6 +107,6 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
     rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
     own = robot_columns(spec.half_size)
     return tuple(
-        own[k]._replace(meaning=f"of the sender: {own[k].meaning}{rounding}")
+        own[k]._replace(meaning=f"of the sender{rounding}: {own[k].meaning}")
         for k in COLUMNS[model.payload]
     )

@@ -119,9 +119,11 @@ FIELDS = {
     "episodes/layouts": Field(
         "float32", "episodes", ("episode", "obstacle", "column"), "the episode's obstacles"
     ),
-    "episodes/split": _column("uint8", "code of the split that the episode is in", 0, 2),
-    "episodes/end_reason": _column("uint8", "code of why the episode ended", 0, 3),
-    "episodes/policy": _column("uint8", "code of the behavior policy that acted for all agents", 0),
+    "episodes/split": _column("uint8", "split that the episode is in, an index into `codes`"),
+    "episodes/end_reason": _column("uint8", "why the episode ended, an index into `codes`"),
+    "episodes/policy": _column(
+        "uint8", "behavior policy that acted for all agents, an index into `codes`"
+    ),
     "episodes/policy_episode": _column(
         "int64", "number of the episode among those that its policy made, from 0", 0
     ),

@@ -80,7 +80,7 @@ def check(env: VecEnv) -> None:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_column_of_every_preset_is_named(name: str) -> None:
-    """Row 51: formation's own columns were "of the task; see its rules", others nothing at all."""
+    """Row 50: formation's own columns were "of the task; see its rules", others nothing at all."""
     check(make_env(preset(name)))
 
 
