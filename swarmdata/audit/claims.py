@@ -1,5 +1,8 @@
 """Checks of what is said of a dataset: its id, its tier, and its card."""
 
+import json
+from importlib.metadata import version
+
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
@@ -15,7 +18,8 @@ from swarmdata.cards.schema import (
 )
 from swarmdata.errors import SwarmdataError
 from swarmdata.spec import Recipe
-from swarmdata.store.layout import CARD, REFERENCES
+from swarmdata.store.attributes import attributes_of
+from swarmdata.store.layout import CARD, REFERENCES, metadata_file
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
@@ -123,6 +127,28 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
                 f"the {metric} of this expert is {found[metric]:.3f}, expected at least {least}, "
                 f"or {NOISE_COST} less with noise"
             )
+
+
+def attributes(subject: Subject) -> Remarks:
+    """What Zarr attributes say of columns, units and rewards is what the package writes.
+
+    Who has Zarr and nothing of ours believes them, and no digest of arrays covers them.
+    """
+    manifest = subject.manifest
+    try:
+        wanted = attributes_of(subject.origin, {n: e.shape for n, e in manifest.arrays.items()})
+    except SwarmdataError as error:
+        yield problem(f"no attributes can be made of it: {error}")
+        return
+    files = {name: subject.path / metadata_file(name) for name in wanted}
+    found = {name: json.loads(file.read_bytes()).get("attributes") for name, file in files.items()}
+    differing = sorted(name for name in wanted if found[name] != wanted[name])
+    if differing and not any(found.values()):
+        yield note("its arrays have no Zarr attributes: it was written before there were any")
+    elif differing and manifest.provenance.get("swarmdata") != version("swarmdata"):
+        yield note(f"Zarr attributes of {differing} are of another version of swarmdata")
+    elif differing:
+        yield problem(f"Zarr attributes of {differing} were changed: they are not what is written")
 
 
 def card(subject: Subject) -> Remarks:

@@ -38,7 +38,7 @@ def test_without_contact_a_state_tells_everything(episodes: list[Episode]) -> No
     """Row 53: what `deviations` finds after contacts is not of its own making."""
     free, touched = [], []
     for episode in episodes:
-        near = (bench.depths(episode, RANDOM) > -0.01).any(axis=(1, 2))
+        near = np.any(bench.depths(episode, RANDOM) > -0.01, axis=(1, 2))
         for t in np.flatnonzero(~near[:-2] & ~near[1:-1])[:20] + 1:
             reached = robots_of(episode.states[t + 1], RANDOM.n_agents)[:, :2]
             free.append(np.abs(reached - bench.again(episode, RANDOM, int(t))).max())

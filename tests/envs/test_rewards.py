@@ -176,7 +176,7 @@ def test_the_formulas_are_what_is_computed(name: str) -> None:
     """Row 51: what was shared was nowhere written with its numbers."""
     spec = POSED if name == "posed" else preset(name)
     env = make_env(spec, 16)
-    task: Task = env.task  # type: ignore[attr-defined]
+    task: Task = env.task
     rng, seen = np.random.default_rng(1), {"success": 0.0, "robot_contact": 0.0}
     before = env.reset(np.arange(16, dtype=np.uint64))
     for _ in range(min(spec.horizon, 150)):

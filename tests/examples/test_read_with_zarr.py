@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ class Blocker:
 sys.meta_path.insert(0, Blocker())
 import runpy
 from pathlib import Path
+from typing import Any
 example = runpy.run_path(sys.argv[1])
 print(*(each.max() for each in example["differences"](Path(sys.argv[2]))))
 """
@@ -68,7 +70,7 @@ def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path
 
 
 def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
-    rewards = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
+    rewards: Any = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
     rewards[7, 2] += np.float32(1e-3)
     assert max(differences(folder, tmp_path)) == pytest.approx(1e-3, rel=1e-2)
     rewards[7, 2] -= np.float32(1e-3)
