@@ -1,7 +1,9 @@
 """Contact events from positions: a contact begins at overlap and ends at separation.
 
 Overlap of positions after a physics step is exactly what Munk2D reports as a contact, and is 100
-times cheaper to find here than through its callbacks.
+times cheaper to find here than through its callbacks. Overlaps are 2 mm deep in the median and up
+to 50 mm: what two robots can drive in a physics step, before the solver has seen them, and what is
+pressed (`python -m tests.benchmarks.bench_contacts`).
 """
 
 import math

@@ -310,17 +310,20 @@ def variants_section() -> None:
             cells = (f"{speed.median:.2f}", f"{speed.low:.2f} to {speed.high:.2f}")
             rows.append((task, variant.name, shown(deep, 1e3), shown(excess, 100), *cells))
             print(" | ".join(rows[-1]), flush=True)
-    head = ("task", "physics", "overlaps, mm", "over max_speed, %", "speed / today's", "rounds")
+    head = ("task", "physics", "overlaps, mm", "over max_speed, %", "speed / today's", "quartiles")
     write_section(
         "Contacts under other physics",
         "Overlaps of all kinds and teams as above; environment steps a second of 64 copies under "
         "random actions in a second of processor time, by today's of the same round: median and "
-        f"range of {ROUNDS} rounds.\n\n" + table(head, rows),
+        f"quartiles of {ROUNDS} rounds.\n\n" + table(head, rows),
     )
 
 
 def ratios(runs: Mapping[str, Run]) -> dict[str, Rate]:
-    """Rates by today's in the same round, per second of processor time: others use the machine."""
+    """Rates by today's in the same round: median and quartiles.
+
+    Per second of processor time, since others use the machine.
+    """
     found: dict[str, list[float]] = {name: [] for name in runs}
     for run in runs.values():
         run(0.05)  # the first use is slower
@@ -332,7 +335,7 @@ def ratios(runs: Mapping[str, Run]) -> dict[str, Rate]:
             rates[name] = rate * (time.perf_counter() - wall) / (time.process_time() - used)
         for name, rate in rates.items():
             found[name].append(rate / rates[TODAY.name])
-    return {name: Rate.of(values) for name, values in found.items()}
+    return {name: Rate(*np.quantile(each, [0.5, 0.25, 0.75])) for name, each in found.items()}
 
 
 def built(task: str, variant: Variant) -> Run:
