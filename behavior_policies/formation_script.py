@@ -137,7 +137,9 @@ class FormationScript:
         radii = np.array([robot.radius for robot in spec.robots])
         half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
         self._body = (radii, half)
-        points = N_COLUMNS * spec.n_agents + task.extras.index("control_0_x")
+        points = N_COLUMNS * spec.n_agents + [column.name for column in task.extras].index(
+            "control_0_x"
+        )
         self._path = (points, spec.control_dt * task.segment_rate, LOOK * task.segment_rate)
 
     def reset(self, step: Step, copies: Int) -> None:

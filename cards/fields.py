@@ -7,7 +7,9 @@ from swarmdata.errors import SpecError
 from swarmdata.features import UNITS
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
-from swarmdata.states import BODY, N_COLUMNS
+from swarmdata.states import N_COLUMNS, ROBOT
+from swarmdata.store.columns import state_columns
+from swarmdata.types import Column
 
 
 @dataclass(frozen=True)
@@ -48,36 +50,18 @@ def _columns(columns: list[int]) -> str:
     return f"{columns[0]}, {columns[1]}, … {columns[-1]}"
 
 
-_ROBOT = (
-    ("x, y", "m", "position"),
-    ("vx, vy", "m/s", "velocity"),
-    ("ux, uy", "", "heading, a unit vector; (1, 0) of a holonomic robot"),
-    ("tx, ty", "m", "target: where the robot should be now"),
-)
-
-_BODY = (
-    ("x, y", "m", "position of the payload"),
-    ("vx, vy", "m/s", "velocity of the payload"),
-    ("ux, uy", "", "direction of the payload's local x axis"),
-    ("turn_rate", "rad/s", "turn rate of the payload"),
-)
-
-
 def state_rows(task: Task) -> list[FieldRow]:
     """The features of the state, which is for training and analysis only."""
-    rows = []
-    for index, agent in enumerate(task.spec.agent_names):
-        for k, (names, unit, meaning) in enumerate(_ROBOT):
-            first = N_COLUMNS * index + 2 * k
-            rows.append(FieldRow(f"{first}–{first + 1}", f"{agent}: {names}", unit, meaning))
-    start = N_COLUMNS * task.spec.n_agents
-    for body in range(len(task.movables)):
-        for k, (names, unit, meaning) in enumerate(_BODY):
-            first = start + len(BODY) * body + 2 * k
-            last = f"–{first + 1}" if "," in names else ""
-            rows.append(FieldRow(f"{first}{last}", f"payload: {names}", unit, meaning))
-    start += len(BODY) * len(task.movables)
-    return rows + [
-        FieldRow(str(start + k), name, "", "of the task; see its rules")
-        for k, name in enumerate(task.extras)
+    columns, n = state_columns(task), task.spec.n_agents
+    robots = [
+        FieldRow(f"{N_COLUMNS} i + {k}", f"robot i: {name}", *_described(columns[k]))
+        for k, name in enumerate(ROBOT)
     ]
+    return robots + [
+        FieldRow(str(k), columns[k].name, *_described(columns[k]))
+        for k in range(N_COLUMNS * n, len(columns))
+    ]
+
+
+def _described(column: Column) -> tuple[str, str]:
+    return column.unit, column.meaning

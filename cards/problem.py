@@ -13,7 +13,7 @@ from swarmdata.observing import Observer
 from swarmdata.spec import TaskSpec
 from swarmdata.states import state_size
 from swarmdata.store import Manifest
-from swarmdata.types import EVENTS
+from swarmdata.store.attributes import FRAMES
 
 
 def task_section(task: Task) -> str:
@@ -73,6 +73,16 @@ def senses_section(spec: TaskSpec) -> str:
     )
 
 
+OFFSETS = (
+    "Rows over time: those of episode e are `starts[e]` to `starts[e] + lengths[e] - 1` in arrays "
+    "with a row for each step (actions, rewards, events, ...), and `starts[e] + e` to "
+    "`starts[e] + e + lengths[e]` in arrays with a row for each state (observations, states, "
+    "sent, delivered, ages), which have one more in each episode. The Zarr attributes of each "
+    "array say what its rows and columns mean, with units, ranges and frames."
+)
+"""How to find an episode in the arrays."""
+
+
 def arrays_section(task: Task, manifest: Manifest) -> str:
     """What is stored, column by column.
 
@@ -95,14 +105,16 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     return (
         "\n## Arrays\n\n"
         + table(("array", "dtype", "shape"), arrays)
-        + f"\nColumns of `events`: {', '.join(EVENTS)}. Actions are commands in [-1, 1], scaled by "
-        "the robot's limit. `log_probs` are the log-probabilities of the robots' actions under the "
+        + f"\n{OFFSETS}\n\nActions are commands in [-1, 1], scaled by the robot's limit. "
+        "`log_probs` are the log-probabilities of the robots' actions under the "
         "policy that made them: sums over components of the log-density of the action noise inside "
         "(-1, 1) and of the log of the mass that was clipped to a bound; 0 without noise.\n"
         + "\n### Observation of one robot\n\n"
         + _fieldtable(rows)
         + "\n### State\n\n"
         + _fieldtable(state_rows(task))
+        + f"\nRobots i in order: {', '.join(spec.agent_names)}. All vectors are in the world's "
+        f"frame: {FRAMES['world']}.\n"
     )
 
 

@@ -13,6 +13,7 @@ from swarmdata.cards.origin import (
     splits_section,
     tier_section,
 )
+from swarmdata.cards.problem import OFFSETS
 from swarmdata.cards.statistics import histogram, percent
 from swarmdata.errors import SpecError
 from swarmdata.origins import Origin, RecordedSpec
@@ -148,7 +149,7 @@ def _arrays(stored: StoredDataset, spec: RecordedSpec) -> str:
         for name, entry in sorted(stored.manifest.arrays.items())
     ]
     text = "\n## Arrays\n\n" + markdown.table(("array", "dtype", "shape"), rows)
-    text += "\nArrays with an axis of 0 were not recorded."
+    text += f"\n{OFFSETS}\n\nArrays with an axis of 0 were not recorded."
     if "alive" in stored.arrays:
         text += (
             " Agents can leave before the team's end: `alive` says who acts next; what agents that "

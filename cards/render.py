@@ -16,6 +16,8 @@ from swarmdata.cards.meaning import limits_of
 from swarmdata.cards.origin import about_section, origin_section, splits_section, tier_section
 from swarmdata.cards.problem import arrays_section, senses_section, task_section
 from swarmdata.cards.recorded import render_recorded
+from swarmdata.cards.reference_file import reference_bytes
+from swarmdata.cards.rewards import reward_section
 from swarmdata.cards.schema import Interval
 from swarmdata.cards.statistics import (
     coverage_section,
@@ -30,7 +32,7 @@ from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, write_file
-from swarmdata.store.layout import CARD
+from swarmdata.store.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS
 
 SHOWN = (
@@ -45,8 +47,19 @@ SHOWN = (
 
 
 def write_card(folder: Path) -> None:
-    """Writes the card of a finished dataset beside its files; errors are those of `card_of`."""
-    write_file(folder / CARD, card_of(folder).encode())
+    """Writes the `side_files` of a finished dataset, the card last."""
+    for name, content in side_files(folder).items():
+        write_file(folder / name, content)
+
+
+def side_files(folder: Path) -> dict[str, bytes]:
+    """What belongs beside the files of a finished dataset: its card, and references if there are.
+
+    Errors are those of `card_of`.
+    """
+    spec = open_store(folder, verify="none").recipe.spec
+    card, references = card_of(folder).encode(), reference_bytes(spec)
+    return {CARD: card} if references is None else {REFERENCES: references, CARD: card}
 
 
 def card_of(folder: Path, picture: str | None = None) -> str:
@@ -81,6 +94,7 @@ def render(facts: Facts, picture: str | None = None) -> str:
         tier_section(facts.recipe),
         about_section(facts.recipe),
         task_section(task),
+        reward_section(task),
         senses_section(spec),
         arrays_section(task, facts.manifest),
         policies_section(facts),
@@ -137,6 +151,7 @@ def _references(facts: Facts) -> str:
         + markdown.table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
         f"intervals, policies without noise. {anchors}"
+        f"`{REFERENCES}` beside this card has all digits, and every metric.\n"
     )
 
 

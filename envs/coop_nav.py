@@ -20,7 +20,7 @@ Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance 
 
 where D is the sum of distances from robots to goals under the assignment that makes it least. So
 the sum over the team is w.progress times what is less left to drive, and w.time for each goal not
-reached, in both. `engine.TaskEnv` adds what all tasks share.
+reached, in both. What all tasks share comes on top (`rewards`).
 
 Solved: all robots have reached their goals at the same time, or all goals are covered.
 Metric: `reached_fraction`, the share of goals reached or covered in the last state.
@@ -50,8 +50,8 @@ from swarmdata.errors import SpecError
 from swarmdata.features import Feature
 from swarmdata.rules import NavigationRules, Payload
 from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
-from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+from swarmdata.states import N_COLUMNS, TX, TY, X, Y, pair, robots_of
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 
 @kernel
@@ -127,15 +127,21 @@ class CoopNav:
         if self._arranged is not None:
             self.kinds = self._arranged.layout[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
-        self.extras: tuple[str, ...] = ()
+        self.extras: tuple[Column, ...] = ()
         self.features: tuple[Feature, ...] = ()
         self._is_shared = rules.goals == "unassigned"
         if self._is_shared:
             _check_separation(spec, rules.goal_radius)
-            self.extras = tuple(f"goal_{k}_{axis}" for k in range(n) for axis in "xy")
+            self.extras = _goal_columns(n, spec.half_size)
             self.features = goal_features(n)
         self._radius = rules.goal_radius
         self._weights = (rules.rewards.progress, rules.rewards.time)
+        self.terms = _shared_terms(rules) if self._is_shared else _own_terms(rules)
+        self.solved = (
+            f"every goal has a robot within {rules.goal_radius:g} m"
+            if self._is_shared
+            else f"every robot is within {rules.goal_radius:g} m of its target"
+        )
         self._scratch = (np.zeros((n, n)), *assignment_work(n))
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
@@ -171,6 +177,35 @@ class CoopNav:
         away = np.sqrt(((goals - places) ** 2).sum(axis=-1))  # [N], or [goals, robots]
         reached = (away <= self._radius) if away.ndim == 1 else (away <= self._radius).any(axis=1)
         return {"reached_fraction": float(reached.mean())}
+
+
+def _goal_columns(n: int, half: tuple[float, float]) -> tuple[Column, ...]:
+    columns = (pair(f"goal_{k}_", f"position of goal {k}", "m", half) for k in range(n))
+    return tuple(column for both in columns for column in both)
+
+
+def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
+    distance = (
+        "d: distance of the robot (x, y) to its target (tx, ty), m, after the step; d': before it"
+    )
+    w, radius = rules.rewards, rules.goal_radius
+    return (
+        Term("progress", w.progress, "weight * (d' - d)", distance),
+        Term("time", w.time, f"-weight * [d > {radius:g}]", distance),
+    )
+
+
+def _shared_terms(rules: NavigationRules) -> tuple[Term, ...]:
+    w, radius = rules.rewards, rules.goal_radius
+    left = (
+        "D: least sum of distances, m, from robots to goals over all assignments of one goal to "
+        "each robot, after the step; D': before it; N: number of robots"
+    )
+    is_open = f"open: number of goals with no robot within {radius:g} m after the step"
+    return (
+        Term("progress", w.progress, "weight * (D' - D) / N", left),
+        Term("time", w.time, "-weight * open / N", f"{is_open}; N: number of robots"),
+    )
 
 
 def _check_separation(spec: TaskSpec, goal_radius: float) -> None:

@@ -7,6 +7,9 @@ constraint hold between control steps too, where a push or a turn would break it
 
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
 its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
+
+Limits are those of commands. Who is pushed may be faster than `max_speed`, by up to 15 % in the
+datasets (`python -m tests.benchmarks.bench_contacts`).
 """
 
 import math

@@ -3,6 +3,7 @@
 import numpy as np
 
 from swarmdata.envs.backend import Plan
+from swarmdata.envs.rewards import CONTACT_WEIGHTS
 from swarmdata.envs.steps import StepMaker, keep_ended
 from swarmdata.envs.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
@@ -11,17 +12,6 @@ from swarmdata.observing import Observer
 from swarmdata.states import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-CONTACT_WEIGHTS = (
-    "robot_contact",
-    "obstacle_contact",
-    "robot_collision",
-    "obstacle_collision",
-    "proximity",
-    "success",
-    "team_share",
-)
-"""Fields of `spec.Rewards` that `world.score_steps` applies, in its order."""
-
 
 class TaskEnv:
     """Implements `interfaces.VecEnv` for any task.
@@ -29,13 +19,16 @@ class TaskEnv:
     The reward of robot i, with weights w from `spec.rules.rewards` and [x] one if x holds:
 
         task's own reward + w.success [solved]
-        - w.robot_contact [in contact with a robot]       - w.robot_collision * contacts that began
-        - w.obstacle_contact [in contact with an obstacle] - w.obstacle_collision * contacts that
+        - w.robot_contact [overlapped a robot]       - w.robot_collision * contacts that began
+        - w.obstacle_contact [overlapped an obstacle] - w.obstacle_collision * contacts that
         began - w.proximity clip(1 - gap / 0.1 m, 0, 1)
 
-    then mixed with the team mean by `team_share`. It is computed from the float32 states and the
-    recorded events, so it can be computed again from a dataset. An episode is terminated when the
-    task is solved, or by a collision if `on_collision` is "fail"; the horizon truncates it.
+    then mixed with the team mean by `team_share`; `rewards` has it term by term, `types.EVENTS`
+    what contacts are. It is computed from the float32 states and the recorded events, partly in
+    float32, so these functions compute it again from a dataset bit for bit, and anybody else to
+    1e-5 (`store.attributes.PRECISION`). An episode is terminated when the task is solved, or by a
+    collision if `on_collision` is "fail"; the horizon truncates it. A task that is solved and
+    failed in one step is a failure, and its reward has the success in it.
 
     Args:
         task: the problem.

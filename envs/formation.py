@@ -25,8 +25,8 @@ its velocity's difference to that of the slot, after the step, and [x] one if x 
 
     - w.deviation min(d, 1) - (w.time if d > tolerance else w.velocity dv)
 
-Velocities count only in the slot, so that a robot may hurry to it. `engine.TaskEnv` adds what all
-tasks share.
+Velocities count only in the slot, so that a robot may hurry to it. What all tasks share comes on
+top (`rewards`).
 
 The team is in formation in a step if the root mean square of d over robots is at most `tolerance`.
 Solved: in formation for `hold_fraction` of the horizon's steps, in total, whether in one piece or
@@ -50,7 +50,6 @@ from swarmdata.envs.shapes import check_slots, slot_offsets
 from swarmdata.envs.slots import (
     HELD,
     PREVIEW,
-    REFERENCE,
     Course,
     Scratch,
     begin_episodes,
@@ -61,8 +60,8 @@ from swarmdata.errors import SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.rules import FormationRules, Payload
 from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
-from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 
 @kernel
@@ -200,7 +199,7 @@ class Formation:
         self._plan = plan_episodes(spec, rules, offsets)
         self.kinds: Int = self._plan.sizes[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
-        self.extras = _extras(len(rules.preview), self._plan.path.n_points)
+        self.extras = _extras(rules.preview, self._plan.path.n_points, spec)
         self.features: tuple[Feature, ...] = _features(rules.preview)
         self.segment_rate = rate = self._plan.path.rate  # segments of the path per second
         ahead = np.array(rules.preview, dtype=np.float64) * rate
@@ -211,6 +210,11 @@ class Formation:
         needed = max(1, math.ceil(rules.hold_fraction * spec.horizon - 1e-9))
         self._rule = (rules.tolerance, w.deviation, w.velocity, w.time, needed)
         self._tolerance = rules.tolerance
+        self.terms = _terms(rules)
+        self.solved = (
+            f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
+            f"{rules.tolerance:g} m in {needed} steps of the episode, in a row or not"
+        )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         draw_episodes(self._plan, self.spec, seeds, copies, layouts, states)
@@ -239,12 +243,48 @@ class Formation:
         }
 
 
-def _extras(n_previews: int, n_points: int) -> tuple[str, ...]:
+def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple[Column, ...]:
+    rules, half = spec.rules, spec.half_size
+    assert isinstance(rules, FormationRules)  # checked by the task
+    spline = (
+        "of the reference's path, a uniform cubic B-spline of which each segment takes "
+        f"{rules.segment_time:g} s; the same in the whole episode"
+    )
+    held = "steps of the episode so far, this one included, in which the team was in formation"
     return (
-        *(f"reference_{name}" for name in REFERENCE),
-        "steps_held",
-        *(f"preview_{k}_{name}" for k in range(n_previews) for name in ("x", "y", "ux", "uy")),
-        *(f"control_{k}_{axis}" for k in range(n_points) for axis in "xy"),
+        *pair("reference_", "position of the reference, the origin of the slots", "m", half),
+        *pair("reference_v", "velocity of the reference", "m/s", None),
+        *pair("reference_u", "heading of the reference", "", (1.0, 1.0), "; a unit vector"),
+        Column("reference_turn_rate", "turn rate of its heading, counter-clockwise", "rad/s"),
+        Column("steps_held", held, low=0, high=spec.horizon),
+        *(
+            column
+            for k, seconds in enumerate(previews)
+            for column in (
+                *pair(f"preview_{k}_", f"position of the reference {seconds:g} s later", "m", half),
+                *pair(f"preview_{k}_u", f"heading of it {seconds:g} s later", "", (1.0, 1.0)),
+            )
+        ),
+        *(
+            column
+            for k in range(n_points)
+            for column in pair(f"control_{k}_", f"control point {k} {spline}", "m", half)
+        ),
+    )
+
+
+def _terms(rules: FormationRules) -> tuple[Term, ...]:
+    w, tolerance = rules.rewards, rules.tolerance
+    distance = "d: distance of the robot (x, y) to its slot (tx, ty), m, after the step"
+    velocity = (
+        "dv: length, m/s, of the difference of the robot's velocity (vx, vy) and its slot's, which "
+        "is (reference_vx - r (ty - reference_y), reference_vy + r (tx - reference_x)) with "
+        "r = reference_turn_rate, after the step"
+    )
+    return (
+        Term("deviation", w.deviation, "-weight * min(d, 1)", distance),
+        Term("time", w.time, f"-weight * [d > {tolerance:g}]", distance),
+        Term("velocity", w.velocity, f"-weight * dv * [d <= {tolerance:g}]", velocity),
     )
 
 

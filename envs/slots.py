@@ -10,11 +10,9 @@ from swarmdata.envs.reference import write_motion, write_pose
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int
 
-REFERENCE = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
-"""Of the reference, the first extras; `steps_held` follows."""
-
 HELD, PREVIEW = 7, 8
-"""Where, after the robots, the steps in formation are, and where the previews begin."""
+"""Where, after the robots, the steps in formation are, and where the previews begin; the reference
+comes first."""
 
 
 Course = tuple[Double, bool, float, float, Double]

@@ -37,7 +37,7 @@ without `goal_angle`), and [x] one if x holds, else zero:
     w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
 
 The first three are differences of potentials: going back and forth earns nothing, and the whole
-episode's sum is bounded by where things started. `engine.TaskEnv` adds what all tasks share.
+episode's sum is bounded by where things started. What all tasks share comes on top (`rewards`).
 Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
 within that angle of the wanted one.
 
@@ -72,8 +72,8 @@ from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import BOX, nearest, nearest_of
 from swarmdata.rules import Payload, TransportRules
 from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, robots_of
-from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
+from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 N_AROUND = 2
 """Obstacles around the payload that robots are told of."""
@@ -274,7 +274,9 @@ class Transport:
         self.kinds: Int = self._plan.kinds
         self.movables: tuple[Payload, ...] = (rules.payload,)
         is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
-        self.extras: tuple[str, ...] = ("goal_ux", "goal_uy") if is_posed else ()
+        wanted = "direction that the payload's local x axis shall have (or its opposite)"
+        self.extras = pair("goal_u", wanted, "", (1.0, 1.0)) if is_posed else ()
+        self.terms, self.solved = _terms(rules), _solved(rules)
         self.features = _features(is_box, is_posed)
         self._shape = shape_of(rules.payload)
         # rounded, so that it is the same number whatever the C library's sine is
@@ -325,6 +327,40 @@ class Transport:
             "push_share": pushes / (n * len(episode)),
             "payload_angle": math.asin(min(sine, 1.0)),
         }
+
+
+def _terms(rules: TransportRules) -> tuple[Term, ...]:
+    w = rules.rewards
+    distance = "d: distance of the payload's centre to the target (tx, ty), m, after the step"
+    sine = (
+        "s: |sine| of the angle between the payload's axis (ux, uy) and (goal_ux, goal_uy) after "
+        "the step; s': before it"
+        if rules.goal_angle is not None
+        else "s: 0, since any direction of the payload will do; s': the same"
+    )
+    size = f"{rules.payload.half_length:g}"
+    body = (
+        f"a disc of radius {size} m"
+        if rules.payload.shape == "circle"
+        else f"the rectangle |x| <= {size}, |y| <= {rules.payload.half_width:g} m in its frame"
+    )
+    gap = (
+        "g: distance of the robot's centre to the payload's nearest point, m, after the step; g': "
+        f"before it. The payload is {body}"
+    )
+    return (
+        Term("progress", w.progress, "weight * (d' - d)", f"{distance}; d': before it"),
+        Term("turn_progress", w.turn_progress, "weight * (s' - s)", sine),
+        Term("approach", w.approach, "weight * (g' - g)", gap),
+        Term("time", w.time, "-weight * [not solved]", "solved: as for success"),
+    )
+
+
+def _solved(rules: TransportRules) -> str:
+    near = f"the payload's centre is within {rules.goal_radius:g} m of the target"
+    if rules.goal_angle is None:
+        return near
+    return f"{near}, its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
 
 
 _NEAR = "from the payload to an obstacle's nearest point, times closeness"

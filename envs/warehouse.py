@@ -22,7 +22,7 @@ before (L') and after it, and [x] one if x holds, else zero:
 
     w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
 
-`engine.TaskEnv` adds what all tasks share. Solved: the team has made `quota` deliveries.
+What all tasks share comes on top (`rewards`). Solved: the team has made `quota` deliveries.
 
 Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
 """
@@ -44,9 +44,12 @@ from swarmdata.rules import Payload, WarehouseRules
 from swarmdata.seeding import STREAMS
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, UX, X, Y, robots_of
-from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-OWN = ("carrying", "deliveries")
+OWN = (
+    Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
+    Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
+)
 """Columns of each robot behind the robots of a state."""
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
@@ -235,7 +238,9 @@ class Warehouse:
         self.spec, self.plan = spec, FloorPlan.of(spec)
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
-        self.extras = tuple(f"{name}.{own}" for name in spec.agent_names for own in OWN)
+        self.extras = tuple(
+            own._replace(name=f"{name}.{own.name}") for name in spec.agent_names for own in OWN
+        )
         self.features = FEATURES
         self._radii = np.array([robot.radius for robot in robots])
         self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
@@ -247,6 +252,8 @@ class Warehouse:
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
         w = rules.rewards
         self._weights = (w.progress, w.pickup, w.delivery, w.time)
+        self.terms = _terms(rules, self.plan)
+        self.solved = f"the team has made {rules.quota} deliveries"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         places = (self.plan.places, self.plan.n_picks)
@@ -281,3 +288,23 @@ class Warehouse:
             "deadlocks": float(count_deadlocks(positions, self._radii, self.spec.control_dt)),
             "carrying_time": float(own[:-1, :, 0].mean()),
         }
+
+
+def _terms(rules: WarehouseRules, plan: FloorPlan) -> tuple[Term, ...]:
+    w, (first, pitch, depth) = rules.rewards, plan.rows.tolist()
+    lanes = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in plan.lanes.tolist())
+    way = (
+        "L: length of the shortest way along the axes, m, from the robot (x, y) after the step to "
+        "the target (tx, ty) it had before the step; L': from where it was before the step. It is "
+        "|tx - x| + |ty - y| if y and ty are in one corridor, else longer by twice the smallest "
+        f"gap of a lane to the interval between x and tx. Lanes in x: {lanes}. With "
+        f"u = y - ({first:.9g}), y is in corridor 0 if u < 0; else, with k = floor(u / {pitch:.9g})"
+        f", in corridor k + 1 if u - k * {pitch:.9g} >= {depth:.9g}, else in the one beside "
+        "shelves, -1"
+    )
+    return (
+        Term("progress", w.progress, "weight * (L' - L)", way),
+        Term("pickup", w.pickup, "weight * [picked]", "picked: carrying went from 0 to 1"),
+        Term("delivery", w.delivery, "weight * [delivered]", "delivered: deliveries went up by 1"),
+        Term("time", w.time, "-weight", "in every step"),
+    )

@@ -8,16 +8,34 @@ bits are the same on every platform. No fast-math, no library transcendental fun
 import math
 
 from swarmdata.compiling import kernel
-from swarmdata.types import Double, Float
-
-OBSTACLE = ("kind", "x", "y", "ux", "uy", "a", "b", "t")
-"""Columns of a layout row: shape code, centre, direction of the local x axis (unit vector), half
-length and half width of the bounding rectangle (`a` is the radius of a circle), half thickness of
-the bars."""
+from swarmdata.types import Column, Double, Float
 
 CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
 """Shape codes, which count the bars. A corner has bars along the lower and left sides of its
 rectangle; a pocket also along the right side, so that it opens towards local +y."""
+
+SHAPES = (
+    "circle: a disc of radius a",
+    "box: the rectangle |x| <= a, |y| <= b",
+    "corner: an L of two bars, |x| <= a, |y - (t - b)| <= t and |x - (t - a)| <= t, |y| <= b",
+    "pocket: a U of three bars, those of a corner and |x - (a - t)| <= t, |y| <= b",
+)
+"""By code, what an obstacle consists of; x and y are in its local frame."""
+
+OBSTACLE_COLUMNS = (
+    Column("kind", "shape: an index into `shapes`", low=0, high=3),
+    Column("x", "centre, x", "m", frame="world"),
+    Column("y", "centre, y", "m", frame="world"),
+    Column("ux", "direction of the local x axis, a unit vector, x", "", -1, 1, "world"),
+    Column("uy", "the same, y; the local y axis is (-uy, ux)", "", -1, 1, "world"),
+    Column("a", "radius of a circle; else half length along the local x axis", "m", low=0),
+    Column("b", "half width along the local y axis; the radius of a circle", "m", low=0),
+    Column("t", "half thickness of the bars of a corner or pocket, else 0", "m", low=0),
+)
+"""Columns of a layout row: an obstacle's shape, place and size."""
+
+OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
+"""Names of the columns of a layout row."""
 
 
 @kernel(inline="always")

@@ -6,7 +6,19 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 from swarmdata.features import Feature
 from swarmdata.rules import Payload
 from swarmdata.spec import TaskSpec
-from swarmdata.types import Batch, Bool, Double, Episode, Float, Int, Metric, Seeds, Step
+from swarmdata.types import (
+    Batch,
+    Bool,
+    Column,
+    Double,
+    Episode,
+    Float,
+    Int,
+    Metric,
+    Seeds,
+    Step,
+    Term,
+)
 
 
 @runtime_checkable
@@ -22,8 +34,10 @@ class Task(Protocol):
     spec: TaskSpec
     kinds: Int  # [M] shape code of each row of a layout, the same in every episode
     movables: tuple[Payload, ...]  # bodies that robots can push
-    extras: tuple[str, ...]  # names of the task's own state features, with units in its docstring
+    extras: tuple[Column, ...]  # the task's own columns of a state
     features: tuple[Feature, ...]  # what the task adds to every robot's observation
+    terms: tuple[Term, ...]  # of the task's own reward; `registry.reward_terms` has all
+    solved: str  # when the task is, a clause
     metrics: ClassVar[Mapping[str, Metric]]  # what the task adds to `metrics.EPISODE_METRICS`
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

@@ -38,7 +38,7 @@ from swarmdata.store import (
     write_part,
 )
 from swarmdata.store.cache import note_build
-from swarmdata.store.layout import CARD, MANIFEST, RECIPE
+from swarmdata.store.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.types import Episode, Int, Seeds
 from swarmdata.workers import Crew, Job, Report, serve
 
@@ -79,7 +79,7 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     if is_finished(out, recipe):
         return  # somebody else's, while we waited for the lock
     remove_leftovers(out.parent, out.name)
-    remove_leftovers(out, MANIFEST, CARD)
+    remove_leftovers(out, MANIFEST, REFERENCES, CARD)
     if not out.exists():
         note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)

@@ -7,6 +7,7 @@ from typing import Any
 from swarmdata.errors import UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.spec import TaskSpec
+from swarmdata.types import Term
 
 TASKS = {
     "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
@@ -74,6 +75,12 @@ def make_task(spec: TaskSpec) -> Task:
     """Builds the task that `spec` describes."""
     build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
     return build(spec)
+
+
+def reward_terms(task: Task) -> tuple[Term, ...]:
+    """Every term of a robot's reward in `task`: its own, and those that all tasks share."""
+    terms: tuple[Term, ...] = import_module("swarmdata.envs.rewards").reward_terms(task)
+    return terms
 
 
 def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:

@@ -12,15 +12,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from swarmdata.cards.render import card_of, write_card
+from swarmdata.cards import side_files
+from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import changed_versions
-from swarmdata.errors import (
-    DatasetError,
-    DatasetNotFoundError,
-    SchemaError,
-    SpecError,
-    SwarmdataError,
-)
+from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
 from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
@@ -34,7 +29,7 @@ from swarmdata.store import (
     write_file,
 )
 from swarmdata.store.atomic import sync
-from swarmdata.store.layout import CARD, MANIFEST
+from swarmdata.store.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.store.shards import file_digest
@@ -51,43 +46,18 @@ class Repair:
 def examine(path: Path) -> tuple[Damage, ...]:
     """Reads every byte of a dataset and names every broken file, its card included.
 
-    The card is in no digest: it is compared with what this version of the package writes.
+    The card and the references are in no digest: they are compared with what this version of the
+    package writes.
 
     Raises:
         DatasetNotFoundError: there is no such folder.
         FormatVersionError: written by a newer version.
     """
     damage = find_damage(path)
-    card = None if damage else _card_damage(path)
-    if damage and not (path / CARD).exists():
-        card = Damage(CARD, "is absent")
-    return (*damage, card) if card else damage
-
-
-def _card_damage(path: Path) -> Damage | None:
-    """What is wrong with the card of a dataset whose other files are sound."""
-    if (path / CARD).is_symlink():
-        return Damage(CARD, "is a symbolic link, expected a plain file")
-    try:
-        found = (path / CARD).read_bytes().splitlines()
-    except FileNotFoundError:
-        return Damage(CARD, "is absent")
-    except OSError as error:  # such as a folder of this name
-        return Damage(CARD, f"cannot be read: {error.strerror or error}")
-    try:
-        expected = card_of(path).encode().splitlines()
-    except (SchemaError, SpecError) as error:
-        return Damage(CARD, f"cannot be compared, because no card can be made: {error}")
-    if found == expected:
-        return None
-    pairs = zip(found, expected, strict=False)
-    same = next((k for k, (one, other) in enumerate(pairs) if one != other), None)
-    line = (min(len(found), len(expected)) if same is None else same) + 1
-    return Damage(
-        CARD,
-        f"is not the card that the other files give: line {line} is the first that differs. It was "
-        "changed, or written by another version of swarmdata",
-    )
+    if not damage:
+        return side_files.damage_of(path)
+    absent = () if (path / CARD).exists() else (Damage(CARD, "is absent"),)
+    return (*damage, *absent)
 
 
 def repair(
@@ -143,7 +113,7 @@ class _Job:
     sources: Sources
 
     def run(self) -> Iterator[Repair]:
-        remove_leftovers(self.path, MANIFEST, CARD)
+        remove_leftovers(self.path, MANIFEST, REFERENCES, CARD)
         damage = {each.file for each in examine(self.path)}
         if MANIFEST in damage:
             restored, how = restore_manifest(self.path, self.sources)
@@ -159,10 +129,13 @@ class _Job:
         if left:
             for file in self._rebuilt_files(manifest, left):
                 yield Repair(file, MADE_AGAIN)
-        if _card_damage(self.path):
-            self._make_way(CARD)
+        beside = side_files.damage_of(self.path)
+        for each in beside:
+            self._make_way(each.file)
+        if beside:
             write_card(self.path)
-            yield Repair(CARD, "written anew")
+        for each in beside:
+            yield Repair(each.file, "written anew")
 
     def _broken_files(self, manifest: Manifest) -> list[str]:
         """The listed files that are broken, those in linked folders included."""

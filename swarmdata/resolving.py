@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.side_files import write_missing
 from swarmdata.errors import (
     DatasetNotFoundError,
     SwarmdataError,
@@ -29,7 +29,7 @@ from swarmdata.remotes.pulling import Refusal, pull, refuse_current_folder
 from swarmdata.spec import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.atomic import sync
-from swarmdata.store.layout import CARD, MANIFEST
+from swarmdata.store.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
@@ -230,8 +230,7 @@ def _arrive(
     pull(remote, release, arriving, refuse=refuse, progress=progress)
     try:
         open_store(arriving, "full", widths=True)
-        if not (arriving / CARD).exists():
-            write_card(arriving)
+        write_missing(arriving)
     except BaseException:
         remove_scratch(arriving)
         raise

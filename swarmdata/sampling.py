@@ -102,6 +102,7 @@ def _gather(
     there = here + 1
     next_actions = arrays["actions"].take(np.minimum(index + 1, last), axis=0)
     next_actions[index == last] = 0  # nobody acts after the end
+    log_probs = arrays["log_probs"]  # [T, 0] where none were recorded
     return Batch(
         observations=arrays["observations"].take(here, axis=0),
         actions=arrays["actions"].take(index, axis=0),
@@ -113,6 +114,7 @@ def _gather(
         truncations=arrays["truncations"].take(index),
         mask=mask,
         next_actions=next_actions,
+        log_probs=log_probs.take(index, axis=0) if log_probs.shape[1] else None,
     )
 
 
@@ -130,8 +132,10 @@ def _clear_padding(batch: Batch, mask: Bool) -> None:
             batch.terminations,
             batch.truncations,
             batch.next_actions,
+            batch.log_probs,
         ):
-            values[padding] = 0
+            if values is not None:
+                values[padding] = 0
 
 
 class Sampler:

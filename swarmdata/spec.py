@@ -124,6 +124,11 @@ class TaskSpec(Frozen):
         return sum(role.count for role in self.team)
 
     @property
+    def half_size(self) -> tuple[float, float]:
+        """Half width and half height of the arena, m: the largest |x| and |y| of its inside."""
+        return self.arena.width / 2, self.arena.height / 2
+
+    @property
     def n_substeps(self) -> int:
         """Physics steps in one control step."""
         return round(self.control_dt / self.physics_dt)

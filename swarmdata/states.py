@@ -1,22 +1,70 @@
 """What a row of global state consists of: the robots, then movable bodies, then the task's own.
 
 Every task's state, float32 [S], starts with the N robots, `ROBOT` columns each. Tasks with movable
-bodies go on with `BODY` columns for each; what follows belongs to the task and is described there.
+bodies go on with `BODY` columns for each; what follows belongs to the task, which names it.
+
+States are not quite Markov: after a step with a contact they lack what the solver remembers of it,
+which moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload.
+`python -m tests.benchmarks.bench_contacts` measures it.
 """
 
 from swarmdata.errors import SchemaError
-from swarmdata.types import Float
+from swarmdata.types import Column, Float
 
 ROBOT = ("x", "y", "vx", "vy", "ux", "uy", "tx", "ty")
-"""Position (m), velocity (m/s), heading (unit vector; (1, 0) for ever on a holonomic robot), and
-target: the point (m) where the robot should be now."""
+"""Columns of a robot, as `robot_columns` describes them."""
 
 X, Y, VX, VY, UX, UY, TX, TY = range(len(ROBOT))
 
 N_COLUMNS = len(ROBOT)
 
 BODY = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
-"""Of a movable body: position (m), velocity (m/s), direction of its local x axis, rad/s."""
+"""Columns of a movable body, as `body_columns` describes them."""
+
+_SPEED = "; no faster than the robot's max_speed, unless it is in contact"
+_HEADING = "; a unit vector, (1, 0) for ever on a holonomic robot"
+_TARGET = ", the point where the robot should be now"
+
+
+def pair(
+    prefix: str, what: str, unit: str, half: tuple[float, float] | None, more: str = ""
+) -> tuple[Column, ...]:
+    """The columns `<prefix>x` and `<prefix>y` of a vector in the world's frame.
+
+    Args:
+        prefix: of both names.
+        what: the vector.
+        unit: of both.
+        half: largest absolute value of x and of y; None if there is none.
+        more: the rest of the meaning, with its punctuation.
+    """
+    bounds = half or (None, None)
+    return tuple(
+        Column(
+            f"{prefix}{axis}", f"{axis} of the {what}{more}", unit, bound and -bound, bound, "world"
+        )
+        for axis, bound in zip("xy", bounds, strict=True)
+    )
+
+
+def robot_columns(half: tuple[float, float]) -> tuple[Column, ...]:
+    """The columns of each robot in an arena of this half width and half height (m)."""
+    return (
+        *pair("", "centre's position", "m", half),
+        *pair("v", "velocity", "m/s", None, _SPEED),
+        *pair("u", "heading", "", (1.0, 1.0), _HEADING),
+        *pair("t", "target", "m", half, _TARGET),
+    )
+
+
+def body_columns(half: tuple[float, float]) -> tuple[Column, ...]:
+    """The columns of each movable body in an arena of this half width and half height (m)."""
+    return (
+        *pair("", "position of the payload's centre", "m", half),
+        *pair("v", "velocity of the payload", "m/s", None),
+        *pair("u", "direction of the payload's local x axis", "", (1.0, 1.0), "; a unit vector"),
+        Column("turn_rate", "turn rate of the payload, counter-clockwise", "rad/s"),
+    )
 
 
 def state_size(n_agents: int, n_movables: int, n_extras: int) -> int:

@@ -25,8 +25,60 @@ Int = NDArray[np.int64]
 Seeds = NDArray[np.uint64]
 Counts = NDArray[np.uint8]
 
-EVENTS = ("robot_contact", "obstacle_contact", "robot_onsets", "obstacle_onsets")
-"""Columns of `events`: was touching during the step (0 or 1), and contacts that began in it."""
+
+class Column(NamedTuple):
+    """What one number in the rows of an array means."""
+
+    name: str
+    meaning: str
+    unit: str = ""  # empty for codes, counts, fractions and components of unit vectors
+    low: float | None = None  # no value is below; None: there is no such bound
+    high: float | None = None  # no value is above
+    frame: str = ""  # "world" or "body"; empty where none applies
+
+
+class Term(NamedTuple):
+    """One term of a robot's reward in a step."""
+
+    name: str  # of its weight in `spec.rules.rewards`
+    weight: float
+    formula: str  # with `weight`, and [x] for 1 where x holds, else 0
+    meaning: str  # of the formula's other symbols
+
+
+SEPARATION = 0.01
+"""A contact that has begun ends when the gap exceeds this (m), so that one that jitters at rest is
+counted once."""
+
+_OVERLAP = "after at least one physics step of this step, the robot overlapped"
+_ONSETS = (
+    "began in this step: an overlap (gap <= 0 m after a physics step) of two that were not in "
+    f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION:g} m"
+)
+
+EVENT_COLUMNS = (
+    Column("robot_contact", f"1 if, {_OVERLAP} another robot, else 0", low=0, high=1),
+    Column("obstacle_contact", f"1 if, {_OVERLAP} an obstacle or wall, else 0", low=0, high=1),
+    Column(
+        "robot_onsets",
+        f"contacts of the robot with other robots that {_ONSETS}. Each is counted in the rows of "
+        "both robots",
+        low=0,
+        high=255,
+    ),
+    Column(
+        "obstacle_onsets",
+        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSETS}",
+        low=0,
+        high=255,
+    ),
+)
+"""Columns of `events`. Contact is overlap, gap <= 0, after a physics step, of which a control step
+has several; `SEPARATION` is for onsets only. So a contact that lasts without overlap is in no
+column, and a step may overlap without an onset."""
+
+EVENTS = tuple(column.name for column in EVENT_COLUMNS)
+"""Names of the columns of `events`."""
 
 NEVER = 255
 """In `ages`: nothing was ever received. Older messages than 254 steps count as 254."""
@@ -182,6 +234,10 @@ class Batch:
 
     `next_actions` are those of the next step of the same episode, zero where it ended, by either
     flag; None where they are not known, as in the replay of online training.
+
+    `log_probs` are those of the stored actions under the policies that made them (`density`), also
+    where `actions` are scaled or turned into another frame, zero on padding; None where they were
+    not recorded, as in most recordings of other environments and in the replay of online training.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]
@@ -194,6 +250,7 @@ class Batch:
     truncations: Any  # [B] or [B, L]
     mask: Any  # [B] or [B, L]
     next_actions: Any = None  # as actions
+    log_probs: Any = None  # as rewards
 
     def __len__(self) -> int:
         """Batch size, B."""

@@ -60,6 +60,7 @@ def test_transitions_never_cross(dataset: Dataset, seed: int, batch_size: int) -
         assert batch.terminations[b] == episode.terminations[t]
         assert batch.truncations[b] == episode.truncations[t]
         assert np.array_equal(batch.next_actions[b], after(episode)[t])
+        assert np.array_equal(batch.log_probs[b], episode.log_probs[t])
     assert batch.mask.all()
 
 
@@ -86,6 +87,7 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
             "truncations": episode.truncations[t : t + n],
             "mask": np.ones(n, dtype=bool),
             "next_actions": after(episode)[t : t + n],
+            "log_probs": episode.log_probs[t : t + n],
         }
         for name, values in expected.items():
             got = getattr(batch, name)[b]
@@ -217,6 +219,26 @@ def test_torch_batches_share_memory(dataset: Dataset) -> None:
     tensors = batch.to_torch()
     tensors.rewards[0, 0] = 42
     assert batch.rewards[0, 0] == 42
+
+
+@pytest.mark.parametrize("horizon", [None, 5])
+def test_tensors_of_log_probs_are_those_of_the_batch(dataset: Dataset, horizon: int | None) -> None:
+    pytest.importorskip("torch", reason="tensors need the torch extra")
+    batch = next(dataset.sampler(4, horizon=horizon))
+    assert batch.log_probs.dtype == np.float32
+    assert batch.log_probs.shape == batch.rewards.shape
+    assert np.array_equal(batch.to_torch().log_probs.numpy(), batch.log_probs)
+
+
+@pytest.mark.parametrize("horizon", [None, 5])
+def test_without_recorded_log_probs_a_batch_has_none(dataset: Dataset, horizon: int | None) -> None:
+    arrays = dict(dataset.stored.arrays)
+    arrays["log_probs"] = arrays["log_probs"][:, :0]
+    sampler = Sampler(arrays, dataset.stored.table, dataset.selection, horizon=horizon)
+    batch = sampler.gather(sampler.rows.valid)
+    assert batch.log_probs is None
+    pytest.importorskip("torch", reason="tensors need the torch extra")
+    assert batch.to_torch().log_probs is None
 
 
 def test_sampler_is_the_documented_type(dataset: Dataset) -> None:

@@ -44,6 +44,7 @@ CHECKS = {
     "leaving": Check(content.leaving, _SHAPES),
     "replay": Check(replay, _SHAPES),
     "tiers": Check(claims.tiers, ("finite",)),
+    "attributes": Check(claims.attributes),
     "card": Check(claims.card, _VALUES),
 }
 """Every check by its name, in the order in which they run; each docstring says what it is for."""

@@ -1,9 +1,13 @@
 """Checks of what is said of a dataset: its id, its tier, and its card."""
 
+import json
+from importlib.metadata import version
+
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
 from swarmdata.behavior_policies.tiers import SPECS
+from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.render import card_of
 from swarmdata.cards.schema import (
     TaskReferences,
@@ -14,7 +18,8 @@ from swarmdata.cards.schema import (
 )
 from swarmdata.errors import SwarmdataError
 from swarmdata.spec import Recipe
-from swarmdata.store.layout import CARD
+from swarmdata.store.attributes import attributes_of
+from swarmdata.store.layout import CARD, REFERENCES, metadata_file
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
@@ -124,6 +129,28 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
             )
 
 
+def attributes(subject: Subject) -> Remarks:
+    """What Zarr attributes say of columns, units and rewards is what the package writes.
+
+    Who has Zarr and nothing of ours believes them, and no digest of arrays covers them.
+    """
+    manifest = subject.manifest
+    try:
+        wanted = attributes_of(subject.origin, {n: e.shape for n, e in manifest.arrays.items()})
+    except SwarmdataError as error:
+        yield problem(f"no attributes can be made of it: {error}")
+        return
+    files = {name: subject.path / metadata_file(name) for name in wanted}
+    found = {name: json.loads(file.read_bytes()).get("attributes") for name, file in files.items()}
+    differing = sorted(name for name in wanted if found[name] != wanted[name])
+    if differing and not any(found.values()):
+        yield note("its arrays have no Zarr attributes: it was written before there were any")
+    elif differing and manifest.provenance.get("swarmdata") != version("swarmdata"):
+        yield note(f"Zarr attributes of {differing} are of another version of swarmdata")
+    elif differing:
+        yield problem(f"Zarr attributes of {differing} were changed: they are not what is written")
+
+
 def card(subject: Subject) -> Remarks:
     """The card is what its files give: no figure on it is old, or typed by hand.
 
@@ -143,8 +170,19 @@ def card(subject: Subject) -> Remarks:
             yield problem(f"no card can be made of it: {error}")
             return
         if text == wanted[-1].encode():
-            return
-    yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
+            break
+    else:
+        yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
+    yield from _references(subject)
+
+
+def _references(subject: Subject) -> Remarks:
+    """The references for programs are those of the card."""
+    wanted = reference_bytes(subject.origin.spec)
+    path = subject.path / REFERENCES
+    if wanted is not None and (not path.exists() or path.read_bytes() != wanted):
+        state = "is not what this version measured" if path.exists() else "is absent"
+        yield problem(f"{REFERENCES} {state}. Write it with: swarmdata card {subject.path} --write")
 
 
 def _first_difference(text: str, wanted: str) -> str:

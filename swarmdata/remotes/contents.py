@@ -4,10 +4,10 @@ from pathlib import Path
 
 from swarmdata.errors import HubError, ManifestError
 from swarmdata.remotes.names import hostile_names, unsafe_names
-from swarmdata.store.layout import CARD, MANIFEST, array_file, expected_files
+from swarmdata.store.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
 from swarmdata.store.manifest import MAX_BYTES, Manifest, read_manifest
 
-SIDE_FILES = (CARD,)
+SIDE_FILES = (CARD, REFERENCES)
 """Files beside those that the manifest lists; a release may lack them."""
 
 MAX_SMALL = MAX_BYTES

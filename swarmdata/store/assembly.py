@@ -116,8 +116,11 @@ def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
         name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name))
         for name in sorted(source.names)
     }
+    from swarmdata.store.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
+
+    described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
     with new_folder(out) as temporary:
-        create_metadata(temporary, shards, _attributes(recipe))
+        create_metadata(temporary, shards, _attributes(recipe), described)
         manifest = _write(temporary, recipe, source, shards)
         (temporary / MANIFEST).write_bytes(manifest.to_bytes())
     published = _existing(out, recipe)

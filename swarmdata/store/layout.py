@@ -21,6 +21,9 @@ FORMAT_VERSION = 1
 DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "card.md"
 """Names inside a dataset's folder."""
 
+REFERENCES = "references.json"
+"""What the reference policies of the task reach, beside the card; only where they were measured."""
+
 CHUNK_ROWS = 10_000
 """Most rows of one chunk; chunks are what the fast checksums cover."""
 
@@ -31,52 +34,124 @@ DType = Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One array: its dtype, what a row is, and the names of its axes.
+    """One array: its dtype, what a row is, the names of its axes, and what it means.
 
     `rows` is `steps` (T per episode), `states` (T + 1 per episode) or `episodes` (1 per episode).
+    What its columns mean, `attributes` says.
     """
 
     dtype: DType
     rows: Literal["steps", "states", "episodes"]
     dimensions: tuple[str, ...]
+    meaning: str
+    unit: str = ""
+    low: float | None = None  # no value is below; None: there is no such bound
+    high: float | None = None
 
 
-def _column(dtype: DType, *dimensions: str) -> Field:
-    return Field(dtype, "episodes", ("episode", *dimensions))
+ROWS = {
+    "steps": (
+        "one for each joint step: those of episode e are episodes/starts[e] to "
+        "episodes/starts[e] + episodes/lengths[e] - 1"
+    ),
+    "states": (
+        "one for each state, one more than steps in each episode: those of episode e are "
+        "episodes/starts[e] + e to episodes/starts[e] + e + episodes/lengths[e]. The k-th step of "
+        "an episode leads from its k-th state to the next"
+    ),
+    "episodes": "one for each episode",
+}
+"""What the rows of an array are, and where an episode's are."""
+
+
+def _states(dtype: DType, axes: str, meaning: str, *bounds: float) -> Field:
+    return Field(dtype, "states", ("state", *axes.split()), meaning, "", *bounds)
+
+
+def _steps(dtype: DType, axes: str, meaning: str, *bounds: float) -> Field:
+    return Field(dtype, "steps", ("step", *axes.split()), meaning, "", *bounds)
+
+
+def _column(dtype: DType, meaning: str, *bounds: float) -> Field:
+    return Field(dtype, "episodes", ("episode",), meaning, "", *bounds)
 
 
 FIELDS = {
-    "observations": Field("float32", "states", ("state", "agent", "observation")),
-    "states": Field("float32", "states", ("state", "feature")),
-    "sent": Field("float32", "states", ("state", "agent", "value")),
-    "delivered": Field("bool", "states", ("state", "agent", "sender")),
-    "ages": Field("uint8", "states", ("state", "agent", "sender")),
-    "actions": Field("float32", "steps", ("step", "agent", "action")),
-    "log_probs": Field("float32", "steps", ("step", "agent")),
-    "rewards": Field("float32", "steps", ("step", "agent")),
-    "terminations": Field("bool", "steps", ("step",)),
-    "truncations": Field("bool", "steps", ("step",)),
-    "events": Field("uint8", "steps", ("step", "agent", "event")),
-    "episodes/starts": _column("int64"),
-    "episodes/lengths": _column("int64"),
-    "episodes/seeds": _column("uint64"),
-    "episodes/layouts": _column("float32", "obstacle", "column"),
-    "episodes/split": _column("uint8"),
-    "episodes/end_reason": _column("uint8"),
-    "episodes/policy": _column("uint8"),
-    "episodes/policy_episode": _column("int64"),
-    "episodes/team_return": _column("float64"),
-    "episodes/success": _column("bool"),
-    "episodes/robot_collisions": _column("int64"),
-    "episodes/obstacle_collisions": _column("int64"),
+    "observations": _states(
+        "float32", "agent observation", "what each agent observed in a state, the last one included"
+    ),
+    "states": _states(
+        "float32", "feature", "the whole state of the world, for training and analysis only"
+    ),
+    "sent": _states("float32", "agent value", "message that each agent sent in a state"),
+    "delivered": _states(
+        "bool",
+        "agent sender",
+        "whether a message of a sender (last axis) arrived at an agent in a state",
+    ),
+    "ages": _states(
+        "uint8",
+        "agent sender",
+        "control steps since the newest message that an agent has of a sender (last axis) was "
+        "sent: 255 if it never had one; 254 also stands for more",
+        0,
+        255,
+    ),
+    "actions": _steps("float32", "agent action", "what each agent did"),
+    "log_probs": _steps(
+        "float32",
+        "agent",
+        "natural logarithm of the probability (density) of each agent's action under the policy "
+        "that made it",
+    ),
+    "rewards": _steps("float32", "agent", "what each agent got for a step"),
+    "terminations": _steps("bool", "", "whether the task ended in a step, for all agents at once"),
+    "truncations": _steps("bool", "", "whether the episode was cut after a step, unfinished"),
+    "events": _steps("uint8", "agent event", "contacts of each agent in a step", 0, 255),
+    "episodes/starts": _column(
+        "int64",
+        "the episode's first row in the arrays with a row for each step; its first row in those "
+        "with a row for each state is starts[e] + e",
+        0,
+    ),
+    "episodes/lengths": _column("int64", "joint steps of the episode", 1),
+    "episodes/seeds": _column("uint64", "seed that the episode was reset with", 0),
+    "episodes/layouts": Field(
+        "float32", "episodes", ("episode", "obstacle", "column"), "the episode's obstacles"
+    ),
+    "episodes/split": _column("uint8", "split that the episode is in, an index into `codes`"),
+    "episodes/end_reason": _column("uint8", "why the episode ended, an index into `codes`"),
+    "episodes/policy": _column(
+        "uint8", "behavior policy that acted for all agents, an index into `codes`"
+    ),
+    "episodes/policy_episode": _column(
+        "int64", "number of the episode among those that its policy made, from 0", 0
+    ),
+    "episodes/team_return": _column(
+        "float64", "sum over the episode's steps of the mean reward over agents, undiscounted"
+    ),
+    "episodes/success": _column("bool", "whether the episode ended because the task was solved"),
+    "episodes/robot_collisions": _column(
+        "int64",
+        "contacts between robots that began in the episode. A pair counts once here and in both "
+        "robots' rows of events, so this is half the sum of events' robot_onsets; 0 where events "
+        "were not recorded",
+        0,
+    ),
+    "episodes/obstacle_collisions": _column(
+        "int64",
+        "contacts of robots with obstacles and walls that began in the episode: the sum of "
+        "events' obstacle_onsets; 0 where events were not recorded",
+        0,
+    ),
 }
 """Arrays of every `data.zarr` by name."""
 
 OPTIONAL_FIELDS = {
-    "alive": Field("bool", "states", ("state", "agent")),
-    "action_masks": Field("bool", "states", ("state", "agent", "choice")),
-    "agent_terminations": Field("bool", "steps", ("step", "agent")),
-    "agent_truncations": Field("bool", "steps", ("step", "agent")),
+    "alive": _states("bool", "agent", "whether an agent is in the episode and acts next"),
+    "action_masks": _states("bool", "agent choice", "whether an agent may make a choice next"),
+    "agent_terminations": _steps("bool", "agent", "whether an agent left because its task ended"),
+    "agent_truncations": _steps("bool", "agent", "whether an agent was cut off, unfinished"),
 }
 """Arrays that recordings have where agents leave an episode, or choices are forbidden."""
 
@@ -155,7 +230,7 @@ def expected_files(shards: Mapping[str, Shard]) -> list[str]:
 
 
 POSSIBLE_FILES = (
-    *(MANIFEST, RECIPE, CARD, *GROUP_FILES),
+    *(MANIFEST, RECIPE, REFERENCES, CARD, *GROUP_FILES),
     *map(metadata_file, ALL_FIELDS),
     *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
 )

@@ -1,7 +1,7 @@
 """Writes arrays of any size as Zarr shards, one chunk in memory at a time, hashing on the way."""
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,13 +22,19 @@ class Hash(Protocol):
         ...
 
 
-def create_metadata(folder: Path, shards: dict[str, Shard], attributes: dict[str, Any]) -> None:
+def create_metadata(
+    folder: Path,
+    shards: Mapping[str, Shard],
+    attributes: dict[str, Any],
+    of_arrays: Mapping[str, dict[str, Any]],
+) -> None:
     """Lets zarr-python write the metadata of both groups and all arrays, and no data.
 
     Args:
         folder: the dataset's folder.
         shards: byte layout of each array, by name.
         attributes: of the root group.
+        of_arrays: attributes of each array, by name.
     """
     import zarr  # noqa: PLC0415  (0.3 s that readers never pay)
 
@@ -47,6 +53,7 @@ def create_metadata(folder: Path, shards: dict[str, Shard], attributes: dict[str
             fill_value=0,
             chunk_key_encoding={"name": "default", "separator": "."},
             dimension_names=ALL_FIELDS[name].dimensions,
+            attributes=of_arrays[name],
         )
 
 

@@ -75,6 +75,7 @@ class MemoryDataset:
                 "truncations": e.truncations,
                 "mask": np.ones(len(e), dtype=np.bool_),
                 "next_actions": np.concatenate([e.actions[1:], np.zeros_like(e.actions[:1])]),
+                "log_probs": e.log_probs,
             }
             for name, rows in columns_of.items():
                 columns.setdefault(name, []).append(rows)

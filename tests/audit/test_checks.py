@@ -13,14 +13,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
+from swarmdata.cards.render import write_card
 from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
 from swarmdata.presets import preset
 from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.spec import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
-from swarmdata.store.layout import CARD, array_file
+from swarmdata.store.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
+from swarmdata.store.shards import file_digest
 from swarmdata.types import END_REASONS
+from tests.tiny import sign
 
 Arrays = dict[str, Any]
 Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
@@ -206,7 +209,7 @@ def test_planted_flaw_is_found(name: str, clean: Path, forge: Forge) -> None:
 def test_every_check_has_a_planted_flaw_and_names_a_published_failure() -> None:
     elsewhere = {
         "integrity", "identity", "shapes", "padding", "masks", "statistics", "leaving", "tiers",
-        "card",
+        "card", "attributes",
     }  # fmt: skip
     assert {check for _, check, _ in FLAWS.values()} | elsewhere == set(CHECKS)
     for check in CHECKS.values():
@@ -333,6 +336,50 @@ def test_card_that_says_something_else(clean: Path, tmp_path: Path) -> None:
     assert f"card.md, line {line}, says '| joint steps | about" in messages(look(folder), "card")
     (folder / CARD).unlink()
     assert "there is no card.md" in messages(look(folder), "card")
+
+
+def relabel(folder: Path, name: str, change: Callable[[dict[str, Any]], None]) -> None:
+    """Changes an array's Zarr attributes and signs the manifest again."""
+    file = folder / metadata_file(name)
+    metadata = json.loads(file.read_bytes())
+    change(metadata["attributes"])
+    file.write_text(json.dumps(metadata))
+    content = json.loads((folder / MANIFEST).read_bytes())
+    entry = {"size": file.stat().st_size, "sha256": file_digest(file)}
+    content["files"][metadata_file(name)] = entry
+    sign(folder, content)
+
+
+def test_attributes_that_lie(clean: Path, tmp_path: Path) -> None:
+    """Row 50: who reads with Zarr alone believes them."""
+    folder = Path(shutil.copytree(clean, tmp_path / "lies"))
+    assert not messages(look(folder), "attributes")
+    relabel(folder, "rewards", lambda a: a["terms"][0].update(weight=9.0))
+    relabel(folder, "states", lambda a: a["columns"][0].update(unit="cm"))
+    found = look(folder)
+    assert "attributes of ['rewards', 'states'] were changed" in messages(found, "attributes")
+    assert open_store(folder, "full"), "readers of ours do not use them"
+
+
+def test_datasets_without_attributes_are_older(clean: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(clean, tmp_path / "older"))
+    for name in read_manifest(folder).arrays:
+        relabel(folder, name, lambda attributes: attributes.clear())
+    found = look(folder)
+    notes = [each.message for each in found.findings if each.check == "attributes"]
+    assert notes == ["its arrays have no Zarr attributes: it was written before there were any"]
+    assert not messages(found, "attributes")
+    assert open_store(folder, "full").table.success.shape
+
+
+def test_references_that_say_something_else(random_team: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(random_team, tmp_path / "typed"))
+    write_card(folder)
+    assert not messages(look(folder), "card")
+    (folder / REFERENCES).write_text("{}")
+    assert "references.json is not what this version measured" in messages(look(folder), "card")
+    (folder / REFERENCES).unlink()
+    assert "references.json is absent" in messages(look(folder), "card")
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,9 @@ HALF = np.array([2.5, 2.5])
 
 
 def path_of(task: Formation) -> tuple[int, float, float]:
-    points = N_COLUMNS * task.spec.n_agents + task.extras.index("control_0_x")
+    points = N_COLUMNS * task.spec.n_agents + [column.name for column in task.extras].index(
+        "control_0_x"
+    )
     return points, task.spec.control_dt * task.segment_rate, LOOK * task.segment_rate
 
 

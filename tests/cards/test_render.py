@@ -148,6 +148,27 @@ def test_golden(update_golden: bool) -> None:
     assert text == GOLDEN.read_text(encoding="utf-8")
 
 
+def test_the_card_states_the_whole_reward() -> None:
+    """Row 51: the shared terms were "what all tasks share", and contacts were not explained."""
+    facts = make_facts()
+    text = render(facts)
+    for name, weight in facts.recipe.spec.rules.rewards:  # type: ignore[union-attr]
+        if name != "team_share":
+            assert f"| {name} | {weight:g} | " in text, name
+    assert "| -weight * min(max(1 - gap / 0.1, 0), 1) |" in text
+    assert "team_share is 0." in text
+    assert "lasts until their gap exceeds 0.01 m" in text
+    assert "counts a pair of robots once, `events` in the rows of both" in text
+    assert "`starts[e] + e + lengths[e]`" in text
+
+
+def test_a_collision_that_fails_is_stated() -> None:
+    spec = TaskSpec(on_collision="fail")
+    recipe = make_facts().recipe.model_copy(update={"spec": spec})
+    assert isinstance(recipe, Recipe)
+    assert "A contact that begins fails the episode" in render(make_facts(recipe=recipe))
+
+
 def test_front_matter_is_yaml_for_the_hub() -> None:
     _, front, _ = render(make_facts()).split("---\n", 2)
     content = yaml.safe_load(front)

@@ -61,6 +61,7 @@ def draw(seeds: Sequence[int], index: int) -> Batch:
         "states": (BATCH, SIZES.state),
         "next_states": (BATCH, SIZES.state),
         "next_actions": (BATCH, SIZES.n_agents, SIZES.action),
+        "log_probs": (BATCH, SIZES.n_agents),
     }
     rngs = [np.random.default_rng([seed, index]) for seed in seeds]
     columns = {

@@ -59,7 +59,11 @@ def play(env: TaskEnv, ids: Seeds, n_steps: int, noise: float = 0.0) -> list[Ste
 
 
 def extra(step: Step, task: Formation, name: str) -> Float:
-    return np.asarray(step.states[:, N_COLUMNS * task.spec.n_agents + task.extras.index(name)])
+    return np.asarray(
+        step.states[
+            :, N_COLUMNS * task.spec.n_agents + [column.name for column in task.extras].index(name)
+        ]
+    )
 
 
 @pytest.mark.parametrize(

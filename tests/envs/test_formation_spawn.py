@@ -33,7 +33,9 @@ def spawned(spec: TaskSpec, seeds: Seeds) -> tuple[Formation, Float, Float]:
 def motions_of(task: Formation, state: Float, steps: Double) -> Double:
     """The reference at these control steps, [L, 7]."""
     points = np.ascontiguousarray(
-        state[task.spec.n_agents * 8 + task.extras.index("control_0_x") :]
+        state[
+            task.spec.n_agents * 8 + [column.name for column in task.extras].index("control_0_x") :
+        ]
     )
     out = np.zeros((len(steps), 7))
     for row, step in zip(out, steps, strict=True):

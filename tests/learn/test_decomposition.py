@@ -60,6 +60,7 @@ def random_batch(n_seeds: int = 2, size: int = 12) -> Batch:
         truncations=~flags,
         mask=torch.ones_like(flags),
         next_actions=choices.float().flip(1),
+        log_probs=torch.zeros(*shape, N_AGENTS),
     )
 
 

@@ -58,6 +58,8 @@ def test_draws_are_whole_transitions_of_the_newest_rows_and_of_their_seed(
     replay = filled(tmp_path_factory.mktemp("ring"), n_rows)
     batch = replay.sample(generators([seed, seed + 1], "cpu"), 64)
     code = batch.observations[..., 0, 0]
+    assert batch.next_actions is None  # online training keeps neither
+    assert batch.log_probs is None
     numbers, seeds, copies = code // 100, code % 100 // 10, code % 10
     assert numbers.min() >= max(0, n_rows - 5)
     assert numbers.max() < n_rows

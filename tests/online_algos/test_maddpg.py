@@ -44,6 +44,7 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
         truncations=~flags,
         mask=torch.ones_like(flags),
         next_actions=torch.rand(*shape, 2, 2, generator=g) * 2 - 1,
+        log_probs=torch.zeros(*shape, 2),
     )
 
 

@@ -24,6 +24,7 @@ def write(folder: Path, lengths: list[int], dataset_id: str = ID) -> Path:
     recipe = make_recipe(n_steps=100).model_copy(update={"id": dataset_id})
     assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, [lengths]).order)
     (folder / "card.md").write_text(CARD)
+    (folder / "references.json").write_text("{}")
     return folder
 
 

@@ -117,7 +117,7 @@ def test_a_stopped_pull_goes_on(root: Path, dataset: Path, tmp_path: Path, n_rea
     pull(second, RELEASE, tmp_path / ID, progress=False)
 
     assert same_files(tmp_path / ID, dataset)
-    assert len(second.reads) == len(read_manifest(dataset).files) + 2 - n_kept
+    assert len(second.reads) == len(read_manifest(dataset).files) + 3 - n_kept
 
 
 @pytest.mark.parametrize("step", ["copyfile", "rename"])
@@ -143,7 +143,7 @@ def test_a_pull_stopped_at_its_end_goes_on(
     second = Tampered(root)
     pull(second, RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, dataset)
-    assert sorted(second.reads) == ["card.md", "manifest.json"]
+    assert sorted(second.reads) == ["card.md", "manifest.json", "references.json"]
 
 
 def _copy_by_hand(self: Tampered, release: Release, file: str, out: Path, size: int) -> None:

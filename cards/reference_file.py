@@ -1,0 +1,47 @@
+"""What the reference policies reach, for programs: `references.json` beside a dataset's card.
+
+It has the numbers of the card in full. It is in no digest, as the card is not: references may be
+measured again when the data stay what they are.
+"""
+
+import json
+
+from swarmdata.cards.schema import references_of
+from swarmdata.metrics import metrics_of
+from swarmdata.origins import AnySpec, RecordedSpec
+
+FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
+"""The score of a mean team return R."""
+
+
+def reference_bytes(spec: AnySpec) -> bytes | None:
+    """Returns the file's content: the score's anchors, metrics and what each policy reaches.
+
+    None where no references were measured on exactly this spec.
+    """
+    known = None if isinstance(spec, RecordedSpec) else references_of(spec.hash())
+    if known is None:
+        return None
+    content = {
+        "about": (
+            f"What reference policies reach in this task: means over {known.n_episodes} reserved "
+            "evaluation episodes, policies without noise, with the low and high ends of their "
+            "95 % bootstrap intervals over episodes. null: no episode defines it."
+        ),
+        "spec_hash": known.spec_hash,
+        "n_episodes": known.n_episodes,
+        "made_with": known.made_with,
+        "score": {
+            "formula": FORMULA,
+            "R": "mean over episodes of the team return (episodes/team_return), the undiscounted "
+            "sum over steps of the mean reward over agents",
+            "no_skill": known.no_skill,
+            "expert": known.expert,
+        },
+        "metrics": {
+            name: {"unit": metric.unit, "better": metric.better, "meaning": metric.meaning}
+            for name, metric in metrics_of(spec.task).items()
+        },
+        "policies": known.model_dump(mode="json")["policies"],
+    }
+    return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"

@@ -1,0 +1,38 @@
+"""The section of a card with the whole reward: every term, its weight, and what contacts are."""
+
+from swarmdata.cards.markdown import table
+from swarmdata.interfaces import Task
+from swarmdata.registry import reward_terms
+from swarmdata.store.attributes import PRECISION, REWARD
+from swarmdata.types import EVENT_COLUMNS
+
+
+def reward_section(task: Task) -> str:
+    """Every term of a robot's reward with its numbers, and the events that it is made of."""
+    terms = [
+        (term.name, f"{term.weight:g}", term.formula, term.meaning) for term in reward_terms(task)
+    ]
+    events = [(f"`{column.name}`", column.meaning) for column in EVENT_COLUMNS]
+    share = task.spec.rules.rewards.team_share
+    return (
+        "\n## Reward\n\n"
+        + table(("term", "weight", "formula", "where"), terms)
+        + f"\n{REWARD} Here team_share is {share:g}. {PRECISION}\n\n"
+        + table(("column of `events`", "meaning"), events)
+        + f"\n{_counting(task)}\n"
+    )
+
+
+def _counting(task: Task) -> str:
+    pushed = " Contacts with the payload are in no column." if task.movables else ""
+    failing = (
+        " A contact that begins fails the episode; a task that is solved in the same step is paid "
+        "for, and its episode counts as failed."
+        if task.spec.on_collision == "fail"
+        else ""
+    )
+    return (
+        "A gap is measured between surfaces. `episodes/robot_collisions` counts a pair of robots "
+        "once, `events` in the rows of both; `episodes/obstacle_collisions` is the sum over robots."
+        f"{pushed}{failing}"
+    )

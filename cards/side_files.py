@@ -1,0 +1,66 @@
+"""What is written beside a dataset's own files: the card, and the references for programs.
+
+Neither is in a digest. They are compared with what this version of the package writes.
+"""
+
+from pathlib import Path
+
+from swarmdata.cards.reference_file import reference_bytes
+from swarmdata.cards.render import side_files, write_card
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.store import Damage, open_store, write_file
+from swarmdata.store.layout import CARD, REFERENCES
+
+
+def write_missing(folder: Path) -> None:
+    """Writes those that a finished dataset lacks, such as one from before there were references.
+
+    Raises:
+        DatasetError: the dataset cannot be used.
+        SchemaError: a check that the card reports did not pass.
+        SpecError: something stored has no description.
+    """
+    if not (folder / CARD).exists():
+        write_card(folder)
+        return
+    content = reference_bytes(open_store(folder, verify="none").recipe.spec)
+    if content is not None and not (folder / REFERENCES).exists():
+        write_file(folder / REFERENCES, content)
+
+
+def damage_of(folder: Path) -> tuple[Damage, ...]:
+    """What is wrong with the card and its companions, where the dataset's own files are sound.
+
+    Raises:
+        DatasetError: the dataset cannot be used.
+    """
+    try:
+        expected = side_files(folder)
+    except (SchemaError, SpecError) as error:
+        if not (folder / CARD).is_file():
+            return (Damage(CARD, "is absent"),)
+        return (Damage(CARD, f"cannot be compared, because no card can be made: {error}"),)
+    problems = {name: _problem(folder / name, content) for name, content in expected.items()}
+    return tuple(Damage(name, problem) for name, problem in problems.items() if problem)
+
+
+def _problem(path: Path, expected: bytes) -> str:
+    """What is wrong with one file; empty if nothing."""
+    if path.is_symlink():
+        return "is a symbolic link, expected a plain file"
+    try:
+        found = path.read_bytes()
+    except FileNotFoundError:
+        return "is absent"
+    except OSError as error:  # such as a folder of this name
+        return f"cannot be read: {error.strerror or error}"
+    if found == expected:
+        return ""
+    ours, theirs = expected.splitlines(), found.splitlines()
+    pairs = zip(theirs, ours, strict=False)
+    same = next((k for k, (one, other) in enumerate(pairs) if one != other), None)
+    line = (min(len(theirs), len(ours)) if same is None else same) + 1
+    return (
+        f"is not what the other files give: line {line} is the first that differs. It was changed, "
+        "or written by another version of swarmdata"
+    )

@@ -1,0 +1,225 @@
+"""The Zarr attributes of every array: what it and each of its columns mean.
+
+They are for readers who have Zarr and nothing of ours, and are a pure function of the origin and of
+the arrays' shapes. Nothing here reads them: they are in no digest but that of their file. What is
+not known of a recording is not said.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from swarmdata.geometry import SHAPES
+from swarmdata.interfaces import Task
+from swarmdata.origins import Origin, RecordedSpec
+from swarmdata.registry import make_task, reward_terms
+from swarmdata.spaces import width
+from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.store.columns import action_columns, task_columns
+from swarmdata.store.layout import ALL_FIELDS, ROWS, Field
+from swarmdata.store.table import SPLITS
+from swarmdata.types import END_REASONS, SEPARATION, TASK_END_REASONS, Column
+
+Attributes = dict[str, Any]
+Shapes = Mapping[str, tuple[int, ...]]
+
+FRAMES = {
+    "world": "origin at the arena's centre, x along its width, y along its height",
+    "body": "origin at the robot's centre, x along its heading, y to its left",
+}
+"""Frames of reference that columns name."""
+
+LOG_PROBS = (
+    "The sum over the action's components: of one strictly inside (-1, 1) the logarithm of the "
+    "density of the Gaussian action noise, of one at -1 or 1 that of the probability of being "
+    "clipped to it; 0 without noise, -log 2 for a uniform draw from [-1, 1]."
+)
+"""What `log_probs` mean where the policies are the package's."""
+
+REWARD = (
+    "The reward of an agent is (1 - team_share) times the sum of its `terms` plus team_share times "
+    "the mean of these sums over the agents. In a formula [x] is 1 where x holds, else 0."
+)
+
+PRECISION = (
+    "Computed from the float32 states and the events, partly in float32, and rounded to float32. "
+    "Computed again in float64 they agree within 1e-5, but for steps in which a length is within "
+    "1e-6 m of a threshold in [ ]."
+)
+"""How well rewards can be computed again, as `tests/examples/read_with_zarr.py` does."""
+
+RECORDED_LAYOUT = (
+    "How a value of a space becomes columns: a box's numbers in C order; a discrete choice as its "
+    "number; the parts of a dictionary in the order of its sorted keys. Columns behind an agent's "
+    "own are zero."
+)
+"""What the columns of a recording of another environment are."""
+
+EMPTY = "An axis has length 0: there is nothing of the kind in this dataset."
+
+END_REASON = (
+    "success: the task was solved; failure: a failure that the task's spec names, a termination as "
+    "well; horizon: cut at the horizon, a truncation; ended: a termination of an environment that "
+    "does not say whether its task was solved."
+)
+"""What the codes of `episodes/end_reason` mean."""
+
+SENSED = {
+    "state": (
+        "Vectors are in the world's frame. Slots of neighbors and obstacles are in the order of "
+        "the gap between surfaces, the nearest first; a slot without a return is zero."
+    ),
+    "lidar": (
+        "Vectors are in the robot's body frame. Beam k of n points 2 pi k / n counter-clockwise "
+        "from the heading."
+    ),
+    "bearing": (
+        "Vectors are in the robot's body frame. Slots of neighbors are in the order of the "
+        "distance between centres, the nearest first; a slot without a return is zero."
+    ),
+    "occupancy": (
+        "Vectors are in the robot's body frame. Cell r n + c of n x n has its centre "
+        "(r - (n - 1) / 2) cell sizes ahead of the robot and (c - (n - 1) / 2) to its left."
+    ),
+}
+"""How each observation model is laid out."""
+
+MODIFIED = (
+    "`model` has its numbers: standard deviations of the noise by kind of feature (m, m/s), "
+    "probability of a lost return, steps of delay, frames in the stack; a name that ends in [-k] "
+    "is of the frame k steps before. message_k is from the k-th of the other agents in their order."
+)
+"""What holds of every observation model."""
+
+_CODES = {"episodes/split": SPLITS, "episodes/end_reason": END_REASONS}
+
+
+def attributes_of(origin: Origin, shapes: Shapes) -> dict[str, Attributes]:
+    """The attributes of each array of `shapes`.
+
+    An array whose width is not that of the spec gets no columns: they would be wrong.
+
+    Raises:
+        SpecError: the spec contradicts itself.
+    """
+    spec = origin.spec
+    if isinstance(spec, RecordedSpec):
+        known = _of_recording(spec)
+    else:
+        known = _of_task(make_task(spec), shapes)
+    if isinstance(origin, Recipe):
+        known["log_probs"] = {"details": LOG_PROBS}
+        known["episodes/end_reason"] = {"codes": list(TASK_END_REASONS)}
+    known.setdefault("episodes/end_reason", {})["details"] = END_REASON
+    known["episodes/policy"] = {"codes": [policy.label for policy in origin.policies]}
+    return {
+        name: {**_of_field(name, shape, spec.agent_names), **known.get(name, {})}
+        for name, shape in shapes.items()
+    }
+
+
+def _of_field(name: str, shape: tuple[int, ...], agents: Sequence[str]) -> Attributes:
+    """What holds of an array in every dataset."""
+    field = ALL_FIELDS[name]
+    found: Attributes = {"meaning": field.meaning, "rows": ROWS[field.rows]}
+    if "agent" in field.dimensions:
+        found["agents"] = list(agents)
+    if field.dtype != "bool" and (field.unit or (field.low, field.high) != (None, None)):
+        found["range"] = _range(field)
+    if name in _CODES:
+        found["codes"] = list(_CODES[name])
+    if 0 in shape[1:]:
+        found["empty"] = EMPTY
+    return found
+
+
+def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
+    spec = task.spec
+    known: dict[str, Attributes] = {
+        name: _of_columns(columns)
+        for name, columns in task_columns(task).items()
+        if columns and shapes.get(name, (0,))[-1] == len(columns)
+    }
+    known.setdefault("states", {}).update(
+        agents=list(spec.agent_names),
+        radius={"value": [robot.radius for robot in spec.robots], "unit": "m"},
+        arena={"value": [spec.arena.width, spec.arena.height], "unit": "m"},
+    )
+    known.setdefault("observations", {}).update(
+        details=f"{SENSED[spec.observation.kind]} {MODIFIED}",
+        model=spec.observation.model_dump(mode="json"),
+    )
+    known["actions"] = _of_actions(spec)
+    known["rewards"] = _of_rewards(task)
+    known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPES)
+    known.setdefault("events", {})["separation"] = {"value": SEPARATION, "unit": "m"}
+    for name in shapes:
+        if ALL_FIELDS[name].rows != "episodes":
+            known.setdefault(name, {})["step"] = {"value": spec.control_dt, "unit": "s"}
+    return known
+
+
+def _of_actions(spec: TaskSpec) -> Attributes:
+    """Commands, once for all robots or, where they differ, for each."""
+    each = [action_columns(robot, spec) for robot in spec.robots]
+    if all(columns == each[0] for columns in each):
+        return _of_columns(each[0])
+    by_agent = zip(spec.agent_names, map(_plain, each), strict=True)
+    return {"columns_of_agents": dict(by_agent), "frames": FRAMES}
+
+
+def _of_columns(columns: Sequence[Column]) -> Attributes:
+    """Columns, and the frames that they name."""
+    used = {column.frame for column in columns}
+    frames = {name: meaning for name, meaning in FRAMES.items() if name in used}
+    return {"columns": _plain(columns), **({"frames": frames} if frames else {})}
+
+
+def _of_rewards(task: Task) -> Attributes:
+    return {
+        "details": REWARD,
+        "terms": [term._asdict() for term in reward_terms(task)],
+        "team_share": task.spec.rules.rewards.team_share,
+        "precision": PRECISION,
+    }
+
+
+def _of_recording(spec: RecordedSpec) -> dict[str, Attributes]:
+    """What the interface of another environment tells."""
+    states = {
+        "environment": "The environment's own state().",
+        "observations": "All observations, one agent's after the other's.",
+    }[spec.state_from]
+    return {
+        "states": {"details": states},
+        **{
+            name: {
+                "details": RECORDED_LAYOUT,
+                "spaces": {
+                    agent.name: {
+                        "columns": width(getattr(agent, kind)),
+                        "space": getattr(agent, kind).model_dump(mode="json"),
+                    }
+                    for agent in spec.agents
+                },
+            }
+            for name, kind in (("observations", "observation"), ("actions", "action"))
+        },
+    }
+
+
+def _range(described: Column | Field) -> list[float | None]:
+    return [None if bound is None else float(bound) for bound in (described.low, described.high)]
+
+
+def _plain(columns: Sequence[Column]) -> list[Attributes]:
+    """Columns as JSON."""
+    return [
+        {
+            "name": column.name,
+            "meaning": column.meaning,
+            "unit": column.unit,
+            "range": _range(column),
+            "frame": column.frame,
+        }
+        for column in columns
+    ]

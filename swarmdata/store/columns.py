@@ -1,0 +1,112 @@
+"""What each column of each array means in a dataset of one of our tasks."""
+
+from swarmdata.comms.payloads import COLUMNS
+from swarmdata.features import UNITS, Feature
+from swarmdata.geometry import OBSTACLE_COLUMNS
+from swarmdata.interfaces import Task
+from swarmdata.observing import features_of
+from swarmdata.senses import Broadcast, SensorNoise
+from swarmdata.spec import Robot, TaskSpec
+from swarmdata.states import body_columns, pair, robot_columns
+from swarmdata.types import EVENT_COLUMNS, Column
+
+
+def task_columns(task: Task) -> dict[str, tuple[Column, ...]]:
+    """The columns of every array that has some, but `actions`, which may differ by robot.
+
+    Raises:
+        SpecError: a model of the spec does not fit its task.
+    """
+    return {
+        "observations": observation_columns(task),
+        "states": state_columns(task),
+        "sent": _message_columns(task.spec),
+        "events": EVENT_COLUMNS,
+        "episodes/layouts": OBSTACLE_COLUMNS,
+    }
+
+
+def state_columns(task: Task) -> tuple[Column, ...]:
+    """Every column of a state: robots, movable bodies, the task's own, [S]."""
+    half, n_bodies = task.spec.half_size, len(task.movables)
+    robots = robot_columns(half)
+    bodies = ("payload",) if n_bodies == 1 else tuple(f"payload_{k}" for k in range(n_bodies))
+    return (
+        *(column for name in task.spec.agent_names for column in _of(name, robots)),
+        *(column for name in bodies for column in _of(name, body_columns(half))),
+        *task.extras,
+    )
+
+
+def _of(name: str, columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    return tuple(column._replace(name=f"{name}.{column.name}") for column in columns)
+
+
+def observation_columns(task: Task) -> tuple[Column, ...]:
+    """Every column of one robot's observation, received messages included, [O]."""
+    model = task.spec.observation
+    frame = "world" if model.kind == "state" else "body"
+    is_exact = model.noise == SensorNoise()
+    return tuple(
+        Column(
+            feature.name,
+            feature.meaning,
+            UNITS.get(feature.kind, ""),
+            *(_bounds(feature) if is_exact else (None, None)),
+            frame if feature.axis else "",
+        )
+        for feature in features_of(task)
+    )
+
+
+def _bounds(feature: Feature) -> tuple[float | None, float | None]:
+    """Least and greatest value of a feature without noise."""
+    if feature.kind == "direction" or ".value_" in feature.name:
+        return -1.0, 1.0
+    return (0.0, 1.0) if feature.kind in ("range", "flag") else (None, None)
+
+
+def action_columns(robot: Robot, spec: TaskSpec) -> tuple[Column, ...]:
+    """Every column of one robot's action: its command, then a learned message, [A]."""
+    message = _message_columns(spec) if spec.action_size > 2 else ()
+    return (*_command_columns(robot), *message)
+
+
+def _command_columns(robot: Robot) -> tuple[Column, ...]:
+    speed, acceleration = f"{robot.max_speed:g} m/s", f"{robot.max_acceleration:g} m/s^2"
+    is_velocity = robot.command == "velocity"
+    limit = (
+        f"approached with at most {acceleration}"
+        if is_velocity
+        else f"as far as the speed stays within {speed}"
+    )
+    what = "velocity" if is_velocity else "acceleration"
+    scale = speed if is_velocity else acceleration
+    if robot.dynamics == "holonomic":
+        more = f", as part of {scale}, {limit}; a vector longer than 1 is cut to length 1"
+        return pair(f"{what}_", f"{what} asked for", "", (1.0, 1.0), more)
+    ahead = f"{what} asked for along the heading, as part of {scale}, {limit}"
+    turn = f"turn rate, counter-clockwise, as part of {robot.max_turn_rate:g} rad/s"
+    return (
+        Column(f"{what}_ahead", ahead, "", -1.0, 1.0, "body"),
+        Column("turn_rate", turn, "", -1.0, 1.0),
+    )
+
+
+def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
+    """Every value of a message as it is sent, [P]."""
+    model = spec.communication
+    if not isinstance(model, Broadcast):
+        return ()
+    if model.payload == "learned":
+        said = "of the message, chosen by the sender; 0 in the first state of an episode"
+        return tuple(
+            Column(f"message_{k}", f"value {k} {said}", "", -1.0, 1.0)
+            for k in range(model.message_size)
+        )
+    rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
+    own = robot_columns(spec.half_size)
+    return tuple(
+        own[k]._replace(meaning=f"of the sender{rounding}: {own[k].meaning}")
+        for k in COLUMNS[model.payload]
+    )

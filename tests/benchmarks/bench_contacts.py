@@ -1,0 +1,371 @@
+"""How deep bodies overlap, how fast and how Markov robots in contact are, into BENCHMARKS.md.
+
+    python -m tests.benchmarks.bench_contacts [SECTION ...]
+
+Sections: today recorded variants. `today` measures the four tasks under three teams, `recorded` the
+deepest overlaps and highest speeds of published datasets (which it builds if need be), `variants`
+what smaller physics steps, more iterations of the solver and a stronger correction would change,
+and cost.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+
+from swarmdata.behavior_policies.tiers import checkpoints
+from swarmdata.catalog import load
+from swarmdata.compiling import kernel
+from swarmdata.envs import munk
+from swarmdata.envs.backend import Plan
+from swarmdata.envs.dynamics import drive, limits_of
+from swarmdata.envs.payload import place_row, shape_of
+from swarmdata.envs.pymunk_space import ITERATIONS, build_space
+from swarmdata.geometry import clearance, nearest
+from swarmdata.interfaces import Policy
+from swarmdata.presets import preset
+from swarmdata.registry import TASKS, make_env, make_policy, make_task
+from swarmdata.rollout import rollout
+from swarmdata.spec import TaskSpec
+from swarmdata.states import BODY, N_COLUMNS, VX, VY, robots_of
+from swarmdata.types import Double, Episode, Float
+from tests.benchmarks.engines import Run, swarm
+from tests.benchmarks.measuring import Rate, table, write_section
+
+TEAMS = ("random", "scripted", "expert")
+RECORDED = (
+    "coop_nav-random-mini",
+    "coop_nav-n8-random-mini",
+    "formation-random-mini",
+    "formation-n8-medium-mini",
+    "transport-medium-mini",
+    "transport-medium-replay-mini",
+    "warehouse-random-mini",
+    "warehouse-medium-mini",
+    "warehouse-medium-replay-mini",
+    "warehouse-expert-mini",
+)
+
+N_EPISODES = 192
+N_COPIES = 64
+ROUNDS = 9
+N_REPLAYS = 2000
+"""Steps that are done again from their state alone, at most."""
+
+Summary = tuple[float, float, float]
+"""Median, 99.9 % quantile and largest value."""
+
+
+class Figures(NamedTuple):
+    """What was measured of some episodes."""
+
+    touching: float  # share of robot states that overlap something
+    robots: Double  # depths of overlaps of two robots, m
+    static: Double  # of a robot and an obstacle or wall
+    payload: Double  # of a robot and the payload
+    excess: Double  # speed / max_speed - 1 of robots in contact, where above 0
+    deviation: Double  # of the state after a step with contact, done again from the state alone, m
+
+
+class Variant(NamedTuple):
+    """A change of the physics."""
+
+    name: str
+    division: int = 1  # of the physics step
+    iterations: int = ITERATIONS
+    bias: float | None = None  # part of an overlap that is left after a second; None: Munk2D's own
+
+
+TODAY = Variant("today")
+
+VARIANTS = (
+    TODAY,
+    Variant("20 iterations", iterations=20),
+    Variant("correction of all overlap", bias=1e-12),
+    Variant("step / 2", 2),
+    Variant("step / 2, correction", 2, bias=1e-12),
+    Variant("step / 4", 4),
+    Variant("step / 4, correction", 4, bias=1e-12),
+    Variant("step / 8, correction", 8, bias=1e-12),
+)
+
+
+@contextmanager
+def changed(variant: Variant) -> Iterator[None]:
+    """Worlds that are built meanwhile have the variant's solver; their spec has its steps."""
+
+    def build(*arguments: object) -> object:
+        space, bodies = build_space(*arguments)  # type: ignore[arg-type]
+        space.iterations = variant.iterations
+        if variant.bias is not None:
+            space.collision_bias = variant.bias
+        return space, bodies
+
+    with mock.patch.object(munk, "build_space", build):
+        yield
+
+
+def spec_of(task: str, variant: Variant) -> TaskSpec:
+    """The task's headline preset with the variant's physics steps."""
+    spec = preset(task)
+    return spec.with_updates(physics_dt=spec.physics_dt / variant.division)
+
+
+def team(name: str, spec: TaskSpec, task: str) -> Policy:
+    """A team: a scripted policy, or the first of the shipped experts without noise."""
+    if name != "expert":
+        return make_policy(name, spec)
+    shipped = checkpoints(task, "expert")[0]
+    return make_policy("learned", spec, checkpoint=shipped.file, sha256=shipped.sha256)
+
+
+@kernel
+def overlaps(
+    places: Double, rows: Float, layout: Float, radii: Double, half: Double, out: Double
+) -> None:
+    """Writes depths (m, negative for gaps) of one state: to robots, static things, the payload.
+
+    Args:
+        places: [N, 2].
+        rows: the payload as a row of a layout, [0 or 1, 8].
+        layout: [M, 8].
+        radii: [N].
+        half: of the arena, [2].
+        out: written, the deepest of each kind, [N, 3].
+    """
+    out[:] = -np.inf
+    for i in range(radii.shape[0]):
+        x, y = places[i, 0], places[i, 1]
+        for j in range(radii.shape[0]):
+            if j != i:
+                gap = np.hypot(places[j, 0] - x, places[j, 1] - y) - radii[i] - radii[j]
+                out[i, 0] = max(out[i, 0], -gap)
+        out[i, 1] = radii[i] - clearance(x, y, layout, half)
+        for row in rows:
+            out[i, 2] = max(out[i, 2], radii[i] - nearest(x, y, row)[0])
+
+
+def depths(episode: Episode, spec: TaskSpec) -> Double:
+    """Depths of every state of an episode, [T + 1, N, 3]."""
+    n, movables = spec.n_agents, make_task(spec).movables
+    radii, half = np.array([robot.radius for robot in spec.robots]), np.array(spec.half_size)
+    places = robots_of(episode.states, n)[..., :2].astype(np.float64)
+    rows = np.zeros((len(movables), 8), np.float32)
+    out = np.zeros((len(places), n, 3))
+    for t, state in enumerate(episode.states):
+        for payload in movables:
+            place_row(state[N_COLUMNS * n :], shape_of(payload), rows[0])
+        overlaps(places[t], rows, episode.layout, radii, half, out[t])
+    return out
+
+
+def again(episode: Episode, spec: TaskSpec, t: int) -> Float:
+    """Positions after step t, [N, 2], in a new world that begins in its state, with its speeds.
+
+    Of today's physics, and of holonomic robots.
+    """
+    task, n = make_task(spec), spec.n_agents
+    state = episode.states[t].astype(np.float64)
+    robots = np.ascontiguousarray(state[: N_COLUMNS * n].reshape(n, N_COLUMNS)[:, :6])
+    first = N_COLUMNS * n
+    movables = state[first : first + len(BODY) * len(task.movables)].reshape(-1, len(BODY))
+    plan = Plan(spec, task.kinds, task.movables)
+    space, bodies = build_space(plan, episode.layout, robots, movables)
+    for body, row in zip(bodies, [*robots, *movables], strict=True):
+        body.velocity = float(row[2]), float(row[3])
+    for body, row in zip(bodies[n:], movables, strict=True):
+        body.angular_velocity = float(row[6])
+    commands = episode.actions[t, :, :2].astype(np.float64)
+    commands /= np.maximum(np.hypot(*commands.T), 1.0)[:, None]
+    forces, timing = np.zeros((n, 2)), (spec.n_substeps, spec.physics_dt)
+    for k in range(spec.n_substeps):
+        drive(robots, commands, limits_of(spec), timing, k, forces)
+        for body, force in zip(bodies[:n], forces.tolist(), strict=True):
+            body.force = tuple(force)
+        space.step(spec.physics_dt)
+        for row, body in zip(robots, bodies[:n], strict=True):
+            row[:4] = *body.position, *body.velocity
+    return robots[:, :2].astype(np.float32)
+
+
+def deviations(episode: Episode, spec: TaskSpec, most: int) -> list[float]:
+    """Largest differences of positions, m, of steps that follow a contact, done again."""
+    touched = (episode.events[:-1, :, :2] > 0).any(axis=(1, 2))
+    found = []
+    for t in (np.flatnonzero(touched) + 1)[:most].tolist():
+        reached = robots_of(episode.states[t + 1], spec.n_agents)[:, :2]
+        found.append(float(np.abs(reached - again(episode, spec, t)).max()))
+    return found
+
+
+def measure(task: str, name: str, variant: Variant, n_replays: int, n_episodes: int) -> Figures:
+    """Plays a team in a variant of a task."""
+    spec = spec_of(task, variant)
+    top = np.array([robot.max_speed for robot in spec.robots])
+    found: list[Double] = []
+    excess: list[Double] = []
+    deviation: list[float] = []
+    with changed(variant):
+        env = make_env(spec, min(N_COPIES, n_episodes))
+        seeds = np.arange(n_episodes, dtype=np.uint64)
+        for episode in rollout(env, team(name, spec, task), seeds):
+            deep = depths(episode, spec)
+            found.append(deep.reshape(-1, 3))
+            teams = robots_of(episode.states, spec.n_agents).astype(np.float64)
+            speed = np.hypot(teams[..., VX], teams[..., VY]) / top - 1.0
+            excess.append(speed[(deep > 0).any(-1)])
+            deviation += deviations(episode, spec, n_replays - len(deviation))
+    deep = np.concatenate(found)
+    over = np.concatenate(excess)
+    robots, static, payload = (column[column > 0] for column in deep.T)
+    return Figures(
+        touching=float((deep > 0).any(-1).mean()),
+        robots=robots,
+        static=static,
+        payload=payload,
+        excess=over[over > 1e-6],
+        deviation=np.array(deviation),
+    )
+
+
+def summary(values: Sequence[float] | Double) -> Summary | None:
+    """Quantiles, None of nothing."""
+    if not len(values):
+        return None
+    median, high, top = np.quantile(values, [0.5, 0.999, 1.0])
+    return float(median), float(high), float(top)
+
+
+def shown(values: Sequence[float] | Double, scale: float) -> str:
+    """Quantiles as text."""
+    found = summary(values)
+    return "—" if found is None else " / ".join(f"{scale * value:.2g}" for value in found)
+
+
+def today_section() -> None:
+    """Every task under three teams."""
+    rows: list[tuple[str, ...]] = []
+    for task in TASKS:
+        for name in TEAMS:
+            f = measure(task, name, TODAY, N_REPLAYS, N_EPISODES)
+            rows.append(
+                (task, name, f"{100 * f.touching:.2g} %", shown(f.robots, 1e3),
+                 shown(f.static, 1e3), shown(f.payload, 1e3), shown(f.excess, 100),
+                 shown(f.deviation, 1e3))
+            )  # fmt: skip
+            print(" | ".join(rows[-1]), flush=True)
+    head = ("task", "team", "robot states that overlap", "robots, mm", "obstacles and walls, mm",
+            "payload, mm", "over max_speed in contact, %", "not Markov, mm")  # fmt: skip
+    write_section(
+        "Contacts",
+        "Depth of overlaps in recorded states, speed of robots in contact above `max_speed` where "
+        "it is above, and what the state does not tell: the largest difference of a coordinate "
+        "after a step that follows a contact, done again from its state in a new world. Each: "
+        f"median / 99.9 % / largest, {N_EPISODES} episodes.\n\n" + table(head, rows),
+    )
+
+
+def recorded_section() -> None:
+    """The extremes of published datasets."""
+    rows: list[tuple[str, ...]] = []
+    for name in RECORDED:
+        dataset = load(name, progress=False)
+        spec = dataset.task
+        top, fastest = np.array([robot.max_speed for robot in spec.robots]), 0.0
+        deepest = np.full(3, -np.inf)
+        for episode in dataset:
+            deepest = np.maximum(deepest, depths(episode, spec).max(axis=(0, 1)))
+            robots = robots_of(episode.states, spec.n_agents).astype(np.float64)
+            speed = np.hypot(robots[..., VX], robots[..., VY]) / top - 1.0
+            fastest = max(fastest, float(speed.max()))
+        cells = ("—" if depth <= 0 else f"{1e3 * depth:.1f}" for depth in deepest.tolist())
+        rows.append((name, *cells, f"{100 * fastest:.1f}"))
+        print(" | ".join(rows[-1]), flush=True)
+    head = ("dataset", "robots, mm", "obstacles and walls, mm", "payload, mm", "over max_speed, %")
+    write_section(
+        "Contacts in datasets",
+        "The deepest overlap of each kind in a recorded state, and the highest speed above "
+        "`max_speed`.\n\n" + table(head, rows),
+    )
+
+
+def variants_section() -> None:
+    """What other physics would give and cost; digests would change with any of them."""
+    rows: list[tuple[str, ...]] = []
+    for task in TASKS:
+        speeds = ratios({variant.name: built(task, variant) for variant in VARIANTS})
+        for variant in VARIANTS:
+            figures = [measure(task, name, variant, 0, N_EPISODES // 3) for name in TEAMS]
+            deep = np.concatenate([np.concatenate(f[1:4]) for f in figures])
+            excess = np.concatenate([f.excess for f in figures])
+            speed = speeds[variant.name]
+            cells = (f"{speed.median:.2f}", f"{speed.low:.2f} to {speed.high:.2f}")
+            rows.append((task, variant.name, shown(deep, 1e3), shown(excess, 100), *cells))
+            print(" | ".join(rows[-1]), flush=True)
+    head = ("task", "physics", "overlaps, mm", "over max_speed, %", "speed / today's", "quartiles")
+    write_section(
+        "Contacts under other physics",
+        "Overlaps of all kinds and teams as above; environment steps a second of 64 copies under "
+        "random actions in a second of processor time, by today's of the same round: median and "
+        f"quartiles of {ROUNDS} rounds.\n\n" + table(head, rows),
+    )
+
+
+def ratios(runs: Mapping[str, Run]) -> dict[str, Rate]:
+    """Rates by today's in the same round: median and quartiles.
+
+    Per second of processor time, since others use the machine.
+    """
+    found: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        run(0.05)  # the first use is slower
+    for _ in range(ROUNDS):
+        rates = {}
+        for name, run in runs.items():
+            wall, used = time.perf_counter(), time.process_time()
+            rate = run(0.25)
+            rates[name] = rate * (time.perf_counter() - wall) / (time.process_time() - used)
+        for name, rate in rates.items():
+            found[name].append(rate / rates[TODAY.name])
+    return {name: Rate(*np.quantile(each, [0.5, 0.25, 0.75])) for name, each in found.items()}
+
+
+def built(task: str, variant: Variant) -> Run:
+    """A run whose worlds have the variant's physics."""
+    spec = spec_of(task, variant)
+    with changed(variant):
+        run = swarm(spec, N_COPIES)
+    if make_task(spec).movables:  # each reset builds a new world
+        return lambda seconds: _within(variant, run, seconds)
+    return run
+
+
+def _within(variant: Variant, run: Run, seconds: float) -> float:
+    with changed(variant):
+        return run(seconds)
+
+
+SECTIONS: dict[str, Callable[[], None]] = {
+    "today": today_section,
+    "recorded": recorded_section,
+    "variants": variants_section,
+}
+
+
+def main() -> None:
+    """Measures the sections named on the command line, all by default."""
+    for name in sys.argv[1:] or SECTIONS:
+        print(f"== {name}", flush=True)
+        SECTIONS[name]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""What is measured of contacts is what the words beside it say."""
+
+import numpy as np
+import pytest
+
+from swarmdata.registry import make_env
+from swarmdata.rollout import rollout
+from swarmdata.states import robots_of
+from swarmdata.types import Episode
+from tests.benchmarks import bench_contacts as bench
+
+RANDOM = bench.spec_of("coop_nav", bench.TODAY)
+
+
+@pytest.fixture(scope="module")
+def episodes() -> list[Episode]:
+    env = make_env(RANDOM, 8)
+    return list(
+        rollout(env, bench.team("random", RANDOM, "coop_nav"), np.arange(8, dtype=np.uint64))
+    )
+
+
+def test_contact_is_overlap_after_a_physics_step(episodes: list[Episode]) -> None:
+    """Row 53: a state that overlaps is in a step with contact; the rest of a contact is not."""
+    for episode in episodes:
+        deep = bench.depths(episode, RANDOM)[1:]
+        overlaps, events = deep[..., :2] > 1e-6, episode.events.astype(bool)
+        assert (events[..., :2] | ~overlaps).all()
+        assert (overlaps | (deep[..., :2] > -0.06) | ~events[..., :2]).all()
+        began = events[..., 2:]
+        assert (events[..., :2] | ~began).all(), "a contact begins with an overlap"
+    contacts = sum(int(e.events[..., 1].sum()) for e in episodes)
+    onsets = sum(int(e.events[..., 3].sum()) for e in episodes)
+    assert 0 < onsets < contacts
+
+
+def test_without_contact_a_state_tells_everything(episodes: list[Episode]) -> None:
+    """Row 53: what `deviations` finds after contacts is not of its own making."""
+    free, touched = [], []
+    for episode in episodes:
+        near = np.any(bench.depths(episode, RANDOM) > -0.01, axis=(1, 2))
+        for t in np.flatnonzero(~near[:-2] & ~near[1:-1])[:20] + 1:
+            reached = robots_of(episode.states[t + 1], RANDOM.n_agents)[:, :2]
+            free.append(np.abs(reached - bench.again(episode, RANDOM, int(t))).max())
+        touched += bench.deviations(episode, RANDOM, 50)
+    assert len(free) > 20
+    assert max(free) < 1e-6
+    assert max(touched) > 1e-4
+
+
+def test_smaller_steps_overlap_less() -> None:
+    fine = bench.Variant("fine", division=8)
+    today, finer = (bench.measure("coop_nav", "random", v, 0, 16) for v in (bench.TODAY, fine))
+    assert today.static.max() > 2 * finer.static.max() > 0
+
+
+def test_a_variant_is_in_the_worlds_that_are_built() -> None:
+    solver = bench.Variant("one iteration", iterations=1, bias=0.5)
+    with bench.changed(solver):
+        env = make_env(RANDOM)
+        env.reset(np.zeros(1, dtype=np.uint64))
+        space, _ = env._world._backend._keep[0]  # type: ignore[attr-defined]
+        assert (space.iterations, space.collision_bias) == (1, 0.5)
+    env = make_env(RANDOM)
+    env.reset(np.zeros(1, dtype=np.uint64))
+    assert env._world._backend._keep[0][0].iterations == bench.ITERATIONS  # type: ignore[attr-defined]
+
+
+def test_quantiles() -> None:
+    assert bench.summary(np.arange(1001.0)) == (500.0, 999.0, 1000.0)
+    assert bench.summary([]) is None
+    assert bench.shown([], 1e3) == "—"
+    assert bench.shown([0.001, 0.002, 0.003], 1e3) == "2 / 3 / 3"

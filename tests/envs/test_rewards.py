@@ -1,0 +1,199 @@
+"""Rewards computed again from states and events, by the words of `reward_terms`, in float64.
+
+What is written here follows the formulas as somebody would who has read them and not our code.
+"""
+
+from collections.abc import Callable, Mapping
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.interfaces import Task
+from swarmdata.presets import preset
+from swarmdata.registry import make_env, reward_terms
+from swarmdata.rules import Payload, TransportRewards, TransportRules
+from swarmdata.types import EVENTS, Step
+from tests.examples.read_with_zarr import gap
+
+Values = dict[str, Any]
+"""What formulas mention, each [E, N] or wider."""
+
+NAMES = (
+    "coop_nav",
+    "coop_nav-unassigned",
+    "formation-n8",
+    "transport",
+    "transport-hard",
+    "warehouse",
+)
+
+CLOSE = 1e-5
+"""`store.attributes.PRECISION` says so."""
+
+
+def robots(states: Any, n: int) -> Any:
+    """[E, N, 8], float64."""
+    return states[:, : 8 * n].reshape(len(states), n, 8).astype(float)
+
+
+def own_columns(task: Task, states: Any) -> Mapping[str, Any]:
+    """The columns behind robots and payloads by name, each [E, 1]."""
+    first = states.shape[1] - len(task.extras)
+    return {c.name: states[:, [first + k]].astype(float) for k, c in enumerate(task.extras)}
+
+
+def length(vectors: Any) -> Any:
+    return np.linalg.norm(vectors, axis=-1)
+
+
+def common(task: Task, before: Step, now: Step) -> Values:
+    """Contacts, gaps, and whether it was solved."""
+    spec = task.spec
+    n, radius = spec.n_agents, np.array([robot.radius for robot in spec.robots])
+    p = robots(now.states, n)[..., :2]
+    others = length(p[:, :, None] - p[:, None]) - radius + np.diag(np.full(n, np.inf))
+    walls = (np.array([spec.arena.width, spec.arena.height]) / 2 - abs(p)).min(-1)
+    gaps = np.minimum(others.min(-1), walls)
+    for e, layout in enumerate(now.layouts):
+        for row in layout:
+            gaps[e] = np.minimum(gaps[e], gap(p[e], row))
+    events = {name: now.events[..., k].astype(float) for k, name in enumerate(EVENTS)}
+    return {**events, "gap": gaps - radius, "solved": now.successes[:, None]}
+
+
+def navigation(task: Task, before: Step, now: Step) -> Values:
+    d_old, d = (length(r[..., 6:] - r[..., :2]) for r in robots_of(task, before, now))
+    return {"d_old": d_old, "d": d}
+
+
+def unassigned(task: Task, before: Step, now: Step) -> Values:
+    n = task.spec.n_agents
+    least = []
+    for state, r in zip((before.states, now.states), robots_of(task, before, now), strict=True):
+        goals = state[:, 8 * n :].reshape(len(state), n, 2).astype(float)
+        away = length(r[:, :, None, :2] - goals[:, None])  # [E, robots, goals]
+        sums = [away[:, range(n), order].sum(-1) for order in permutations(range(n))]
+        least.append(np.min(sums, axis=0)[:, None])
+    is_open = (away.min(1) > task.spec.rules.goal_radius).sum(-1, keepdims=True)  # type: ignore[union-attr]
+    return {"D_old": least[0], "D": least[1], "open": is_open, "N": n}
+
+
+def formation(task: Task, before: Step, now: Step) -> Values:
+    own = own_columns(task, now.states)
+    x, y, vx, vy, _, _, tx, ty = np.moveaxis(robots_of(task, before, now)[1], -1, 0)
+    r = own["reference_turn_rate"]
+    slot_vx = own["reference_vx"] - r * (ty - own["reference_y"])
+    slot_vy = own["reference_vy"] + r * (tx - own["reference_x"])
+    return {"d": np.hypot(tx - x, ty - y), "dv": np.hypot(slot_vx - vx, slot_vy - vy)}
+
+
+def transport(task: Task, before: Step, now: Step) -> Values:
+    n, payload = task.spec.n_agents, task.movables[0]
+    found = []
+    for step, r in zip((before, now), robots_of(task, before, now), strict=True):
+        x, y, _, _, ux, uy, _ = np.moveaxis(step.states[:, 8 * n : 8 * n + 7].astype(float), -1, 0)
+        d = np.hypot(r[:, 0, 6] - x, r[:, 0, 7] - y)[:, None]
+        is_box = float(payload.shape == "box")
+        size = (payload.half_length, payload.half_width if is_box else payload.half_length)
+        body = np.stack([np.full_like(x, is_box), x, y, ux, uy, *(np.full_like(x, s) for s in size),
+                         np.zeros_like(x)], axis=-1)  # fmt: skip
+        g = np.array([gap(r[e, :, :2], body[e]) for e in range(len(r))])
+        own, s = own_columns(task, step.states), 0.0
+        if own:
+            s = abs(ux[:, None] * own["goal_uy"] - uy[:, None] * own["goal_ux"])
+        found.append((d, s, g))
+    (d_old, s_old, g_old), (d, s, g) = found
+    return {"d_old": d_old, "d": d, "s_old": s_old, "s": s, "g_old": g_old, "g": g}
+
+
+def warehouse(task: Task, before: Step, now: Step) -> Values:
+    way = next(term.meaning for term in reward_terms(task) if term.name == "progress")
+    words = way.replace("(", " ").replace(")", " ").replace(",", " ").split()
+    first = float(words[words.index("u") + 4])
+    pitch = float(words[words.index("floor") + 3])
+    depth = float(words[words.index(">=") + 1])
+    lanes = [tuple(map(float, part.split("]")[0].split(", "))) for part in way.split("[")[1:]]
+
+    def corridor(y: Any) -> Any:
+        u = y - first
+        k = np.floor(u / pitch)
+        return np.where(u < 0, 0, np.where(u - k * pitch >= depth, k + 1, -1))
+
+    old, new = robots_of(task, before, now)
+    tx, ty = old[..., 6], old[..., 7]
+
+    def way_length(x: Any, y: Any) -> Any:
+        low, high = np.minimum(x, tx), np.maximum(x, tx)
+        gaps = [np.maximum(0, np.maximum(a - high, low - b)) for a, b in lanes]
+        detour = np.where(corridor(y) == corridor(ty), 0, 2 * np.min(gaps, axis=0))
+        return abs(tx - x) + abs(ty - y) + detour
+
+    n = task.spec.n_agents
+    mine = [step.states[:, 8 * n :].reshape(-1, n, 2) for step in (before, now)]
+    return {
+        "L_old": way_length(old[..., 0], old[..., 1]),
+        "L": way_length(new[..., 0], new[..., 1]),
+        "picked": mine[1][..., 0] > mine[0][..., 0],
+        "delivered": mine[1][..., 1] > mine[0][..., 1],
+    }
+
+
+def robots_of(task: Task, before: Step, now: Step) -> tuple[Any, Any]:
+    n = task.spec.n_agents
+    return robots(before.states, n), robots(now.states, n)
+
+
+VALUES: dict[str, Callable[[Task, Step, Step], Values]] = {
+    "coop_nav": navigation,
+    "coop_nav-unassigned": unassigned,
+    "formation-n8": formation,
+    "transport": transport,
+    "transport-hard": transport,
+    "posed": transport,
+    "warehouse": warehouse,
+}
+
+
+POSED = preset("transport").with_updates(
+    rules=TransportRules(
+        payload=Payload(shape="box"), goal_angle=0.3, rewards=TransportRewards(team_share=0.4)
+    )
+)
+
+
+def evaluate(formula: str, weight: float, values: Values) -> Any:
+    """A formula as NumPy reads it."""
+    text = formula.replace("'", "_old").replace("not ", "1 - ")
+    text = text.replace("[", "1.0 * (").replace("]", ")")
+    functions = {"min": np.minimum, "max": np.maximum, "weight": weight, "__builtins__": {}}
+    return eval(text, functions, values)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_the_formulas_are_what_is_computed(name: str) -> None:
+    """Row 51: what was shared was nowhere written with its numbers."""
+    spec = POSED if name == "posed" else preset(name)
+    env = make_env(spec, 16)
+    task: Task = env.task
+    rng, seen = np.random.default_rng(1), {"success": 0.0, "robot_contact": 0.0}
+    before = env.reset(np.arange(16, dtype=np.uint64))
+    for _ in range(min(spec.horizon, 150)):
+        r = robots(before.states, spec.n_agents)
+        towards = np.clip(2 * (r[..., 6:] - r[..., :2]), -1, 1)
+        actions = towards + rng.normal(scale=0.3, size=towards.shape)
+        now = env.step(np.clip(actions, -1, 1))
+        values = {**common(task, before, now), **VALUES[name](task, before, now)}
+        active = ~before.ended
+        total = np.zeros((16, spec.n_agents))
+        for term in reward_terms(task):
+            part = evaluate(term.formula, term.weight, values) * np.ones_like(total)
+            seen[term.name] = seen.get(term.name, 0.0) + abs(part[active]).sum()
+            total += part
+        share = spec.rules.rewards.team_share
+        total = (1 - share) * total + share * total.mean(-1, keepdims=True)
+        np.testing.assert_allclose(now.rewards[active], total[active], rtol=0, atol=CLOSE)
+        before = now
+    tried = {term for term, size in seen.items() if size > 0}
+    assert tried >= {"time", "proximity", "robot_contact", "obstacle_contact"}, seen

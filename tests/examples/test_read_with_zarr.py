@@ -1,0 +1,80 @@
+"""The example reads a dataset where nothing of ours can be imported, and gets its rewards."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from swarmdata.rules import NavigationRewards, NavigationRules
+from swarmdata.spec import TaskSpec
+from swarmdata.store import open_store
+from tests.one_process import use_one_process
+from tests.tiny import TINY, make_tiny
+
+EXAMPLE = Path(__file__).with_name("read_with_zarr.py")
+
+CODE = """
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("swarmdata", "tests", "envs", "numba", "pymunk", "pydantic"):
+            raise ImportError(f"{name} is blocked")
+sys.meta_path.insert(0, Blocker())
+import runpy
+from pathlib import Path
+from typing import Any
+example = runpy.run_path(sys.argv[1])
+print(*(each.max() for each in example["differences"](Path(sys.argv[2]))))
+"""
+
+SPEC = TaskSpec(
+    horizon=60,
+    rules=NavigationRules(rewards=NavigationRewards(team_share=0.25, progress=1.7, time=0.03)),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        path = tmp_path_factory.mktemp("outside") / TINY.id
+        return make_tiny(path, spec=SPEC, n_steps=1500)
+
+
+def differences(folder: Path, cwd: Path) -> list[float]:
+    """What the example says, run elsewhere by an interpreter without our packages."""
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", CODE, EXAMPLE, folder],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return [float(word) for word in done.stdout.split()]
+
+
+def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path: Path) -> None:
+    """Row 50: an outsider could not: neither the terms nor the columns were in the folder."""
+    stored = open_store(folder)
+    found = differences(folder, tmp_path)
+    assert len(found) == len(stored.table)
+    assert max(found) < 1e-5
+    kinds = stored.table.layouts[..., 0]
+    assert set(np.unique(kinds)) == {0, 1, 2, 3}, "some shape is not tried"
+    assert stored.arrays["events"].any(axis=(0, 1)).all(), "some event is not tried"
+
+
+def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
+    rewards: Any = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
+    rewards[7, 2] += np.float32(1e-3)
+    assert max(differences(folder, tmp_path)) == pytest.approx(1e-3, rel=1e-2)
+    rewards[7, 2] -= np.float32(1e-3)
+
+
+def test_it_is_forty_lines() -> None:
+    assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) <= 40

@@ -1,0 +1,227 @@
+"""Attributes: every array and column is named, and values keep the ranges that they are said."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from swarmdata.communication_names import communication_model
+from swarmdata.interfaces import VecEnv
+from swarmdata.observation_names import observation_model
+from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import TASKS, make_env, make_task, reward_terms
+from swarmdata.spaces import BoxSpace, DiscreteSpace
+from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.attributes import FRAMES, attributes_of
+from swarmdata.store.layout import ALL_FIELDS, FIELDS
+from swarmdata.types import EVENTS, Step
+from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
+from tests.one_process import use_one_process
+from tests.tiny import make_tiny
+
+WITH_COLUMNS = ("observations", "states", "sent", "actions", "events", "episodes/layouts")
+
+
+def recipe_of(spec: TaskSpec) -> Recipe:
+    policies = (PolicySource(label="a", name="random"),)
+    return Recipe(id="some-data-v0", tier="random", spec=spec, policies=policies)
+
+
+def shapes_of(env: VecEnv) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of one episode of 4 steps in this world."""
+    step = env.reset(np.zeros(1, dtype=np.uint64))
+    n = env.spec.n_agents
+    over_states = {
+        name: (5, *getattr(step, name).shape[1:])
+        for name in ("observations", "states", "sent", "delivered", "ages")
+    }
+    over_steps = {
+        "actions": (4, n, env.action_size),
+        "log_probs": (4, n),
+        "rewards": (4, n),
+        "terminations": (4,),
+        "truncations": (4,),
+        "events": (4, n, len(EVENTS)),
+    }
+    columns = {name: (1,) for name in FIELDS if name.startswith("episodes/")}
+    columns["episodes/layouts"] = step.layouts.shape
+    return {**over_states, **over_steps, **columns}
+
+
+def columns_of(attributes: dict[str, Any]) -> Iterator[list[dict[str, Any]]]:
+    """The columns of an array, of each agent where they differ."""
+    if "columns" in attributes:
+        yield attributes["columns"]
+    yield from attributes.get("columns_of_agents", {}).values()
+
+
+def check(env: VecEnv) -> None:
+    """Every array is described, and every column of those that have some."""
+    shapes = shapes_of(env)
+    described = attributes_of(recipe_of(env.spec), shapes)
+    assert set(described) == set(shapes) == set(FIELDS)
+    assert json.loads(json.dumps(described, allow_nan=False)) == described
+    for name, attributes in described.items():
+        assert attributes["meaning"], name
+        assert attributes["rows"], name
+        groups = list(columns_of(attributes))
+        assert bool(groups) == (name in WITH_COLUMNS and shapes[name][-1] > 0), name
+        for columns in groups:
+            assert len(columns) == shapes[name][-1], name
+            assert len({column["name"] for column in columns}) == len(columns), name
+            assert all(column["name"] and column["meaning"] for column in columns), name
+            assert {column["frame"] for column in columns} <= {"", *FRAMES}, name
+            assert {column["unit"] for column in columns} <= {"", "m", "m/s", "rad/s"}, name
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_column_of_every_preset_is_named(name: str) -> None:
+    """Row 50: formation's own columns were "of the task; see its rules", others nothing at all."""
+    check(make_env(preset(name)))
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_every_column_of_every_model_is_named(task: str, observation: str, channel: str) -> None:
+    model, radio = observation_model(observation), communication_model(channel)
+    check(make_env(preset(task).with_updates(observation=model, communication=radio)))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_names_its_own_columns(task: str) -> None:
+    extras = make_task(preset(task)).extras
+    assert all(extra.meaning and "see its rules" not in extra.meaning for extra in extras)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_weight_is_in_one_term(name: str) -> None:
+    task = make_task(preset(name))
+    weights = dict(task.spec.rules.rewards)
+    share = weights.pop("team_share")
+    terms = reward_terms(task)
+    assert {term.name: term.weight for term in terms} == weights
+    assert len(terms) == len(weights)
+    assert all("weight" in term.formula and term.meaning for term in terms)
+    described = attributes_of(recipe_of(task.spec), {"rewards": (4, 4)})["rewards"]
+    assert described["team_share"] == share
+    assert [term["name"] for term in described["terms"]] == [term.name for term in terms]
+
+
+def outside(values: Any, columns: list[dict[str, Any]]) -> list[str]:
+    """Columns with a value out of range, but for a rounding of float32."""
+    found = []
+    for k, column in enumerate(columns):
+        low, high = (np.inf if bound is None else bound for bound in column["range"])
+        low = -np.inf if low == np.inf else low
+        part = np.asarray(values[..., k], dtype=np.float64)
+        if part.min() < low - 2e-7 or part.max() > high + 2e-7:
+            found.append(f"{column['name']}: {part.min()} to {part.max()}, said {column['range']}")
+    return found
+
+
+def steps_of(env: VecEnv, n_steps: int) -> Iterator[tuple[Step, Any]]:
+    """Steps of a world whose robots dash about, with the actions that led to them."""
+    rng = np.random.default_rng(0)
+    yield env.reset(np.arange(env.n_copies, dtype=np.uint64)), None
+    shape = (env.n_copies, env.spec.n_agents, env.action_size)
+    for t in range(n_steps):
+        if t % 5 == 0:
+            actions = np.clip(rng.normal(scale=1.5, size=shape), -1, 1)
+        yield env.step(actions), actions
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_values_keep_their_ranges(task: str, observation: str, channel: str) -> None:
+    model, radio = observation_model(observation), communication_model(channel)
+    env = make_env(preset(task).with_updates(observation=model, communication=radio), 4)
+    described = attributes_of(recipe_of(env.spec), shapes_of(make_env(env.spec)))
+    wrong: list[str] = []
+    for step, actions in steps_of(env, 40):
+        arrays = {
+            "observations": step.observations,
+            "states": step.states,
+            "sent": step.sent,
+            "events": step.events,
+            "actions": actions,
+            "episodes/layouts": step.layouts,
+        }
+        for name, values in arrays.items():
+            for columns in columns_of(described[name]) if values is not None else ():
+                wrong += outside(values, columns)
+    assert not wrong
+
+
+def test_robots_that_differ_have_columns_of_their_own() -> None:
+    spec = preset("coop_nav-mixed")
+    actions = attributes_of(recipe_of(spec), {"actions": (4, spec.n_agents, 2)})["actions"]
+    assert "columns" not in actions
+    assert list(actions["columns_of_agents"]) == list(spec.agent_names)
+    names = {tuple(c["name"] for c in columns) for columns in columns_of(actions)}
+    assert len(names) > 1
+
+
+def test_of_a_foreign_environment_only_what_is_known_is_said() -> None:
+    agents = tuple(
+        RecordedAgent(
+            name=name,
+            observation=BoxSpace(shape=(size,), dtype="float32", low=0.0),
+            action=DiscreteSpace(n=3),
+        )
+        for name, size in (("wolf", 4), ("sheep", 2))
+    )
+    spec = RecordedSpec(task="hunt_v0", agents=agents, state_size=6, state_from="observations")
+    policies = (PolicySource(label="mine", name="external"),)
+    origin = Recording(id="hunt-mine-v0", spec=spec, policies=policies, source="recorder")
+    shapes = {
+        "observations": (5, 2, 4),
+        "actions": (4, 2, 1),
+        "states": (5, 6),
+        "events": (4, 2, 0),
+        "rewards": (4, 2),
+        "log_probs": (4, 0),
+        "episodes/policy": (1,),
+    }
+    described = attributes_of(origin, shapes)
+    spaces = described["observations"]["spaces"]
+    assert {name: space["columns"] for name, space in spaces.items()} == {"wolf": 4, "sheep": 2}
+    assert spaces["sheep"]["space"]["low"] == 0.0
+    assert described["actions"]["spaces"]["wolf"]["space"] == {
+        "kind": "discrete",
+        "n": 3,
+        "start": 0,
+    }
+    assert described["states"]["details"].startswith("All observations")
+    assert described["events"]["empty"]
+    assert described["episodes/policy"]["codes"] == ["mine"]
+    assert not {"terms", "details", "precision"} & set(described["rewards"])
+    assert "details" not in described["log_probs"]
+    assert not any("step" in attributes for attributes in described.values())
+
+
+def test_a_width_that_is_not_the_specs_gets_no_columns() -> None:
+    described = attributes_of(recipe_of(TaskSpec()), {"states": (5, 3), "observations": (5, 4, 53)})
+    assert "columns" not in described["states"]
+    assert len(described["observations"]["columns"]) == 53
+
+
+def test_every_array_has_a_meaning() -> None:
+    assert all(field.meaning for field in ALL_FIELDS.values())
+
+
+def test_zarr_reads_them(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Row 50: array attributes were empty."""
+    use_one_process(monkeypatch)
+    folder = make_tiny(tmp_path / "ds", n_steps=160)
+    group: Any = zarr.open_group(folder / "data.zarr", mode="r")
+    names = group["states"].attrs["columns"]
+    assert [column["name"] for column in names[:3]] == ["robot_0.x", "robot_0.y", "robot_0.vx"]
+    assert all(dict(group[name].attrs)["meaning"] for name in FIELDS)
+    codes = group["episodes/split"].attrs["codes"]
+    assert [codes[code] for code in np.unique(group["episodes/split"][:])] <= codes
