@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from swarmdata.documents import read_document
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.metrics import metrics_of
@@ -166,8 +167,8 @@ def load(path: Path) -> Result:
 
 def _read(path: Path) -> _Document | _First:
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        data = read_document(path)
+    except SpecError as error:
         raise SchemaError(f"{path} is not JSON: {error}. Evaluate again.") from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if isinstance(version, int) and version > FORMAT_VERSION:

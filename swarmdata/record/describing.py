@@ -10,10 +10,7 @@ from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.record.foreign import agents_of, horizon_of, library_of, task_name
 from swarmdata.record.reading import Reader
 from swarmdata.spaces import width
-from swarmdata.spec import PolicySource, Splits, TaskSpec
-
-MOST_POLICIES = 256
-"""An episode's policy is stored as one byte."""
+from swarmdata.spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
 
 StateSource = Literal["environment", "observations"]
 
