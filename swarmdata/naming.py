@@ -79,7 +79,12 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 """Of a file or of a dataset."""
 
 
-def _checked_file_name(text: str) -> str:
+def checked_file_name(text: str) -> str:
+    """Returns a text that is the name of a file, and no path.
+
+    Raises:
+        ValueError: it is not.
+    """
     if len(text) > MAX_FILE_NAME or not _FILE_NAME.fullmatch(text) or _is_unsafe(text):
         raise ValueError(
             f"{text!r:.100} is not the name of a file, expected at most {MAX_FILE_NAME} of the "
@@ -89,7 +94,7 @@ def _checked_file_name(text: str) -> str:
     return text
 
 
-FileName = Annotated[str, AfterValidator(_checked_file_name)]
+FileName = Annotated[str, AfterValidator(checked_file_name)]
 """Of a file in a folder that we know; never a path."""
 
 

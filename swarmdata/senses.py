@@ -100,9 +100,7 @@ class Broadcast(Frozen):
     drop_probability: Probability = 0.0
     bursts: Bursts | None = None
     delay: Annotated[int, Field(ge=0, le=10**9)] = 0  # control steps
-    messages_per_step: Annotated[int, Field(ge=1, le=10**9)] | None = (
-        None  # that a robot can receive
-    )
+    messages_per_step: Annotated[int, Field(ge=1, le=10**9)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
     slots_in_step: Annotated[int, Field(ge=1, le=10**9)] | None = None  # of time; see `comms`
 

@@ -105,7 +105,7 @@ def test_a_pickle_for_a_checkpoint_is_not_executed(
     file = tmp_path / "actor.safetensors"
     file.write_bytes(payload[0])
     with pytest.raises(CheckpointError):
-        Learned(TaskSpec(), checkpoint=str(file), sha256=digest_of(file))
+        Learned(TaskSpec(), checkpoint=file, sha256=digest_of(file))
     assert not payload[1].exists()
 
 
@@ -118,12 +118,12 @@ def test_a_flipped_bit_in_a_checkpoint_is_refused(tmp_path: Path, place: float) 
     folder = Path(next(iter(package.__path__))) / "checkpoints"
     file = tmp_path / "copy.safetensors"
     shutil.copyfile(folder / shipped.file, file)
-    read_checkpoint(str(file), shipped.sha256)
+    read_checkpoint(file, shipped.sha256)
     content = bytearray(file.read_bytes())
     content[int(place * len(content))] ^= 4
     file.write_bytes(content)
     with pytest.raises(CheckpointError, match="SHA-256"):
-        read_checkpoint(str(file), shipped.sha256)
+        read_checkpoint(file, shipped.sha256)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
