@@ -70,31 +70,27 @@ def excesses(spec: "TaskSpec") -> Iterator[str]:
     size = size_of(spec)
     substeps = spec.control_dt / spec.physics_dt
     counts = {
-        "robots in team (the sum of each count)": (size.robots, MAX_ROBOTS),
-        "obstacles": (size.obstacles, MAX_OBSTACLES),
-        "places in the warehouse (2 x aisles x blocks x bays + stations)": (
-            size.places,
-            MAX_PLACES,
-        ),
-        "frames in observation.stack": (spec.observation.stack, MAX_FRAMES),
-        "steps of observation.delay": (spec.observation.delay, MAX_DELAY),
-        "steps of communication.delay": (max(size.links - 1, 0), MAX_DELAY),
-        "steps of horizon": (size.horizon, MAX_HORIZON),
-        "physics steps in a control step (control_dt / physics_dt)": (substeps, MAX_SUBSTEPS),
-        "numbers in one robot's observation (observation x stack, and messages)": (
+        "team: {} robots (the sum of each count)": (size.robots, MAX_ROBOTS),
+        "obstacles: {} of them, shelves included": (size.obstacles, MAX_OBSTACLES),
+        "rules: {} places (2 x aisles x blocks x bays + stations)": (size.places, MAX_PLACES),
+        "observation.stack: {} frames": (spec.observation.stack, MAX_FRAMES),
+        "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY),
+        "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY),
+        "horizon: {} steps": (size.horizon, MAX_HORIZON),
+        "physics_dt: {} physics steps in control_dt": (substeps, MAX_SUBSTEPS),
+        "observation: {} numbers for each robot (all frames, and messages)": (
             size.observation,
             MAX_OBSERVATION,
         ),
     }
-    over = [
-        f"{got:,.0f} {what}, at most {most:,} are allowed"
-        for what, (got, most) in counts.items()
-        if got > most
-    ]
+    for what, (got, most) in counts.items():
+        if got > most:
+            yield f"{what.format(f'{got:,.0f}')}, at most {most:,} are allowed"
     demand = demand_of(spec, size, substeps)
-    over += _costs_too_much(spec, demand)
-    if over:
-        yield f"{'; '.join(over)} ({describe_demand(demand)})"
+    costs = list(_costs_too_much(spec, demand))
+    yield from costs
+    if not costs and any(got > most for got, most in counts.values()):
+        yield describe_demand(demand)
 
 
 def _costs_too_much(spec: "TaskSpec", demand: Demand) -> Iterator[str]:

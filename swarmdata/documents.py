@@ -103,7 +103,9 @@ def parse_json(text: str | bytes, source: str) -> Any:
     except RecursionError as error:
         raise SpecError(f"{source} is nested too deeply for JSON.") from error
     except ValueError as error:
-        raise SpecError(f"{source}: {error}") from error
+        at = decoded.find(error.text) if isinstance(error, _NumberError) else None
+        where = "" if at is None else _line_and_column(decoded, at)
+        raise SpecError(f"{source} is not JSON: {where}{error}") from error
     if decoded.count("[") + decoded.count("{") > MAX_DEPTH:
         _check_depth(data, source)
     if r"\u" in decoded:
@@ -122,17 +124,20 @@ def parse_yaml(text: str | bytes, source: str) -> Any:
         SpecError: it is not YAML, with the place, or exceeds a bound.
     """
     _check_size(text, MAX_YAML_BYTES, source)
-    loader = None
+    decoded, loader = _decoded(text, source), None
     try:
-        loader = _BoundedLoader(_decoded(text, source))
+        loader = _BoundedLoader(decoded)
         node = loader.get_single_node()
         return None if node is None else _value(node, ())
     except yaml.MarkedYAMLError as error:
         place = _place(error.problem_mark or error.context_mark)
         problem = ", ".join(filter(None, (error.context, error.problem)))
         raise SpecError(f"{source} is neither YAML nor JSON: {place}{problem}") from error
-    except yaml.YAMLError as error:
-        raise SpecError(f"{source} is neither YAML nor JSON: {error}") from error
+    except yaml.reader.ReaderError as error:
+        raise SpecError(
+            f"{source} is neither YAML nor JSON: {_line_and_column(decoded, error.position)}the "
+            f"character {decoded[error.position]!a}, which YAML does not allow"
+        ) from error
     finally:
         if loader is not None:
             loader.dispose()
@@ -160,23 +165,39 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return result
 
 
+class _NumberError(ValueError):
+    """A number that no spec needs."""
+
+    def __init__(self, problem: str, text: str) -> None:
+        super().__init__(problem)
+        self.text = text
+
+
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{text:.100} is not a finite number")
+        raise _NumberError(f"{text:.100} is not a finite number", text)
     return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        problem = f"a number of {len(text)} characters, expected at most {MAX_DIGITS}"
+        raise _NumberError(problem, text)
+    return int(text)
 
 
 _HOOKS: Any = {
     "object_pairs_hook": _unique_keys,
     "parse_constant": _finite,
     "parse_float": _finite,
+    "parse_int": _whole,
 }
 
 
 def _check_depth(data: Any, source: str) -> None:
     level = [data]
-    for _ in range(MAX_DEPTH + 1):
+    for _ in range(MAX_DEPTH):
         inside = (each.values() if isinstance(each, dict) else each for each in level)
         level = [each for values in inside for each in values if isinstance(each, dict | list)]
         if not level:
@@ -209,7 +230,7 @@ class _BoundedLoader(yaml.SafeLoader):
         self._n_values += self._sizes.get(anchor, 1) if is_alias else 1
         if self._n_values > MAX_VALUES:
             raise _error(f"there are more than {MAX_VALUES} values, the most allowed", mark)
-        if self._depth >= MAX_DEPTH:
+        if self._depth >= MAX_DEPTH and isinstance(event, yaml.CollectionStartEvent):
             raise _error(f"values are nested deeper than {MAX_DEPTH}, the most allowed", mark)
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -308,6 +329,10 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
 def _error(problem: str, mark: yaml.Mark, path: tuple[str, ...] = ()) -> yaml.MarkedYAMLError:
     where = f"{'.'.join(path)}: {problem}" if path else problem
     return yaml.MarkedYAMLError(problem=f"{where:.400}", problem_mark=mark)
+
+
+def _line_and_column(text: str, at: int) -> str:
+    return f"line {text.count(chr(10), 0, at) + 1}, column {at - text.rfind(chr(10), 0, at)}: "
 
 
 def _place(mark: yaml.Mark | None) -> str:

@@ -131,7 +131,10 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 
 
 def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
-    found = error.errors()
+    every = error.errors()
+    # a sequence whose only items are wrong is said to be too short, which is no news
+    wrong = {problem["loc"][:k] for problem in every for k in range(len(problem["loc"]))}
+    found = [each for each in every if each["type"] != "too_short" or each["loc"] not in wrong]
     listed = "; ".join(_explain(model, problem) for problem in found[:MAX_PROBLEMS])
     left = len(found) - MAX_PROBLEMS
     return f"{listed}; and {left} more" if left > 0 else listed

@@ -34,8 +34,8 @@ def _ordered(span: tuple[float, float]) -> tuple[float, float]:
 
 Span = Annotated[tuple[Length, Length], AfterValidator(_ordered)]  # m, smallest and largest
 
-Count = Annotated[int, Field(ge=1, le=10**9)]
+Count = Annotated[int, Field(ge=1, le=10**12)]
 """Of whatever there must be one of; `budget` says how many are too many."""
 
-CountOrNone = Annotated[int, Field(ge=0, le=10**9)]
+CountOrNone = Annotated[int, Field(ge=0, le=10**12)]
 """The same of what need not be there."""

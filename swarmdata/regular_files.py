@@ -19,25 +19,27 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
     Raises:
         OSError: it cannot be opened, is no regular file, or is larger.
     """
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
     if not follow_links and path.is_symlink():
         raise OSError(f"{path} is a symbolic link, expected a regular file")
-    if stat.S_ISSOCK(path.stat().st_mode):  # which cannot be opened
-        raise OSError(f"{path} is a socket, expected a regular file")
-    with os.fdopen(os.open(path, flags), "rb") as file:
-        found = os.fstat(file.fileno())
-        if not stat.S_ISREG(found.st_mode):
-            raise OSError(f"{path} is {_kind(found.st_mode)}, expected a regular file")
+    _check(path, path.stat())  # some that are not can hardly be opened
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
+    with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
+        found = os.fstat(file.fileno())  # of what was opened, whatever happened in between
+        _check(path, found)
         content = file.read(most_bytes + 1) if found.st_size <= most_bytes else None
     if content is None or len(content) > most_bytes:
         raise OSError(f"{path} has more than {most_bytes} bytes, which is the most allowed")
     return content
 
 
-def _kind(mode: int) -> str:
+def _check(path: Path, found: os.stat_result) -> None:
+    if stat.S_ISREG(found.st_mode):
+        return
     kinds = {
-        "a folder": stat.S_ISDIR(mode),
-        "a pipe": stat.S_ISFIFO(mode),
-        "a device": stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
+        "a folder": stat.S_ISDIR,
+        "a pipe": stat.S_ISFIFO,
+        "a socket": stat.S_ISSOCK,
+        "a device": lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
     }
-    return next((name for name, is_it in kinds.items() if is_it), "no plain file")
+    kind = next((name for name, is_it in kinds.items() if is_it(found.st_mode)), "no plain file")
+    raise OSError(f"{path} is {kind}, expected a regular file")
