@@ -189,13 +189,13 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     radio = links * 4 * (size.message + 2) + size.links * (4 * n * size.message + links)
     objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
     around = n + m + 4
-    sensing = _sensing_operations(spec, n, m) + n * o + 4 * links * (size.message + 4)
-    matching = 4 * n**3 if _has_assignment(spec) else 0
-    physics = substeps * (2_000 * around + 10 * n * around)
+    sensing = _sensing_operations(spec, n, m) + n * o + links * (size.message + 4)
+    matching = 2 * n**3 if _has_assignment(spec) else 0
+    physics = substeps * (500 * around + 2 * n * around)
     return Demand(
         copy_bytes=4 * one_step + history + radio + objects,
         episode_bytes=float(size.horizon) * one_step,
-        step_seconds=1e-9 * (sensing + matching + physics + 200 * n * around),
+        step_seconds=1e-9 * (sensing + matching + physics + 10 * n * around),
         draw_seconds=1e-9 * spec.spawn.max_attempts * _draw_operations(spec, n, m),
     )
 
@@ -244,28 +244,28 @@ def _has_assignment(spec: "TaskSpec") -> bool:
 
 
 def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds, one for each elementary operation."""
+    """Nanoseconds of what all robots sense in one step."""
     model, around = spec.observation, n + m + 4
     if isinstance(model, LidarModel):
-        return 3.0 * n * around * model.n_rays
+        return 0.3 * n * around * model.n_rays
     if isinstance(model, OccupancyModel):
-        return 4.0 * n * around * model.cells**2
+        return 0.2 * n * around * model.cells**2
     if isinstance(model, BearingModel):
-        return 10.0 * n * n * around
-    return n * around * (40.0 + 4.0 * min(model.n_neighbors + model.n_obstacles, n + m))
+        return 1.0 * n * n * around
+    return n * around * (10.0 + 0.5 * min(model.n_neighbors + model.n_obstacles, n + m))
 
 
 def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds of an attempt that fails: five draws of each place, all of the last one."""
+    """Nanoseconds of an attempt that fails: two draws of each place, all of the last one."""
     rules = spec.rules
     if isinstance(rules, NavigationRules) and not isinstance(rules.arrangement, RandomArrangement):
         return 0.0
-    one = 3.0 * n + 12.0 * m
-    attempt = 5.0 * ((2 * n + m) * one) + _TRIES * one
+    one = 1.0 * n + 6.0 * m
+    attempt = 2.0 * ((2 * n + m) * one) + _TRIES * one
     if isinstance(rules, FormationRules):
         steps = max(float(spec.horizon), rules.segment_time / spec.control_dt)
         looks = steps / _STRIDE + 1.0
-        attempt += looks * (100.0 + 12.0 * n * m + 10.0 * m)
+        attempt += looks * (100.0 + 6.0 * n * m + 10.0 * m)
     return attempt
 
 
