@@ -217,26 +217,34 @@ class _BoundedLoader(yaml.SafeLoader):
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
-        self._depth = self._n_values = 0
-        self._sizes: dict[str, int] = {}  # values under each finished anchor
+        self._depth = self._deepest = self._n_values = 0
+        self._sizes: dict[str, tuple[int, int]] = {}  # values and depth under finished anchors
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Composes one value; an alias counts as all that it repeats."""
-        event = self.peek_event()
-        mark, anchor, before = event.start_mark, getattr(event, "anchor", None), self._n_values
-        is_alias = isinstance(event, yaml.AliasEvent)
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        anchor, is_alias = getattr(event, "anchor", None), isinstance(event, yaml.AliasEvent)
         if is_alias and anchor in self.anchors and anchor not in self._sizes:
-            raise _error(f"alias {anchor!r:.100} stands inside of what it repeats", mark)
-        self._n_values += self._sizes.get(anchor, 1) if is_alias else 1
+            raise _error(
+                f"alias {anchor!r:.100} stands inside of what it repeats", event.start_mark
+            )
+        is_inner = isinstance(event, yaml.CollectionStartEvent)
+        n_values, depth = self._sizes.get(anchor, (1, 0)) if is_alias else (1, int(is_inner))
+        self._n_values += n_values
         if self._n_values > MAX_VALUES:
-            raise _error(f"there are more than {MAX_VALUES} values, the most allowed", mark)
-        if self._depth >= MAX_DEPTH and isinstance(event, yaml.CollectionStartEvent):
-            raise _error(f"values are nested deeper than {MAX_DEPTH}, the most allowed", mark)
-        self._depth += 1
+            problem = f"there are more than {MAX_VALUES} values, the most allowed"
+            raise _error(problem, event.start_mark)
+        if self._depth + depth > MAX_DEPTH:
+            problem = f"values are nested deeper than {MAX_DEPTH}, the most allowed"
+            raise _error(problem, event.start_mark)
+        before, above = self._n_values - 1, self._deepest
+        self._deepest = self._depth + depth
+        self._depth += is_inner
         node = super().compose_node(parent, index)
-        self._depth -= 1
+        self._depth -= is_inner
         if anchor is not None and not is_alias:
-            self._sizes[anchor] = self._n_values - before
+            self._sizes[anchor] = self._n_values - before, self._deepest - self._depth
+        self._deepest = max(self._deepest, above)
         return node
 
 

@@ -36,10 +36,11 @@ def _check(path: Path, found: os.stat_result) -> None:
     if stat.S_ISREG(found.st_mode):
         return
     kinds = {
-        "a folder": stat.S_ISDIR,
-        "a pipe": stat.S_ISFIFO,
-        "a socket": stat.S_ISSOCK,
-        "a device": lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
+        stat.S_IFDIR: "a folder",
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFSOCK: "a socket",
+        stat.S_IFCHR: "a device",
+        stat.S_IFBLK: "a device",
     }
-    kind = next((name for name, is_it in kinds.items() if is_it(found.st_mode)), "no plain file")
+    kind = kinds.get(stat.S_IFMT(found.st_mode), "no plain file")
     raise OSError(f"{path} is {kind}, expected a regular file")

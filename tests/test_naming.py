@@ -33,9 +33,7 @@ def test_what_people_call_policies_is_a_label(label: str) -> None:
     assert Named.parse({"label": label}).label == label
 
 
-@pytest.mark.parametrize(
-    "label", ["a//b", "/a", "a/", "a/ /b", "a/../b", "a/con", " a", "a "]
-)
+@pytest.mark.parametrize("label", ["a//b", "/a", "a/", "a/ /b", "a/../b", "a/con", " a", "a "])
 def test_labels_that_would_leave_a_folder_or_hide_are_refused(label: str) -> None:
     with pytest.raises(SpecError, match="is no label, expected at most 256"):
         Named.parse({"label": label})

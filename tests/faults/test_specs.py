@@ -124,6 +124,11 @@ BOMBS = {
         + "".join(f"{y}: &{y} [{', '.join([f'*{x}'] * 9)}]\n" for x, y in pairwise("abcdefghi")),
         "more than 20000 values",
     ),
+    "aliases that nest": (
+        "k0: &a0 [1]\n"
+        + "".join(f"k{i + 1}: &a{i + 1} {'[' * 9}*a{i}{']' * 9}\n" for i in range(40)),
+        "nested deeper than 32",
+    ),
     "merge keys that multiply": ("a: &a {x: 1}\nb: {<<: [*a, *a]}", "b: a merge key <<"),
     "an alias inside of itself": ("a: &a [*a]", "'a' stands inside of what it repeats"),
     "an alias of nothing": ("a: *b", "found undefined alias"),
