@@ -223,7 +223,7 @@ class _BoundedLoader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Composes one value; an alias counts as all that it repeats."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-        anchor, is_alias = getattr(event, "anchor", None), isinstance(event, yaml.AliasEvent)
+        anchor, is_alias = event.anchor, isinstance(event, yaml.AliasEvent)
         if is_alias and anchor in self.anchors and anchor not in self._sizes:
             raise _error(
                 f"alias {anchor!r:.100} stands inside of what it repeats", event.start_mark

@@ -39,7 +39,12 @@ def _checked_name(text: str) -> str:
     return text
 
 
-def _checked_label(text: str) -> str:
+def checked_label(text: str) -> str:
+    """Returns a text that is a label.
+
+    Raises:
+        ValueError: it is not.
+    """
     if len(text) > MAX_LABEL or not _LABEL.fullmatch(text) or _is_unsafe(text):
         raise ValueError(
             f"{text!r:.100} is no label, expected at most {MAX_LABEL} of the characters A-Z a-z "
@@ -68,7 +73,7 @@ def _checked_text(text: str) -> str:
 Name = Annotated[str, AfterValidator(_checked_name)]
 """Of a robot or of a role: a column, a key of a dictionary, part of the name of a file."""
 
-Label = Annotated[str, AfterValidator(_checked_label)]
+Label = Annotated[str, AfterValidator(checked_label)]
 """Of a policy, a tier or an ingredient: a cell of a table, a key of a dictionary."""
 
 Text = Annotated[str, AfterValidator(_checked_text)]

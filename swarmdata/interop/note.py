@@ -14,7 +14,8 @@ from swarmdata.dataset import Dataset
 from swarmdata.documents import parse_json
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.frozen import Frozen
-from swarmdata.origins import AnySpec, Id, Sha256
+from swarmdata.naming import Sha256
+from swarmdata.origins import AnySpec, Id
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Counts
