@@ -131,9 +131,7 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
                 f", {folders[0]} on {first.dataset} (digest {first.digest[:12]}, view {first.view})"
                 ". Rank runs of one dataset and one view: values on different data do not compare."
             )
-    models: dict[str, Any] = (
-        {} if first.view is None else parse_json(first.view, "the view of the run")
-    )
+    models: dict[str, Any] = {} if first.view is None else parse_json(first.view, "the view")
     dataset = load(dataset_id or first.dataset, **models, progress=progress)
     if dataset.digest != first.digest:
         raise SchemaError(
