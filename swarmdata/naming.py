@@ -23,7 +23,7 @@ MAX_FILE_NAME = 128
 MAX_TEXT = 10_000
 """Characters of free text."""
 
-_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_.:+-]*[A-Za-z0-9_+])?")
+_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_.:+ -]*[A-Za-z0-9_+])?")
 _LABEL = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9_.,:;=+*@#%()/\[\] -]*[A-Za-z0-9_+*%)\]])?")
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*[A-Za-z0-9]")
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\..*)?", re.IGNORECASE)
@@ -33,8 +33,8 @@ def _checked_name(text: str) -> str:
     if len(text) > MAX_NAME or not _NAME.fullmatch(text) or _is_unsafe(text):
         raise ValueError(
             f"{text!r:.100} is no name, expected at most {MAX_NAME} of the characters A-Z a-z 0-9 "
-            "_ - . : +, a letter or digit first, no two dots in a row and no name that Windows "
-            "reserves, such as robot or left-arm_2"
+            "space and _ - . : +, a letter or digit first, no two dots in a row and no name that "
+            "Windows reserves, such as robot or left-arm_2"
         )
     return text
 

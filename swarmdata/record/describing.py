@@ -90,7 +90,8 @@ def recording_of(
         SpecError: the id is not one of this environment, or two policies have one label.
     """
     sources = tuple(
-        PolicySource(label=p, name="external") if isinstance(p, str) else p for p in policies
+        PolicySource.parse({"label": p, "name": "external"}) if isinstance(p, str) else p
+        for p in policies
     )
     labels = [source.label for source in sources]
     if len(set(labels)) < len(labels) or not 1 <= len(labels) <= MOST_POLICIES:

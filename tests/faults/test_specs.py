@@ -18,13 +18,17 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.schema import published
 from swarmdata.errors import SpecError
 from swarmdata.frozen import Frozen
+from swarmdata.interop.choices import Choices
+from swarmdata.interop.incoming import Shapes, measured_spec
 from swarmdata.origins import RecordedSpec
 from swarmdata.presets import preset, preset_names
+from swarmdata.record import Recorder
 from swarmdata.registry import make_env
 from swarmdata.rules import NavigationRewards
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.study.plan import Study
 from tests.faults.spec_mutations import cases
+from tests.record.worlds import Counting
 
 MAX_SECONDS = 10.0
 WARM_UP_SECONDS = 600.0  # kernels are compiled where no cache has them
@@ -283,6 +287,20 @@ def test_strange_names_are_refused_wherever_they_would_be_used(name: str) -> Non
         with pytest.raises(SpecError, match=place) as caught:
             model.parse(data)
         assert str(caught.value).isprintable()
+
+
+def test_strange_names_in_the_data_of_others_are_errors_of_ours(tmp_path: Path) -> None:
+    """Row 60: labels given to a recorder, agents of an environment, folders of other formats."""
+    with pytest.raises(SpecError, match="is no label"):
+        Recorder(Counting(), id="counting_v1-a-v0", path=tmp_path / "a", policies=("a\nb",))
+    env = Counting()
+    env.possible_agents = ["../../x", "b"]
+    with pytest.raises(SpecError, match="is no name"):
+        Recorder(env, id="counting_v1-a-v0", path=tmp_path / "b")
+    shapes = Shapes(observations=(2,), actions=(1,), choices=0, states=0)
+    with pytest.raises(SpecError, match="is no name"):
+        measured_spec("a", shapes, Choices(agents=("a\x1b",)))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_robots_of_two_roles_have_different_names() -> None:
