@@ -198,7 +198,7 @@ Policies = Annotated[
 class Splits(Frozen):
     """Episodes of each split in every block of `block` consecutive episodes of one policy."""
 
-    block: Annotated[int, Field(ge=3, le=10**9)] = 20
+    block: Annotated[int, Field(ge=3, le=1_000_000)] = 20
     validation: Count = 1
     test: Count = 1
 
@@ -206,8 +206,8 @@ class Splits(Frozen):
     def _check_rest(self) -> Self:
         if self.validation + self.test >= self.block:
             raise ValueError(
-                f"{self.validation} validation and {self.test} test episodes in each {self.block}, "
-                "expected fewer: the rest is for training"
+                f"validation ({self.validation}) + test ({self.test}) must be less than block "
+                f"({self.block}), so that every block has train episodes"
             )
         return self
 
