@@ -10,6 +10,8 @@ from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor,
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import CheckpointError
+from swarmdata.naming import checked_file_name
+from swarmdata.regular_files import read_regular
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Float, Int, Step
 
@@ -26,16 +28,24 @@ __all__ = [
 ]
 
 
+CHECKPOINTS = "checkpoints"
+"""Folder of checkpoints in this package, and in a dataset that has its own."""
+
+MAX_CHECKPOINT_BYTES = 1 << 24
+"""Of a checkpoint file; the shipped ones have 2**16."""
+
+
 class Learned:
     """A trained actor from a checkpoint file, with optional Gaussian action noise.
 
     Args:
         spec: the task; its number of robots must be what the actor was trained for if the actor
             takes a one-hot robot index.
-        checkpoint: a file name in the package's `behavior_policies/checkpoints`, or an absolute
-            path.
+        checkpoint: a file's name in the package's `behavior_policies/checkpoints`, or in the
+            dataset's; or the path of a file of one's own.
         sha256: of that file, hex.
         noise: standard deviation of the Gaussian noise on each action component.
+        folder: of the dataset whose recipe names the checkpoint, if it is at hand.
 
     Raises:
         CheckpointError: no such file, another digest, or not an actor that can be run exactly.
@@ -44,8 +54,17 @@ class Learned:
 
     uses_state = False
 
-    def __init__(self, spec: TaskSpec, *, checkpoint: str, sha256: str, noise: float = 0.0) -> None:
-        self._actor = load_actor(read_checkpoint(checkpoint, sha256), spec.n_agents, checkpoint)
+    def __init__(
+        self,
+        spec: TaskSpec,
+        *,
+        checkpoint: str | Path,
+        sha256: str,
+        noise: float = 0.0,
+        folder: Path | None = None,
+    ) -> None:
+        data = read_checkpoint(checkpoint, sha256, folder)
+        self._actor = load_actor(data, spec.n_agents, str(checkpoint))
         self._noise = check_noise(noise)
         self._last = LastMeans()
 
@@ -65,35 +84,33 @@ class Learned:
 
 def own_actor(path: Path, spec: TaskSpec) -> Learned:
     """The actor in a file that `save_actor` wrote, whatever its digest."""
-    return Learned(spec, checkpoint=str(path.resolve()), sha256=digest_of(path))
+    return Learned(spec, checkpoint=path, sha256=digest_of(path))
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file, hex."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """SHA-256 of a checkpoint file, hex.
+
+    Raises:
+        CheckpointError: it cannot be read, is no regular file, or is too large.
+    """
+    return hashlib.sha256(_content(path)).hexdigest()
 
 
-def read_checkpoint(checkpoint: str, sha256: str) -> bytes:
+def read_checkpoint(checkpoint: str | Path, sha256: str, folder: Path | None = None) -> bytes:
     """Returns the bytes of a checkpoint file.
 
     Args:
-        checkpoint: a file name in the package's checkpoints, or an absolute path.
+        checkpoint: a file's name, as in recipes, to be found in the package's checkpoints or else
+            in `folder`'s; or the path of a file of one's own. A recipe has no paths, only names.
         sha256: the expected digest, hex.
+        folder: of the dataset whose recipe names the checkpoint, if it is at hand.
 
     Raises:
-        CheckpointError: the file is absent or has another digest.
+        CheckpointError: the file is absent, is no regular file, is too large, or has another
+            digest.
     """
-    path = Path(checkpoint)
-    if not path.is_absolute():
-        if path.name != checkpoint:
-            raise CheckpointError(
-                f"checkpoint {checkpoint!r} is neither a file name nor an absolute path."
-            )
-        path = Path(str(files("swarmdata.behavior_policies") / "checkpoints" / checkpoint))
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"cannot read checkpoint {path}: {error}") from error
+    path = checkpoint if isinstance(checkpoint, Path) else _find(checkpoint, folder)
+    data = _content(path, follow_links=folder is None or path.parent != folder / CHECKPOINTS)
     digest = hashlib.sha256(data).hexdigest()
     if digest != sha256.lower():
         raise CheckpointError(
@@ -101,3 +118,27 @@ def read_checkpoint(checkpoint: str, sha256: str) -> bytes:
             "Restore the file that the recipe names, or update the recipe."
         )
     return data
+
+
+def _find(name: str, folder: Path | None) -> Path:
+    """Where the checkpoint with a name is: in the package, or in a dataset's folder."""
+    try:
+        checked_file_name(name)
+    except ValueError as error:
+        raise CheckpointError(
+            f"checkpoint {error}. Checkpoints lie in the package's folder {CHECKPOINTS!r}, or in "
+            "that of the dataset."
+        ) from error
+    shipped = Path(str(files("swarmdata.behavior_policies"))) / CHECKPOINTS / name
+    if shipped.exists() or folder is None:
+        return shipped
+    if (folder / CHECKPOINTS).is_symlink():
+        raise CheckpointError(f"{folder / CHECKPOINTS} is a symbolic link, expected a folder")
+    return folder / CHECKPOINTS / name
+
+
+def _content(path: Path, *, follow_links: bool = True) -> bytes:
+    try:
+        return read_regular(path, MAX_CHECKPOINT_BYTES, follow_links=follow_links)
+    except OSError as error:
+        raise CheckpointError(f"cannot read checkpoint {path}: {error}") from error

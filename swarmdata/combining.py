@@ -12,14 +12,11 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.frozen import differences
 from swarmdata.locking import locked
 from swarmdata.origins import Edit, Parent
-from swarmdata.spec import PolicySource
+from swarmdata.spec import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
 from swarmdata.store.atomic import remove_leftovers
 from swarmdata.store.layout import CARD
 from swarmdata.types import Int
-
-MOST_POLICIES = 256
-"""Policies are stored in one byte."""
 
 
 def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> Edit:

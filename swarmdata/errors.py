@@ -45,7 +45,7 @@ class SwarmdataError(Exception):
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Returns " Did you mean 'x'?" for the nearest known name, or an empty string."""
-    near = difflib.get_close_matches(name, list(known), n=1)
+    near = difflib.get_close_matches(name[:100], list(known), n=1)
     return f" Did you mean {near[0]!r}?" if near else ""
 
 
@@ -54,8 +54,9 @@ class UnknownNameError(SwarmdataError, KeyError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
         options = sorted(known)
+        known_names = ", ".join(options)
         super().__init__(
-            f"unknown {kind} {name!r}.{did_you_mean(name, options)} Known: {', '.join(options)}."
+            f"unknown {kind} {name!r:.200}.{did_you_mean(name, options)} Known: {known_names}."
             f"{' ' if hint else ''}{hint}"
         )
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-import re
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -10,12 +10,12 @@ from typing import Annotated, Any, Self, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from swarmdata.documents import parse_document, read_document
 from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(ge=1e-12, le=1e12, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1)]
-Span = tuple[Positive, Positive]
 
 
 class Frozen(BaseModel):
@@ -34,8 +34,7 @@ class Frozen(BaseModel):
             return cls.model_validate(data)
         except ValidationError as error:
             where = f" in {source}" if source else ""
-            problems = "; ".join(_explain(cls, problem) for problem in error.errors())
-            raise SpecError(f"invalid {cls.__name__}{where}: {problems}") from error
+            raise SpecError(f"invalid {cls.__name__}{where}: {_explain_all(cls, error)}") from error
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""
@@ -51,17 +50,22 @@ class Frozen(BaseModel):
 
     @classmethod
     def from_text(cls, text: str, source: str = "text") -> Self:
-        """Builds the model from YAML or JSON text (JSON is YAML); duplicate keys are refused."""
-        try:
-            data = yaml.load(text, Loader=_UniqueKeyLoader)
-        except yaml.YAMLError as error:
-            raise SpecError(f"{source} is neither YAML nor JSON: {error}") from error
-        return cls.parse(data, source)
+        """Builds the model from YAML or JSON text.
+
+        Raises:
+            SpecError: it is malformed, with the place.
+        """
+        return cls.parse(parse_document(text, source), source)
 
     @classmethod
     def from_file(cls, path: Path) -> Self:
-        """Builds the model from a `.yaml` or `.json` file."""
-        return cls.from_text(Path(path).read_text(encoding="utf-8"), str(path))
+        """Builds the model from a `.yaml` or `.json` file.
+
+        Raises:
+            OSError: it cannot be read, is no regular file, or is too large.
+            SpecError: it is malformed, with the place.
+        """
+        return cls.parse(read_document(Path(path)), str(path))
 
 
 M = TypeVar("M", bound=Frozen)
@@ -83,22 +87,19 @@ def read_tagged(
     """
     if isinstance(source, Mapping):
         return _kind_of(source, kinds, what, what).parse(dict(source), what)
-    text, where = source, f"text of {what}"
+    where = f"text of {what}"
     if is_file(source):
         where = str(source)
         try:
-            text = Path(source).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            data = read_document(Path(source))
+        except OSError as error:
             raise SpecError(
                 f"cannot read the {what} {where!r}: {error}. Expected a YAML or JSON file with the "
                 "fields of one model."
             ) from error
-    try:
-        data = yaml.safe_load(str(text))
-    except yaml.YAMLError as error:
-        raise SpecError(f"{where} is neither YAML nor JSON: {error}") from error
-    # the model reads the text itself: it refuses a key given twice
-    return _kind_of(data, kinds, what, where).from_text(str(text), where)
+    else:
+        data = parse_document(str(source), where)
+    return _kind_of(data, kinds, what, where).parse(data, where)
 
 
 def is_file(source: str | Path) -> bool:
@@ -114,29 +115,33 @@ def is_inline(source: str) -> bool:
 def _kind_of(data: Any, kinds: Mapping[str, type[M]], what: str, where: str) -> type[M]:
     if not isinstance(data, Mapping) or "kind" not in data:
         raise SpecError(
-            f"{where}: got {data!r}, expected a mapping with a key 'kind' ({', '.join(kinds)}) and "
-            "the fields of that model"
+            f"{where}: got {_SHORT.repr(data)}, expected a mapping with a key 'kind' "
+            f"({', '.join(kinds)}) and the fields of that model"
         )
     if str(data["kind"]) not in kinds:
         raise UnknownNameError(what, str(data["kind"]), kinds)
     return kinds[str(data["kind"])]
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """A safe YAML loader that refuses a key given twice."""
+MAX_PROBLEMS = 20
+"""That one message lists."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        twice = {key for key in keys if keys.count(key) > 1}
-        if twice:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {min(twice)!r} is given twice", node.start_mark
-            )
-        return super().construct_mapping(node, deep)
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
+
+
+def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
+    every = error.errors()
+    # a sequence whose only items are wrong is said to be too short, which is no news
+    wrong = {problem["loc"][:k] for problem in every for k in range(len(problem["loc"]))}
+    found = [each for each in every if each["type"] != "too_short" or each["loc"] not in wrong]
+    listed = "; ".join(_explain(model, problem) for problem in found[:MAX_PROBLEMS])
+    left = len(found) - MAX_PROBLEMS
+    return f"{listed}; and {left} more" if left > 0 else listed
 
 
 def _explain(model: type[BaseModel], problem: Any) -> str:
-    path = ".".join(str(part) for part in problem["loc"])
+    path = ".".join(_key(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         known = _known_keys(model, problem["loc"][:-1])
         hint = did_you_mean(str(problem["loc"][-1]), known)
@@ -146,9 +151,17 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
         known = [tag.strip("'") for tag in tags.split(", ")]
         tag = str(problem["ctx"]["tag"])
         hint = did_you_mean(tag, known)
-        return f"{path}.{told}: unknown {tag!r}.{hint} Known: {', '.join(known)}"
-    got = f" (got {problem['input']!r})" if problem["type"] != "missing" and path else ""
-    return f"{path or model.__name__}: {problem['msg']}{got}"
+        return f"{path}.{told}: unknown {_SHORT.repr(tag)}.{hint} Known: {', '.join(known)}"
+    is_shown = path and problem["type"] not in ("missing", "value_error")
+    got = f" (got {_SHORT.repr(problem['input'])})" if is_shown else ""
+    return f"{path or model.__name__}: {problem['msg'].removeprefix('Value error, ')}{got}"
+
+
+def _key(part: Any) -> str:
+    """A key or index as a part of a path; strange ones are quoted and shortened."""
+    text = str(part)
+    is_plain = text.isascii() and text.isprintable() and 0 < len(text) <= 100
+    return text if is_plain else _SHORT.repr(text)
 
 
 def _known_keys(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
@@ -173,14 +186,6 @@ def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for inner in getattr(annotation, "__args__", ()):
         yield from _nested_models(inner)
-
-
-# YAML 1.1 reads 5e-05, which JSON writes, as text
-_UniqueKeyLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
 
 
 def differences(one: Frozen, other: Frozen) -> Iterator[tuple[str, Any, Any]]:

@@ -7,7 +7,6 @@ Fu et al. 2021, "Benchmarks for Deep Off-Policy Evaluation"); a TD error says li
 policy is to the data, not how good. Where scores are at hand, the ranking says how each one did.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from swarmdata import __version__, metrics
 from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
+from swarmdata.documents import parse_json
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
@@ -131,7 +131,7 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
                 f", {folders[0]} on {first.dataset} (digest {first.digest[:12]}, view {first.view})"
                 ". Rank runs of one dataset and one view: values on different data do not compare."
             )
-    models: dict[str, Any] = {} if first.view is None else json.loads(first.view)
+    models: dict[str, Any] = {} if first.view is None else parse_json(first.view, "the view")
     dataset = load(dataset_id or first.dataset, **models, progress=progress)
     if dataset.digest != first.digest:
         raise SchemaError(

@@ -5,23 +5,25 @@ a recording is what it is.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from swarmdata.errors import SpecError
 from swarmdata.frozen import Frozen
+from swarmdata.naming import Label, Name, Sha256, Text, repeated
 from swarmdata.spaces import Space, width
-from swarmdata.spec import PolicySource, Recipe, Splits, TaskSpec
+from swarmdata.spec import Policies, Recipe, Splits, TaskSpec
 
 Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+MAX_COLUMNS = 1 << 24
+"""Numbers in a state, an observation or an action of a recorded environment."""
 
 
 class RecordedAgent(Frozen):
     """One agent of a recorded environment."""
 
-    name: str
+    name: Name
     observation: Space
     action: Space
 
@@ -33,16 +35,28 @@ class RecordedSpec(Frozen):
     """
 
     kind: Literal["recorded"] = "recorded"
-    task: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]  # such as "simple_spread_v3"
-    library: str = ""  # that has it, such as "mpe2"
-    version: str = ""  # of the library
+    task: Annotated[
+        str, Field(pattern=r"^[a-z0-9_]+$", max_length=96)
+    ]  # such as "simple_spread_v3"
+    library: Text = ""  # that has it, such as "mpe2"
+    version: Text = ""  # of the library
     options: dict[str, Any] = Field(
         default_factory=dict
     )  # that it was made with, as far as they are known
     agents: Annotated[tuple[RecordedAgent, ...], Field(min_length=1)]
-    state_size: Annotated[int, Field(ge=0)]
+    state_size: Annotated[int, Field(ge=0, le=MAX_COLUMNS)]
     state_from: Literal["environment", "observations"]  # observations: all of them, concatenated
-    horizon: Annotated[int, Field(ge=1)] | None = None  # None: not known
+    horizon: Annotated[int, Field(ge=1, le=10**9)] | None = None  # None: not known
+
+    @model_validator(mode="after")
+    def _check_agents(self) -> Self:
+        names = self.agent_names
+        if twice := repeated(names):
+            raise ValueError(f"several agents are named {', '.join(twice)}, expected one each")
+        widest = max(self.observation_size, self.action_size)
+        if widest > MAX_COLUMNS:
+            raise ValueError(f"an agent has {widest} numbers, at most {MAX_COLUMNS} are allowed")
+        return self
 
     @property
     def n_agents(self) -> int:
@@ -82,14 +96,17 @@ class Recording(Frozen):
 
     kind: Literal["recording"] = "recording"
     id: Id
-    tier: str = "recorded"
+    tier: Label = "recorded"
     spec: AnySpec
-    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]  # shares mean nothing
+    policies: Policies  # shares mean nothing
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
     splits: Splits | None = Splits()  # None: each episode has the split that it had in the source
-    source: str  # "recorder", or the format it was converted from
+    source: Text  # "recorder", or the format it was converted from
     source_sha256: Sha256 | None = None  # of the file that was converted
-    metadata: dict[str, str] = Field(default_factory=dict)  # author, license, what users say
+    metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license, what users say
+
+
+EpisodeNumber = Annotated[int, Field(ge=0, lt=1 << 40)]
 
 
 class Parent(Frozen):
@@ -97,7 +114,9 @@ class Parent(Frozen):
 
     id: Id
     digest: Sha256
-    episodes: Annotated[tuple[int, ...], Field(min_length=1)]  # stored numbers, increasing
+    episodes: Annotated[
+        tuple[EpisodeNumber, ...], Field(min_length=1)
+    ]  # stored numbers, increasing
 
 
 class Edit(Frozen):
@@ -105,11 +124,11 @@ class Edit(Frozen):
 
     kind: Literal["edit"] = "edit"
     id: Id
-    tier: str
+    tier: Label
     spec: AnySpec
-    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]  # that made its episodes
+    policies: Policies  # that made its episodes
     parents: Annotated[tuple[Parent, ...], Field(min_length=1)]
-    operation: str  # what was asked for, in words
+    operation: Text  # what was asked for, in words
 
 
 Origin = Recipe | Recording | Edit

@@ -3,13 +3,18 @@
 import hashlib
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from swarmdata import __version__
 from swarmdata.frozen import Frozen
+from swarmdata.naming import Sha256, checked_label
 
-Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-Natural = Annotated[int, Field(ge=0)]
+FilePart = Annotated[
+    str, Field(pattern=r"^[^/\\\s.][^/\\\n]*$", max_length=96), AfterValidator(checked_label)
+]
+"""A label that is a part of a file's name."""
+
+Natural = Annotated[int, Field(ge=0, lt=1 << 63)]
 
 
 class Provenance(Frozen):
@@ -18,10 +23,10 @@ class Provenance(Frozen):
     What does not apply is None: a scripted policy has no dataset and no run.
     """
 
-    label: Annotated[str, Field(pattern=r"^[^/\\\s.][^/\\\n]*$")]  # row of tables: the algorithm
+    label: FilePart  # row of tables: the algorithm
     index: Natural = 0  # among the policies of its label
     algorithm: str | None = None  # that trained it
-    dataset: str | None = None  # id, with version, of what it was trained on
+    dataset: FilePart | None = None  # id, with version, of what it was trained on
     digest: Sha256 | None = None  # of that dataset
     view: str | None = None  # of a re-observation: its models as canonical JSON
     config: dict[str, Any] = Field(default_factory=dict)  # of the algorithm, complete

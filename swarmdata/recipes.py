@@ -123,9 +123,17 @@ def seeds_of(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 
-def make_source_policy(source: PolicySource, spec: TaskSpec) -> Policy:
-    """Builds a behavior policy as the recipe states it, noise included."""
+def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None = None) -> Policy:
+    """Builds a behavior policy as the recipe states it, noise included.
+
+    Args:
+        source: of the recipe.
+        spec: the task.
+        folder: of the dataset, which may have checkpoints of its own; None: only the package's.
+    """
     options: dict[str, Any] = {"checkpoint": source.checkpoint, "sha256": source.sha256}
+    if source.checkpoint is not None:
+        options["folder"] = folder
     options = {name: value for name, value in options.items() if value is not None}
     if source.noise:
         options["noise"] = source.noise

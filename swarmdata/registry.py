@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.budget import copies_excess
+from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Term
@@ -84,7 +85,13 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
 
 
 def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
-    """Builds `n_copies` copies of the task that `spec` describes."""
+    """Builds `n_copies` copies of the task that `spec` describes.
+
+    Raises:
+        SpecError: they would not fit into memory, or the spec contradicts itself.
+    """
+    if problem := copies_excess(spec, n_copies):
+        raise SpecError(problem)
     build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.engine").TaskEnv
     return build(make_task(spec), n_copies)
 

@@ -83,7 +83,7 @@ def _simulate(dataset: Dataset, policy: int, episodes: Int) -> list[Episode]:
     places = dataset.stored.table.policy_episode[episodes].tolist()
     seeds = np.concatenate([episode_seeds(recipe, policy, place, 1) for place in places])
     env = make_env(recipe.spec, min(N_COPIES, len(seeds)))
-    actor = make_source_policy(recipe.policies[policy], recipe.spec)
+    actor = make_source_policy(recipe.policies[policy], recipe.spec, dataset.path)
     return list(rollout(env, actor, seeds, policy_index=policy))
 
 

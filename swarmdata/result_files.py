@@ -10,10 +10,12 @@ import os
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
+from swarmdata.documents import read_document
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.metrics import metrics_of
@@ -47,6 +49,9 @@ class Result:
         return None if run is None or self.path is None else self.path.parent / run
 
 
+Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
+
+
 class _Document(Frozen):
     """What a file must hold."""
 
@@ -56,7 +61,7 @@ class _Document(Frozen):
     task: str
     spec_hash: str
     spec: AnySpec
-    seeds: list[int]
+    seeds: list[Seed]
     metrics: dict[str, list[float | None]]
 
 
@@ -70,7 +75,7 @@ class _First(Frozen):
     task: str
     spec_hash: str
     metadata: dict[str, Any]
-    seeds: list[int]
+    seeds: list[Seed]
     metrics: dict[str, list[float | None]]
 
 
@@ -150,7 +155,7 @@ def load(path: Path) -> Result:
     document = _read(path)
     spec: AnySpec
     if isinstance(document, _First):
-        provenance, spec = _first_provenance(document), _spec_of(document, path)
+        provenance, spec = _first_provenance(document, path), _spec_of(document, path)
     else:
         provenance, spec = document.provenance, document.spec
     metrics = {
@@ -166,8 +171,8 @@ def load(path: Path) -> Result:
 
 def _read(path: Path) -> _Document | _First:
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        data = read_document(path)
+    except SpecError as error:
         raise SchemaError(f"{path} is not JSON: {error}. Evaluate again.") from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if isinstance(version, int) and version > FORMAT_VERSION:
@@ -181,23 +186,22 @@ def _read(path: Path) -> _Document | _First:
         raise SchemaError(f"{path} is not an evaluation result: {error}") from error
 
 
-def _first_provenance(document: _First) -> Provenance:
+def _first_provenance(document: _First, path: Path) -> Provenance:
     """What a file of format 1 says of its policy: its metadata were free, but ours had a shape."""
     metadata = document.metadata
-    run: dict[str, Any] = metadata.get("run", {})
-    index, seeds = metadata.get("index", 0), run.get("seeds", [])
-    return Provenance(
-        label=document.policy,
-        index=index,
-        algorithm=run.get("algorithm"),
-        dataset=run.get("dataset"),
-        digest=run.get("digest"),
-        view=run.get("view"),
-        config=run.get("config", {}),
-        seed=seeds[index] if index < len(seeds) else None,
-        frames=run.get("frames"),
-        code_version=document.code_version,
-    )
+    try:
+        run: dict[str, Any] = metadata.get("run", {})
+        index, seeds = metadata.get("index", 0), run.get("seeds", [])
+        fields = {name: run[name] for name in _OF_FIRST_RUNS if name in run}
+        fields["seed"] = seeds[index] if index < len(seeds) else None
+        fields |= {"label": document.policy, "index": index, "code_version": document.code_version}
+        return Provenance.parse(fields, str(path))
+    except (SpecError, AttributeError, TypeError, LookupError) as error:
+        raise SchemaError(f"{path} is not an evaluation result of format 1: {error}") from error
+
+
+_OF_FIRST_RUNS = ("algorithm", "dataset", "digest", "view", "config", "frames")
+"""What format 1 says of a run, by the names of the fields of a `Provenance`."""
 
 
 def _spec_of(document: _First, path: Path) -> TaskSpec:

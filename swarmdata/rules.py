@@ -8,26 +8,39 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from swarmdata.frozen import Frozen, NonNegative, Positive, Probability
+from swarmdata.frozen import Frozen, Probability
+from swarmdata.quantities import (
+    Angle,
+    Count,
+    Distance,
+    Duration,
+    Force,
+    Length,
+    Mass,
+    Speed,
+    Weight,
+)
+
+Previews = Annotated[tuple[Duration, ...], Field(max_length=64)]
 
 
 class Rewards(Frozen):
     """Weights that every task has; each task adds those of its own terms."""
 
-    success: NonNegative = 3.0  # once, to every robot, when the task is solved
-    time: NonNegative = 0.02  # per step in which the robot has not done its part
-    robot_contact: NonNegative = 0.2  # per step in contact with a robot
-    obstacle_contact: NonNegative = 0.2  # per step in contact with an obstacle or wall
-    robot_collision: NonNegative = 0.5  # per contact with a robot that begins
-    obstacle_collision: NonNegative = 0.5  # per contact with an obstacle or wall that begins
-    proximity: NonNegative = 0.2  # per step, times how deep in the last 0.1 m before contact
+    success: Weight = 3.0  # once, to every robot, when the task is solved
+    time: Weight = 0.02  # per step in which the robot has not done its part
+    robot_contact: Weight = 0.2  # per step in contact with a robot
+    obstacle_contact: Weight = 0.2  # per step in contact with an obstacle or wall
+    robot_collision: Weight = 0.5  # per contact with a robot that begins
+    obstacle_collision: Weight = 0.5  # per contact with an obstacle or wall that begins
+    proximity: Weight = 0.2  # per step, times how deep in the last 0.1 m before contact
     team_share: Probability = 0.0  # part of each reward that is the mean over the team
 
 
 class NavigationRewards(Rewards):
     """Weights of `coop_nav`."""
 
-    progress: NonNegative = 2.0  # per metre that a robot comes closer; see `envs.coop_nav`
+    progress: Weight = 2.0  # per metre that a robot comes closer; see `envs.coop_nav`
 
 
 class RandomArrangement(Frozen):
@@ -40,26 +53,26 @@ class Swap(Frozen):
     """Robots on a circle about the origin, turned by a random angle, with goals opposite."""
 
     kind: Literal["swap"] = "swap"
-    circle_radius: Positive = 1.5  # m
-    jitter: NonNegative = 0.1  # m, of each start in x and in y, before the turn
+    circle_radius: Length = 1.5  # m
+    jitter: Distance = 0.1  # m, of each start in x and in y, before the turn
 
 
 class Doorway(Frozen):
     """Two teams left and right of a wall across the arena swap sides through its one door."""
 
     kind: Literal["doorway"] = "doorway"
-    width: Positive = 0.5  # m, of the door, in the middle of the wall
-    thickness: Positive = 0.2  # m, of the wall
-    jitter: NonNegative = 0.1  # m, of each start in x and in y
+    width: Length = 0.5  # m, of the door, in the middle of the wall
+    thickness: Length = 0.2  # m, of the wall
+    jitter: Distance = 0.1  # m, of each start in x and in y
 
 
 class Corridor(Frozen):
     """Two teams at the ends of a straight corridor swap ends."""
 
     kind: Literal["corridor"] = "corridor"
-    width: Positive = 0.8  # m; two robots must fit side by side
-    length: Positive = 1.6  # m
-    jitter: NonNegative = 0.1  # m, of each start in x and in y
+    width: Length = 0.8  # m; two robots must fit side by side
+    length: Length = 1.6  # m
+    jitter: Distance = 0.1  # m, of each start in x and in y
 
 
 AnyArrangement = Annotated[
@@ -73,15 +86,15 @@ class NavigationRules(Frozen):
     task: Literal["coop_nav"] = "coop_nav"
     goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
     arrangement: AnyArrangement = RandomArrangement()
-    goal_radius: Positive = 0.15
+    goal_radius: Length = 0.15
     rewards: NavigationRewards = NavigationRewards()
 
 
 class FormationRewards(Rewards):
     """Weights of `formation`."""
 
-    deviation: NonNegative = 0.05  # per step and metre of distance to the own slot, up to 1 m
-    velocity: NonNegative = 0.01  # per step in the slot and m/s of difference to its velocity
+    deviation: Weight = 0.05  # per step and metre of distance to the own slot, up to 1 m
+    velocity: Weight = 0.01  # per step in the slot and m/s of difference to its velocity
 
 
 class FormationRules(Frozen):
@@ -89,16 +102,16 @@ class FormationRules(Frozen):
 
     task: Literal["formation"] = "formation"
     shape: Literal["line", "circle", "wedge", "column"] = "wedge"
-    spacing: Positive = 0.5  # m between neighbouring slots
+    spacing: Length = 0.5  # m between neighbouring slots
     slots: Literal["fixed", "assigned"] = "assigned"  # assigned: the best assignment in each step
-    reference_speed: Positive = 0.28  # m/s, never exceeded
-    segment_time: Positive = 4.0  # s between the control points of the path
+    reference_speed: Speed = 0.28  # m/s, never exceeded
+    segment_time: Duration = 4.0  # s between the control points of the path
     max_turn: Annotated[float, Field(ge=0, le=1.2)] = 0.8  # rad from one control edge to the next
-    path_clearance: NonNegative = 0.3  # m, from the reference's path to every obstacle
+    path_clearance: Distance = 0.3  # m, from the reference's path to every obstacle
     blocked: tuple[Probability, Probability] = (0.1, 0.3)  # share of time with a slot in obstacles
-    start_spread: NonNegative = 1.0  # m beyond the slots in which robots start
-    preview: tuple[Positive, ...] = (1.0, 2.0)  # s ahead at which robots see their slots
-    tolerance: Positive = 0.12  # m, root mean square deviation that counts as in formation
+    start_spread: Distance = 1.0  # m beyond the slots in which robots start
+    preview: Previews = (1.0, 2.0)  # s ahead at which robots see their slots
+    tolerance: Length = 0.12  # m, root mean square deviation that counts as in formation
     hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
     rewards: FormationRewards = FormationRewards()
 
@@ -107,21 +120,21 @@ class Payload(Frozen):
     """A rigid body that slides on the floor and turns."""
 
     shape: Literal["circle", "box"] = "circle"
-    half_length: Positive = 0.35  # radius of a circle
-    half_width: Positive = 0.25
-    mass: Positive = 4.0  # kg
-    friction: Positive = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
+    half_length: Length = 0.35  # radius of a circle
+    half_width: Length = 0.25
+    mass: Mass = 4.0  # kg
+    friction: Force = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
 
 
 class TransportRewards(Rewards):
     """Weights of `transport`."""
 
-    progress: NonNegative = 4.0  # per metre that the payload comes closer to its goal
-    turn_progress: NonNegative = 1.0  # per unit of the sine of its angle to the goal's direction
-    approach: NonNegative = 0.5  # per metre that a robot comes closer to the payload
-    robot_contact: NonNegative = 0.05  # pushing side by side, robots brush against each other
-    robot_collision: NonNegative = 0.2
-    proximity: NonNegative = 0.05
+    progress: Weight = 4.0  # per metre that the payload comes closer to its goal
+    turn_progress: Weight = 1.0  # per unit of the sine of its angle to the goal's direction
+    approach: Weight = 0.5  # per metre that a robot comes closer to the payload
+    robot_contact: Weight = 0.05  # pushing side by side, robots brush against each other
+    robot_collision: Weight = 0.2
+    proximity: Weight = 0.05
 
 
 class TransportRules(Frozen):
@@ -129,9 +142,9 @@ class TransportRules(Frozen):
 
     task: Literal["transport"] = "transport"
     payload: Payload = Payload()
-    goal_radius: Positive = 0.15  # m, of the payload's centre
-    goal_angle: Positive | None = None  # rad, of a box; None: any direction will do
-    room: NonNegative = 0.35  # m free around the payload's bounding circle at the start
+    goal_radius: Length = 0.15  # m, of the payload's centre
+    goal_angle: Angle | None = None  # rad, of a box; None: any direction will do
+    room: Distance = 0.35  # m free around the payload's bounding circle at the start
     rewards: TransportRewards = TransportRewards()
 
     @model_validator(mode="after")
@@ -149,10 +162,10 @@ class TransportRules(Frozen):
 class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
-    progress: NonNegative = 0.5  # per metre that a robot's shortest way to its target gets shorter
-    pickup: NonNegative = 1.0
-    delivery: NonNegative = 2.0
-    proximity: NonNegative = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything
+    progress: Weight = 0.5  # per metre that a robot's shortest way to its target gets shorter
+    pickup: Weight = 1.0
+    delivery: Weight = 2.0
+    proximity: Weight = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything
 
 
 class WarehouseRules(Frozen):
@@ -162,15 +175,15 @@ class WarehouseRules(Frozen):
     """
 
     task: Literal["warehouse"] = "warehouse"
-    aisles: Annotated[int, Field(ge=1)] = 3  # one above the other, each with a row of shelves below
-    blocks: Annotated[int, Field(ge=1)] = 1  # of shelves in a row
-    aisle_width: Positive = 0.65  # m; below two robots abreast, they cannot pass each other
-    lane_width: Positive = 0.7  # m, of the lanes between blocks and at both ends of the rows
-    front: Positive = 0.8  # m, depth of the free strip with the stations
-    bays: Annotated[int, Field(ge=1)] = 4  # pick places on each side of an aisle, for each block
-    stations: Annotated[int, Field(ge=1)] = 4
-    goal_radius: Positive = 0.15
-    quota: Annotated[int, Field(ge=1)] = 8  # deliveries of the team that solve the task
+    aisles: Count = 3  # one above the other, each with a row of shelves below
+    blocks: Count = 1  # of shelves in a row
+    aisle_width: Length = 0.65  # m; below two robots abreast, they cannot pass each other
+    lane_width: Length = 0.7  # m, of the lanes between blocks and at both ends of the rows
+    front: Length = 0.8  # m, depth of the free strip with the stations
+    bays: Count = 4  # pick places on each side of an aisle, for each block
+    stations: Count = 4
+    goal_radius: Length = 0.15
+    quota: Count = 8  # deliveries of the team that solve the task
     rewards: WarehouseRewards = WarehouseRewards()
 
 

@@ -4,8 +4,9 @@ Needs no torch: whoever reads results can tell whether the run beside them is st
 """
 
 import hashlib
-import json
 from pathlib import Path
+
+from swarmdata.documents import read_document
 
 CONFIG, CHECKPOINT, POLICIES = "config.json", "checkpoint.safetensors", "policies"
 """As `learn.run` and `online_algos.run_folder` write them."""
@@ -24,7 +25,7 @@ def is_online(folder: Path) -> bool:
     Algorithms do not tell: `vdn` and `qmix` are names of both kinds.
     """
     config = folder / CONFIG
-    return config.exists() and "dataset" not in json.loads(config.read_text(encoding="utf-8"))
+    return config.exists() and "dataset" not in read_document(config)
 
 
 def measured_files(folder: Path, seed: int) -> tuple[Path, ...]:

@@ -34,16 +34,16 @@ class ObservationModel(Frozen):
 
     noise: SensorNoise = SensorNoise()
     dropout: Probability = 0.0
-    delay: Annotated[int, Field(ge=0)] = 0  # control steps
-    stack: Annotated[int, Field(ge=1)] = 1  # frames
+    delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
+    stack: Annotated[int, Field(ge=1, le=10**12)] = 1  # frames
 
 
 class StateModel(ObservationModel):
     """Low-dimensional state in the world's frame: self, nearest robots, nearest obstacles."""
 
     kind: Literal["state"] = "state"
-    n_neighbors: Annotated[int, Field(ge=0)] = 3
-    n_obstacles: Annotated[int, Field(ge=0)] = 3
+    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3
+    n_obstacles: Annotated[int, Field(ge=0, le=10**12)] = 3
     range: Positive = 1.0  # m, gap at which closeness features reach 0
     limit: Positive | None = None  # m, gap beyond which nothing is seen; None: no limit
 
@@ -54,7 +54,7 @@ class LidarModel(ObservationModel):
     noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
 
     kind: Literal["lidar"] = "lidar"
-    n_rays: Annotated[int, Field(ge=1)] = 16
+    n_rays: Annotated[int, Field(ge=1, le=10**12)] = 16
     range: Positive = 2.0  # m from the robot's centre
 
 
@@ -64,7 +64,7 @@ class BearingModel(ObservationModel):
     noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
 
     kind: Literal["bearing"] = "bearing"
-    n_neighbors: Annotated[int, Field(ge=0)] = 3
+    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3
     range: Positive = 2.0  # m between centres
 
 
@@ -72,7 +72,7 @@ class OccupancyModel(ObservationModel):
     """A coarse egocentric grid in the body's frame: which cells hold what."""
 
     kind: Literal["occupancy"] = "occupancy"
-    cells: Annotated[int, Field(ge=1)] = 9  # in each direction
+    cells: Annotated[int, Field(ge=1, le=10**12)] = 9  # in each direction
     cell_size: Positive = 0.3  # m
 
 
@@ -104,16 +104,16 @@ class Broadcast(Frozen):
 
     kind: Literal["broadcast"] = "broadcast"
     payload: Literal["pose", "pose_and_goal", "state", "learned"] = "pose"
-    message_size: Annotated[int, Field(ge=1)] = 4  # values of a learned message
+    message_size: Annotated[int, Field(ge=1, le=10**12)] = 4  # values of a learned message
     topology: Literal["full", "nearest", "ring", "star"] = "full"
-    n_nearest: Annotated[int, Field(ge=1)] = 2  # of topology "nearest"
+    n_nearest: Annotated[int, Field(ge=1, le=10**12)] = 2  # of topology "nearest"
     range: Positive | None = None  # m between centres; None: no limit
     drop_probability: Probability = 0.0
     bursts: Bursts | None = None
-    delay: Annotated[int, Field(ge=0)] = 0  # control steps
-    messages_per_step: Annotated[int, Field(ge=1)] | None = None  # that a robot can receive
+    delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
+    messages_per_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
-    slots_in_step: Annotated[int, Field(ge=1)] | None = None  # of time; see `comms`
+    slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # of time; see `comms`
 
 
 AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]

@@ -7,9 +7,23 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from swarmdata.frozen import Frozen, NonNegative, Positive, Span
+from swarmdata.budget import excesses, part_excess
+from swarmdata.frozen import Frozen, Positive
+from swarmdata.naming import FileName, Label, Name, Sha256, repeated
+from swarmdata.quantities import (
+    Acceleration,
+    Count,
+    CountOrNone,
+    Deviation,
+    Distance,
+    Duration,
+    Length,
+    Span,
+    Speed,
+    TurnRate,
+)
 from swarmdata.rules import NavigationRules, Rules
 from swarmdata.senses import (
     AnyCommunicationModel,
@@ -23,29 +37,29 @@ from swarmdata.senses import (
 class Robot(Frozen):
     """One kind of circular robot of mass 1 kg."""
 
-    radius: Positive = 0.12
+    radius: Length = 0.12
     dynamics: Literal["holonomic", "unicycle"] = "holonomic"
     command: Literal["velocity", "acceleration"] = "velocity"
-    max_speed: Positive = 0.6
-    max_acceleration: Positive = 1.5
-    max_turn_rate: Positive = 3.0  # rad/s, unicycle only
-    sensor_range: Positive | None = None  # m, of this robot's sensors, if less than the model's
+    max_speed: Speed = 0.6
+    max_acceleration: Acceleration = 1.5
+    max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
+    sensor_range: Length | None = None  # m, of this robot's sensors, if less than the model's
 
 
 class Role(Frozen):
     """`count` robots of one kind."""
 
-    name: str = "robot"
-    count: Annotated[int, Field(ge=1)] = 4
+    name: Name = "robot"  # unlike that of any other role, whatever the case of its letters
+    count: Count = 4
     robot: Robot = Robot()
 
 
 class Arena(Frozen):
     """A rectangle centred on the origin, inside thick walls."""
 
-    width: Positive = 4.0
-    height: Positive = 4.0
-    wall_thickness: Positive = 0.3
+    width: Length = 4.0
+    height: Length = 4.0
+    wall_thickness: Length = 0.3
 
 
 class Obstacles(Frozen):
@@ -56,53 +70,62 @@ class Obstacles(Frozen):
     that every passage is passable and every layout solvable.
     """
 
-    circles: Annotated[int, Field(ge=0)] = 2
-    boxes: Annotated[int, Field(ge=0)] = 1
-    corners: Annotated[int, Field(ge=0)] = 1
-    pockets: Annotated[int, Field(ge=0)] = 2
+    circles: CountOrNone = 2
+    boxes: CountOrNone = 1
+    corners: CountOrNone = 1
+    pockets: CountOrNone = 2
     circle_radius: Span = (0.12, 0.25)
     box_half_length: Span = (0.12, 0.25)
     corner_half_length: Span = (0.25, 0.4)
     pocket_half_length: Span = (0.3, 0.4)
-    bar_half_thickness: Positive = 0.05
-    gap: Positive = 0.34
+    bar_half_thickness: Length = 0.05
+    gap: Length = 0.34
 
 
 class Spawn(Frozen):
     """Where robots start and where their goals are: distances between surfaces."""
 
-    start_clearance: NonNegative = 0.06
-    start_separation: NonNegative = 0.15
-    goal_clearance: NonNegative = 0.15
-    goal_separation: NonNegative = 0.25
-    min_goal_distance: NonNegative = 1.2
-    max_attempts: Annotated[int, Field(ge=1)] = 2000
+    start_clearance: Distance = 0.06
+    start_separation: Distance = 0.15
+    goal_clearance: Distance = 0.15
+    goal_separation: Distance = 0.25
+    min_goal_distance: Distance = 1.2
+    max_attempts: Count = 2000
 
 
 class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication."""
 
     rules: Rules = NavigationRules()
-    version: Annotated[int, Field(ge=0)] = 0
-    team: Annotated[tuple[Role, ...], Field(min_length=1)] = (Role(),)
+    version: CountOrNone = 0
+    team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
     arena: Arena = Arena()
     obstacles: Obstacles = Obstacles()
     spawn: Spawn = Spawn()
-    horizon: Annotated[int, Field(ge=1)] = 160
-    control_dt: Positive = 0.1
-    physics_dt: Positive = 0.05
+    horizon: Count = 160
+    control_dt: Duration = 0.1
+    physics_dt: Duration = 0.05
     on_collision: Literal["continue", "fail"] = "continue"
     observation: AnyObservationModel = StateModel()
     communication: AnyCommunicationModel = NoCommunication()
 
     @model_validator(mode="after")
-    def _check_time_steps(self) -> Self:
+    def _check_together(self) -> Self:
+        """Raises with everything that is wrong between fields that are right each for itself."""
+        problems = list(excesses(self))
         ratio = self.control_dt / self.physics_dt
         if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 2:
-            raise ValueError(
+            problems.append(
                 f"control_dt must be at least 2 whole multiples of physics_dt, got {ratio:g} "
                 "(a force moves a body only from the next physics step on)"
             )
+        if twice := repeated(role.name.casefold() for role in self.team):
+            problems.append(
+                f"team has several roles named {', '.join(twice)}, expected a `name` of its own "
+                "for each role: robots are called by it and a number"
+            )
+        if problems:
+            raise ValueError("; ".join(problems))
         return self
 
     @property
@@ -148,23 +171,50 @@ class TaskSpec(Frozen):
         return type(self).parse({**self.model_dump(), **changes})
 
 
+MOST_POLICIES = 256
+"""Of a dataset: their indices are bytes."""
+
+
 class PolicySource(Frozen):
     """One behaviour policy of a recipe, and its share of the joint steps."""
 
-    label: str  # unique in the recipe, such as "expert-0"
-    name: str  # registered policy
-    checkpoint: str | None = None  # file in the package's `behavior_policies/checkpoints`
-    sha256: str | None = None  # of that file
-    noise: NonNegative = 0.0  # standard deviation of the Gaussian action noise
+    label: Label  # unique in the recipe, such as "expert-0"
+    name: Label  # registered policy
+    checkpoint: FileName | None = None  # in the package's `checkpoints`, or in the dataset's
+    sha256: Sha256 | None = None  # of that file
+    noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
+
+
+def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:
+    if twice := repeated(policy.label for policy in policies):
+        raise ValueError(f"labels must be unique, got several {', '.join(twice)}")
+    return policies
+
+
+Policies = Annotated[
+    tuple[PolicySource, ...],
+    Field(min_length=1, max_length=MOST_POLICIES),
+    AfterValidator(_unique_labels),
+]
+"""The policies of a dataset; `episodes/policy` has their indices."""
 
 
 class Splits(Frozen):
     """Episodes of each split in every block of `block` consecutive episodes of one policy."""
 
-    block: Annotated[int, Field(ge=3)] = 20
-    validation: Annotated[int, Field(ge=1)] = 1
-    test: Annotated[int, Field(ge=1)] = 1
+    block: Annotated[int, Field(ge=3, le=1_000_000)] = 20
+    validation: Count = 1
+    test: Count = 1
+
+    @model_validator(mode="after")
+    def _check_rest(self) -> Self:
+        if self.validation + self.test >= self.block:
+            raise ValueError(
+                f"validation ({self.validation}) + test ({self.test}) must be less than block "
+                f"({self.block}), so that every block has train episodes"
+            )
+        return self
 
 
 class Recipe(Frozen):
@@ -177,17 +227,16 @@ class Recipe(Frozen):
     """
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
-    tier: str
+    tier: Label
     spec: TaskSpec
-    policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
+    policies: Policies
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    n_steps: Annotated[int, Field(ge=1)] = 1_000_000
-    part_episodes: Annotated[int, Field(ge=1)] = 256
+    n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000
+    part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
     splits: Splits = Splits()
 
     @model_validator(mode="after")
-    def _check_labels(self) -> Self:
-        labels = [policy.label for policy in self.policies]
-        if len(set(labels)) != len(labels):
-            raise ValueError(f"policy labels must be unique, got {labels}")
+    def _check_part(self) -> Self:
+        if problem := part_excess(self.spec, self.part_episodes):
+            raise ValueError(problem)
         return self

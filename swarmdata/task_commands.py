@@ -54,19 +54,23 @@ def show(name: NameOrFile) -> None:
 
 @task_app.command()
 def validate(name: NameOrFile) -> None:
-    """Check a spec: read it, build its world, and begin one episode."""
+    """Check a spec: read it, build its world, begin episodes, and drive for some steps.
+
+    All wrong keys and values are named at once, with their paths and what is allowed; then
+    what is wrong between them; then what is wrong with the world.
+    """
+    from swarmdata.budget import demand_of, describe_demand, size_of
     from swarmdata.models import describe
     from swarmdata.presets import find_spec
-    from swarmdata.registry import make_env
-    from swarmdata.seeding import evaluation_seeds
+    from swarmdata.probing import probe
 
     spec = find_spec(name)
-    env = make_env(spec)
-    env.reset(evaluation_seeds(1))
+    env = probe(spec)
+    demand = demand_of(spec, size_of(spec), spec.n_substeps)
     typer.echo(
         f"OK: {spec.task} with {spec.n_agents} robots, {describe(spec)}; per robot "
         f"{env.observation_size} numbers observed and {env.action_size} commanded; spec "
-        f"{spec.hash()[:12]}"
+        f"{spec.hash()[:12]}; {describe_demand(demand)}"
     )
 
 

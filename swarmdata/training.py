@@ -6,9 +6,9 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from swarmdata.catalog import load
+from swarmdata.documents import read_document
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.frames import Frame, find_frame, natural_anchor
@@ -184,7 +184,10 @@ def read_settings(name: str) -> dict[str, str]:
     file = Path(name) if Path(name).suffix else shipped.get(name)
     if file is None or not file.is_file():
         raise UnknownNameError("settings", name, shipped)
-    table = yaml.safe_load(file.read_text(encoding="utf-8"))
+    try:
+        table = read_document(Path(str(file)))
+    except OSError as error:
+        raise SpecError(f"cannot read settings from {name}: {error}") from error
     if not isinstance(table, dict):
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
     joined = {k: ",".join(map(str, v)) if isinstance(v, list) else v for k, v in table.items()}

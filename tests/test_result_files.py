@@ -71,9 +71,11 @@ def test_the_name_is_unique_over_labels_datasets_views_specs_and_indices() -> No
 
 
 def test_labels_stay_within_their_folder() -> None:
-    for label in ("../bc", "a/b", "", ".bc", "a\nb"):
+    for label in ("../bc", "a/b", "", ".bc", "a\nb", "a\x1b[31m", "b\u0441", "a" * 97, "con"):
         with pytest.raises(ValueError, match="label"):
             Provenance(label=label)
+        with pytest.raises(ValueError, match="dataset"):
+            Provenance(label="bc", dataset=label)
 
 
 def test_a_run_is_named_relative_to_the_file(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def replay(subject: Subject) -> Remarks:
     for index in np.unique(subject.table.policy[chosen]).tolist():
         source = subject.origin.policies[index]
         try:
-            policies[index] = make_source_policy(source, task)
+            policies[index] = make_source_policy(source, task, subject.path)
         except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
             policies[index] = None
             say = problem if isinstance(subject.origin, Recipe) else note  # others claim less

@@ -72,16 +72,17 @@ def import_dataset(
         )
     with found.read(source, task, choices or Choices()) as incoming:
         keeps = splits == "kept" and incoming.splits is not None
-        recording = Recording(
-            id=id,
-            spec=incoming.spec,
-            policies=incoming.policies,
-            seed=seed,
-            splits=None if keeps else rule or Splits(),
-            source=format,
-            source_sha256=digest,
-            metadata={**incoming.metadata, **(metadata or {})},
-        )
+        content = {
+            "id": id,
+            "spec": incoming.spec,
+            "policies": incoming.policies,
+            "seed": seed,
+            "splits": None if keeps else rule or Splits(),
+            "source": format,
+            "source_sha256": digest,
+            "metadata": {**incoming.metadata, **(metadata or {})},
+        }
+        recording = Recording.parse(content, f"the recording made of {source}")
         with locked(out):
             _store(out, recording, incoming, keeps)
     return Dataset.open(out)

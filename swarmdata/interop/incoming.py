@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
-from swarmdata.origins import AnySpec, RecordedAgent, RecordedSpec
+from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.spaces import BoxSpace, DiscreteSpace, Space
 from swarmdata.spec import PolicySource
 from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
@@ -61,6 +61,7 @@ def measured_spec(task: str, shapes: Shapes, choices: Choices) -> RecordedSpec:
 
     Raises:
         ConversionError: not as many names as agents.
+        SpecError: a name or a size that a recording cannot have.
     """
     n = len(shapes.observations)
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
@@ -73,14 +74,15 @@ def measured_spec(task: str, shapes: Shapes, choices: Choices) -> RecordedSpec:
         )
         action: Space = DiscreteSpace(n=shapes.choices) if shapes.choices else bounded
         observation = BoxSpace(shape=(columns,), dtype="float32")
-        agents.append(RecordedAgent(name=name, observation=observation, action=action))
-    return RecordedSpec(
-        task=task,
-        agents=tuple(agents),
-        state_size=shapes.states or sum(shapes.observations),
-        state_from="environment" if shapes.states else "observations",
-        horizon=choices.time_limit or None,
-    )
+        agents.append({"name": name, "observation": observation, "action": action})
+    content = {
+        "task": task,
+        "agents": agents,
+        "state_size": shapes.states or sum(shapes.observations),
+        "state_from": "environment" if shapes.states else "observations",
+        "horizon": choices.time_limit or None,
+    }
+    return RecordedSpec.parse(content, "the data to convert")
 
 
 def stacked(arrays: Sequence[NDArray[Any]]) -> Float:

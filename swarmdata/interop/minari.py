@@ -150,13 +150,14 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         yield Incoming(note.spec, note.policies, episodes, note.episodes.split_codes, metadata)
         return
     agents, is_team = _foreign_agents(found, choices)
-    spec = RecordedSpec(
-        task=task,
-        library=_library_of(found),
-        agents=agents,
-        state_size=sum(width(agent.observation) for agent in agents),
-        state_from="observations",
-    )
+    content = {
+        "task": task,
+        "library": _library_of(found),
+        "agents": agents,
+        "state_size": sum(width(agent.observation) for agent in agents),
+        "state_from": "observations",
+    }
+    spec = RecordedSpec.parse(content, str(source))
     yield Incoming(spec, UNKNOWN, _foreign(source, found, agents, is_team))
 
 
@@ -180,7 +181,9 @@ def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, 
     assert isinstance(observation, DictSpace)
     assert isinstance(action, DictSpace)
     return tuple(
-        RecordedAgent(name=n, observation=observation.spaces[n], action=action.spaces[n])
+        RecordedAgent.parse(
+            {"name": n, "observation": observation.spaces[n], "action": action.spaces[n]}
+        )
         for n in names
     ), True
 

@@ -4,17 +4,18 @@ Other formats have attributes or files for such text. With it an import needs no
 boundaries, spaces, splits and policies are read, not inferred.
 """
 
-import json
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from swarmdata.dataset import Dataset
+from swarmdata.documents import parse_json
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.frozen import Frozen
-from swarmdata.origins import AnySpec, Id, Sha256
+from swarmdata.naming import Sha256
+from swarmdata.origins import AnySpec, Id
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Counts
@@ -81,9 +82,8 @@ def parse_note(text: str | bytes, source: Path | str) -> Note:
         ConversionError: it is damaged.
     """
     try:
-        data: Any = json.loads(text)
-        return Note.parse(data, str(source))
-    except (SpecError, ValueError, RecursionError) as error:
+        return Note.parse(parse_json(text, str(source)), str(source))
+    except SpecError as error:
         raise ConversionError(
             f"the note of swarmdata in {source} cannot be read: {error}. Export the dataset again."
         ) from error

@@ -47,7 +47,10 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         raise ConversionError(f"the folders of {source} have different shapes: {kinds}")
     shapes = replace(shapes, choices=max(each.choices for each in kinds.values()))
     timelines = [_timeline(folder, agents) for folder, agents in runs.items()]
-    sources = tuple(PolicySource(label=folder.name, name="external") for folder in folders)
+    sources = tuple(
+        PolicySource.parse({"label": folder.name, "name": "external"}, str(folder))
+        for folder in folders
+    )
     yield unnoted(task, shapes, timelines, choices, sources if len(folders) > 1 else None)
 
 

@@ -8,7 +8,6 @@ a buffer of it without copying. Read: such folders, folders that a replay buffer
 several groups, and batches [B, T] of a collector; whole trajectories are put together by their ids.
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
+from swarmdata.documents import read_document
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.ahead import Ahead
 from swarmdata.interop.choices import Choices
@@ -182,8 +182,20 @@ def _load(source: Path) -> Any:
     rows = tensordict.TensorDict.load_memmap(str(folder))
     counted = folder / "storage_metadata.json"
     if counted.is_file():  # a storage has room for more rows than were written
-        rows = rows[: int(json.loads(counted.read_bytes())["len"])]
+        rows = rows[: _length(counted)]
     return rows
+
+
+def _length(file: Path) -> int:
+    """Rows of a storage that were written.
+
+    Raises:
+        ConversionError: its note is damaged.
+    """
+    try:
+        return int(read_document(file)["len"])
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        raise ConversionError(f"{file} does not say the storage's `len`: {error!r}") from error
 
 
 def _noted(rows: Any, source: Path, note: Note) -> Incoming:

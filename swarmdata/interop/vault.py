@@ -11,7 +11,6 @@ user is asked.
 
 import contextlib
 import io
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
+from swarmdata.documents import read_document
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.ahead import Ahead
 from swarmdata.interop.choices import Choices
@@ -111,9 +111,9 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         ConversionError: it is no such folder, or is ambiguous.
     """
     try:
-        metadata = json.loads((source / "metadata.json").read_bytes())
+        metadata = read_document(source / "metadata.json")
         names = _names(metadata["structure_shape"])
-    except (OSError, ValueError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise ConversionError(
             f"{source} is not the folder of a vault's uid, such as 3m.vlt/Good, with a "
             f"metadata.json of Flashbax: {error!r}"

@@ -18,8 +18,12 @@ from safetensors.torch import save as serialize
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError
+from swarmdata.regular_files import read_regular
 
 FORMAT = "swarmdata-checkpoint-1"
+
+MAX_BYTES = 1 << 32
+"""Of a checkpoint file."""
 
 
 def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
@@ -49,9 +53,11 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         CheckpointError: there is no such file, it is damaged, or it is not a checkpoint.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular(path, MAX_BYTES)
     except FileNotFoundError as error:
         raise CheckpointError(f"there is no checkpoint at {path}. Was the run started?") from error
+    except OSError as error:
+        raise CheckpointError(f"cannot read the checkpoint {path}: {error}") from error
     try:
         tensors: dict[str, Tensor] = parse(data)
         header = _header(data)

@@ -120,10 +120,9 @@ def read_run(folder: Path) -> Run:
     """
     path = folder / CONFIG
     try:
-        text = path.read_text(encoding="utf-8")
+        return Run.from_file(path)
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a run folder: there is no {CONFIG}") from error
-    return Run.from_text(text, str(path))
 
 
 def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Policy]:

@@ -10,7 +10,8 @@ from typing import Any
 import yaml
 
 from swarmdata.dataset import Dataset
-from swarmdata.errors import SchemaError
+from swarmdata.documents import parse_yaml
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.metadata.croissant import CROISSANT, croissant, license_of
 from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
 from swarmdata.store import SPLITS
@@ -112,8 +113,8 @@ def _parsed(card: str, path: Path) -> tuple[dict[str, Any], str]:
         return {}, f"\n{card}"
     head, mark, text = card.removeprefix("---\n").partition("\n---\n")
     try:
-        front = yaml.safe_load(head) if mark else None
-    except yaml.YAMLError:
+        front = parse_yaml(head, "the card's front matter") if mark else None
+    except SpecError:
         front = None
     if not isinstance(front, dict):
         raise SchemaError(

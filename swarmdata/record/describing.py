@@ -10,10 +10,7 @@ from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.record.foreign import agents_of, horizon_of, library_of, task_name
 from swarmdata.record.reading import Reader
 from swarmdata.spaces import width
-from swarmdata.spec import PolicySource, Splits, TaskSpec
-
-MOST_POLICIES = 256
-"""An episode's policy is stored as one byte."""
+from swarmdata.spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
 
 StateSource = Literal["environment", "observations"]
 
@@ -93,7 +90,8 @@ def recording_of(
         SpecError: the id is not one of this environment, or two policies have one label.
     """
     sources = tuple(
-        PolicySource(label=p, name="external") if isinstance(p, str) else p for p in policies
+        PolicySource.parse({"label": p, "name": "external"}) if isinstance(p, str) else p
+        for p in policies
     )
     labels = [source.label for source in sources]
     if len(set(labels)) < len(labels) or not 1 <= len(labels) <= MOST_POLICIES:

@@ -37,12 +37,14 @@ def agents_of(env: Any) -> tuple[RecordedAgent, ...]:
             "to know all agents beforehand."
         )
     return tuple(
-        RecordedAgent(
-            name=str(name),
-            observation=without_mask(
-                space_of(env.observation_space(name), f"observation space of {name}")
-            ),
-            action=space_of(env.action_space(name), f"action space of {name}"),
+        RecordedAgent.parse(
+            {
+                "name": str(name),
+                "observation": without_mask(
+                    space_of(env.observation_space(name), f"observation space of {name}")
+                ),
+                "action": space_of(env.action_space(name), f"action space of {name}"),
+            }
         )
         for name in names
     )

@@ -102,7 +102,8 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
         key = agent.name if env.dict_spaces else index
         observation = space_of(env.observation_space[key], f"observation space of {agent.name}")
         action = space_of(env.action_space[key], f"action space of {agent.name}")
-        agents.append(RecordedAgent(name=agent.name, observation=observation, action=action))
+        content = {"name": agent.name, "observation": observation, "action": action}
+        agents.append(RecordedAgent.parse(content, "the scenario"))
     # VMAS loads scenarios from files, without a module's name
     file = Path(type(env.scenario).make_world.__code__.co_filename)
     name = task or clean_name(file.stem)

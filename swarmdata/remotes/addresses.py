@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 import yaml
 from platformdirs import user_config_path
 
-from swarmdata.errors import AddressError, UnknownNameError
+from swarmdata.documents import read_document
+from swarmdata.errors import AddressError, SpecError, UnknownNameError
 from swarmdata.remotes.buckets import BucketRemote
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.hugging_face import HubRemote
@@ -162,8 +163,8 @@ def stored_remotes() -> tuple[str, ...]:
     if not path.exists():
         return ()
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = read_document(path)
+    except (OSError, SpecError) as error:
         raise AddressError(f"{path} is not YAML: {error}. Correct or delete it.") from error
     listed = content.get("remotes") if isinstance(content, dict) else None
     if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):

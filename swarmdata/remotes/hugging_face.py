@@ -1,17 +1,17 @@
 """Datasets of one organization of a Hugging Face Hub, `hf://org`: a repository per dataset."""
 
-import json
 import os
 import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
+from swarmdata.documents import read_document
 from swarmdata.errors import (
     AbsentFileError,
     ConflictError,
     HubError,
+    SpecError,
     VersionTakenError,
 )
 from swarmdata.remotes.backoff import Backoff
@@ -214,8 +214,8 @@ def _data(paths: Iterable[str]) -> set[str]:
 def _id_in(manifest: Path, address: str) -> str:
     """The id that a manifest has, before it is checked as a whole."""
     try:
-        data: Any = json.loads(manifest.read_bytes())
-    except (ValueError, RecursionError) as error:
+        data = read_document(manifest)
+    except (OSError, SpecError) as error:
         raise HubError(f"{address} has a manifest that is not JSON: {error}.") from error
     found = data.get("id") if isinstance(data, dict) else None
     if not isinstance(found, str) or not is_id(found):

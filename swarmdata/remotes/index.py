@@ -2,7 +2,8 @@
 
 import json
 
-from swarmdata.errors import HubError
+from swarmdata.documents import parse_json
+from swarmdata.errors import HubError, SpecError
 from swarmdata.remotes.names import is_id
 
 INDEX = "index.json"
@@ -28,8 +29,8 @@ def read_index(content: bytes, address: str) -> tuple[str, ...]:
         HubError: it is not such a list, or one of the names is not an id.
     """
     try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        data = parse_json(content, INDEX)
+    except SpecError as error:
         raise _wrong(address, f"it is not JSON ({error})") from error
     listed = data.get("ids") if isinstance(data, dict) else None
     if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):

@@ -82,16 +82,11 @@ def split_codes(recipe: Origin, order: Sequence[tuple[int, int]]) -> Counts:
     split when the dataset grows.
 
     Raises:
-        SpecError: the recipe has no rule, or it leaves no episode of a block to train on.
+        SpecError: the recipe has no rule.
     """
     rule = split_rule(recipe)
     if rule is None or isinstance(recipe, Edit):
         raise SpecError(f"{recipe.id} has no rule of splits: its episodes brought theirs")
-    if rule.validation + rule.test >= rule.block:
-        raise SpecError(
-            f"splits of {recipe.id}: validation ({rule.validation}) + test ({rule.test}) must be "
-            f"less than block ({rule.block}), so that every block has train episodes"
-        )
     blocks = {(policy, episode // rule.block) for policy, episode in order}
     codes = {key: _block_codes(recipe.seed, rule, *key) for key in blocks}
     return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)

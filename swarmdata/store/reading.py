@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.errors import (
     ChecksumError,
     DatasetNotFoundError,
@@ -23,6 +24,7 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.origins import Origin, parse_origin
+from swarmdata.regular_files import read_regular
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,
@@ -301,10 +303,9 @@ def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uin
 def _read_recipe(path: Path, manifest: Manifest) -> Origin:
     file = path / RECIPE
     try:
-        content = file.read_bytes()
-        # not from_file: its YAML parser takes most of the time of opening
-        recipe = parse_origin(json.loads(content), str(file))
-    except (SpecError, ValueError, RecursionError) as error:
+        content = read_regular(file, MAX_JSON_BYTES)
+        recipe = parse_origin(parse_json(content, str(file)), str(file))
+    except (OSError, SpecError) as error:
         raise ManifestError(
             f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
         ) from error

@@ -5,11 +5,17 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from swarmdata.frozen import Frozen, Positive
+from swarmdata.naming import Text
 
 Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
-Count = Annotated[int, Field(ge=1)]
-Names = tuple[str, ...]
-Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
+Count = Annotated[int, Field(ge=1, le=10**12)]
+Points = Annotated[int, Field(ge=1, le=1_000)]
+Episodes = Annotated[int, Field(ge=1, le=1_000_000)]
+Width = Annotated[int, Field(ge=1, le=65_536)]
+Names = Annotated[tuple[str, ...], Field(max_length=1_000)]
+Seeds = Annotated[
+    tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...], Field(min_length=1, max_length=1_000)
+]
 
 Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
 """Of a dataset: all of it, its published first 5 %, or its first so many joint steps."""
@@ -19,7 +25,7 @@ class Variant(Frozen):
     """One algorithm with its settings: a row of the tables."""
 
     algorithm: str  # registered offline
-    family: str  # such as "value decomposition"; the best of each family is swept
+    family: Text  # such as "value decomposition"; the best of each family is swept
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
     updates: Count | None = None  # None: its default times the study's budget
     frame: str = "auto"  # that the robots see and act in, as `swarmdata train --frame`
@@ -45,8 +51,8 @@ class Baseline(Frozen):
 class Curves(Frozen):
     """Learning curves: how often, and on how many reserved seeds, policies are measured."""
 
-    points: Count = 10
-    episodes: Count = 64
+    points: Points = 10
+    episodes: Episodes = 64
     datasets: Names = ()  # of the study; empty: all
 
 
@@ -70,8 +76,8 @@ class Sweep(Frozen):
     observation: str | None = None
     vary: Literal["communication", "observation"]
     axis: str  # as `swarmdata sweep` takes it, such as drop=0..0.8
-    points: Count = 5
-    episodes: Count = 200
+    points: Points = 5
+    episodes: Episodes = 200
     families: Names = ()  # empty: all offline ones
 
 
@@ -79,7 +85,7 @@ class Losses(Frozen):
     """A figure of what training reports, such as Q-values."""
 
     column: str  # of the runs' losses.csv
-    label: str  # of the axis
+    label: Text  # of the axis
     datasets: Names
     algorithms: Names  # labels
 
@@ -88,14 +94,14 @@ class Study(Frozen):
     """A grid, its protocol and its budget."""
 
     name: Label
-    title: str = ""
+    title: Text = ""
     datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1)]
     seeds: Seeds = (0, 1, 2, 3, 4)
     budget: Positive = 1.0  # of each algorithm's default number of updates
-    hidden: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None  # of every network
+    hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
     settings: dict[str, Any] = Field(default_factory=dict)  # of every algorithm that has them
-    episodes: Count = 500  # reserved evaluation seeds
+    episodes: Episodes = 500  # reserved evaluation seeds
     curves: Curves | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)
     sizes: Sizes | None = None

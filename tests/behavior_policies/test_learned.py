@@ -125,7 +125,7 @@ def test_noise_is_gaussian_and_a_function_of_seed_and_time(tmp_path: Path) -> No
     path = tmp_path / "actor.safetensors"
     zeros = [(weight * 0, bias * 0) for weight, bias in network()]
     saved = save_actor(path, zeros, np.zeros(SIZE), np.ones(SIZE))
-    policy = Learned(SPEC, checkpoint=str(path), sha256=saved.sha256, noise=0.2)
+    policy = Learned(SPEC, checkpoint=path, sha256=saved.sha256, noise=0.2)
     step = step_of(5000)
     actions = policy.act(step)
     assert abs(float(actions.mean())) < 0.005
@@ -140,7 +140,7 @@ def test_noise_is_gaussian_and_a_function_of_seed_and_time(tmp_path: Path) -> No
 def test_noise_is_clipped_to_the_action_range(tmp_path: Path) -> None:
     path = tmp_path / "actor.safetensors"
     saved = write(path)
-    policy = Learned(SPEC, checkpoint=str(path), sha256=saved.sha256, noise=2.0)
+    policy = Learned(SPEC, checkpoint=path, sha256=saved.sha256, noise=2.0)
     actions = policy.act(step_of(100))
     assert np.abs(actions).max() == 1.0
 
@@ -156,7 +156,7 @@ def test_saving_reports_the_digest_and_the_rounding(tmp_path: Path) -> None:
 def test_another_digest_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "actor.safetensors")
     with pytest.raises(CheckpointError, match="has SHA-256"):
-        Learned(SPEC, checkpoint=str(tmp_path / "actor.safetensors"), sha256="0" * 64)
+        Learned(SPEC, checkpoint=tmp_path / "actor.safetensors", sha256="0" * 64)
 
 
 def test_a_corrupted_file_is_refused(tmp_path: Path) -> None:
@@ -166,7 +166,7 @@ def test_a_corrupted_file_is_refused(tmp_path: Path) -> None:
     data[-1] ^= 1
     path.write_bytes(data)
     with pytest.raises(CheckpointError, match="has SHA-256"):
-        Learned(SPEC, checkpoint=str(path), sha256=saved.sha256)
+        Learned(SPEC, checkpoint=path, sha256=saved.sha256)
     with pytest.raises(CheckpointError, match="not a safetensors file"):
         load_actor(bytes(data[: len(data) // 2]), 4, "half")
 
@@ -174,7 +174,7 @@ def test_a_corrupted_file_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_named() -> None:
     with pytest.raises(CheckpointError, match="no_such_actor"):
         Learned(SPEC, checkpoint="no_such_actor.safetensors", sha256="0" * 64)
-    with pytest.raises(CheckpointError, match="neither a file name nor an absolute path"):
+    with pytest.raises(CheckpointError, match="not the name of a file"):
         Learned(SPEC, checkpoint="../actor.safetensors", sha256="0" * 64)
 
 
@@ -244,7 +244,7 @@ def test_saving_refuses_large_weights(tmp_path: Path) -> None:
 
 def test_other_observations_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "actor.safetensors"
-    policy = Learned(SPEC, checkpoint=str(path), sha256=write(path).sha256)
+    policy = Learned(SPEC, checkpoint=path, sha256=write(path).sha256)
     step = step_of(2)
     with pytest.raises(SchemaError, match="have 40 features"):
         policy.act(step._replace(observations=step.observations[..., :40]))
@@ -253,4 +253,4 @@ def test_other_observations_are_refused(tmp_path: Path) -> None:
 def test_negative_noise_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "actor.safetensors"
     with pytest.raises(SpecError, match="noise"):
-        Learned(SPEC, checkpoint=str(path), sha256=write(path).sha256, noise=-0.1)
+        Learned(SPEC, checkpoint=path, sha256=write(path).sha256, noise=-0.1)

@@ -115,7 +115,8 @@ def test_layouts_do_not_depend_on_the_seed() -> None:
 
 
 def test_unicycles_get_headings_and_others_do_not() -> None:
-    spec = spec_of("swap", 4, team=[{"count": 2}, {"count": 2, "robot": {"dynamics": "unicycle"}}])
+    turning = {"name": "turning", "count": 2, "robot": {"dynamics": "unicycle"}}
+    spec = spec_of("swap", 4, team=[{"count": 2}, turning])
     headings = robots_of(reset(spec, 20).states, 4)[..., UX : UX + 2]
     assert (headings[:, :2] == [1.0, 0.0]).all()
     np.testing.assert_allclose(np.linalg.norm(headings, axis=-1), 1.0, atol=1e-6)

@@ -95,6 +95,5 @@ def test_other_seeds_give_other_splits() -> None:
 
 
 def test_a_rule_without_train_episodes_is_refused() -> None:
-    recipe = make_recipe(10).model_copy(update={"splits": Splits(block=3, validation=2, test=1)})
     with pytest.raises(SpecError, match="less than block"):
-        split_codes(recipe, [(0, 0)])
+        Splits.parse({"block": 3, "validation": 2, "test": 1})

@@ -1,0 +1,301 @@
+"""What a world costs: an estimate from its spec alone, and the most that a spec may ask for.
+
+The limits leave room for large research (256 robots; 1,024 rays; 64 frames) and refuse what would
+fill the memory or never end. Single counts are bounded, and so are the products that matter: the
+memory of one copy and of one recorded episode, the time of one control step and of drawing one
+layout. The estimates are of the right order, rather too large than too small:
+`tests/test_budget.py` holds them to what worlds take.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+from swarmdata.rules import (
+    Corridor,
+    Doorway,
+    FormationRules,
+    NavigationRules,
+    RandomArrangement,
+    WarehouseRules,
+)
+from swarmdata.senses import BearingModel, Broadcast, LidarModel, OccupancyModel, StateModel
+
+if TYPE_CHECKING:
+    from swarmdata.spec import TaskSpec
+
+MAX_ROBOTS = 1_024
+MAX_OBSTACLES = 1_024
+MAX_FRAMES = 256  # of a stack
+MAX_DELAY = 1_000  # control steps, of a sensor or of the radio
+MAX_HORIZON = 1_000_000  # control steps
+MAX_SUBSTEPS = 1_000  # physics steps in a control step
+MAX_PLACES = 65_536  # where goods are picked or delivered in a warehouse
+MAX_OBSERVATION = 524_288  # numbers that one robot observes in a step
+MAX_COPY_BYTES = 1 << 29  # of one copy of a world
+MAX_EPISODE_BYTES = 1 << 32  # of one recorded episode in memory
+MAX_STEP_SECONDS = 1.0  # of one copy's control step
+MAX_DRAW_SECONDS = 5.0  # of giving up to draw one copy's layout
+MAX_TOTAL_BYTES = 1 << 36  # of all copies together
+
+_TRIES = 64  # draws of one place, as in `envs.spawn`
+_STRIDE = 4  # control steps between the places of a path looked at, as in `envs.formation_spawn`
+
+
+class Size(NamedTuple):
+    """The counts that everything else follows from."""
+
+    robots: int  # N
+    obstacles: int  # M
+    places: int  # of a warehouse
+    frame: int  # numbers in one frame of one robot's observation
+    frames: int  # kept by the sensor: stack and delay
+    observation: int  # numbers that one robot observes, messages included, O
+    message: int  # numbers in one message
+    links: int  # steps of messages under way; 0: robots do not talk
+    state: int  # numbers in a state, S
+    horizon: int  # T
+
+
+class Demand(NamedTuple):
+    """What a world takes on one core of an ordinary machine."""
+
+    copy_bytes: float
+    episode_bytes: float
+    step_seconds: float
+    draw_seconds: float  # until no layout is found
+
+
+def excesses(spec: "TaskSpec") -> Iterator[str]:
+    """Yields a sentence for each limit that a spec exceeds: got, the most, and what to reduce."""
+    size = size_of(spec)
+    substeps = spec.control_dt / spec.physics_dt
+    counts = {
+        "team: {} robots (the sum of each count)": (size.robots, MAX_ROBOTS),
+        "obstacles: {} of them, shelves included": (size.obstacles, MAX_OBSTACLES),
+        "rules: {} places (2 x aisles x blocks x bays + stations)": (size.places, MAX_PLACES),
+        "observation.stack: {} frames": (spec.observation.stack, MAX_FRAMES),
+        "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY),
+        "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY),
+        "horizon: {} steps": (size.horizon, MAX_HORIZON),
+        "physics_dt: {} physics steps in control_dt": (substeps, MAX_SUBSTEPS),
+        "observation: {} numbers for each robot (all frames, and messages)": (
+            size.observation,
+            MAX_OBSERVATION,
+        ),
+    }
+    for what, (got, most) in counts.items():
+        if got > most:
+            yield f"{what.format(f'{got:,.0f}')}, at most {most:,} are allowed"
+    demand = demand_of(spec, size, substeps)
+    costs = list(_costs_too_much(spec, demand))
+    yield from costs
+    if not costs and any(got > most for got, most in counts.values()):
+        yield describe_demand(demand)
+
+
+def _costs_too_much(spec: "TaskSpec", demand: Demand) -> Iterator[str]:
+    team, view = f"{spec.n_agents:,} robots", _view(spec)
+    if demand.copy_bytes > MAX_COPY_BYTES:
+        yield (
+            f"one copy of the world takes about {in_bytes(demand.copy_bytes)}, at most "
+            f"{in_bytes(MAX_COPY_BYTES)} are allowed: reduce team ({team}), observation ({view}) "
+            "or communication"
+        )
+    if demand.episode_bytes > MAX_EPISODE_BYTES:
+        yield (
+            f"one recorded episode takes about {in_bytes(demand.episode_bytes)}, at most "
+            f"{in_bytes(MAX_EPISODE_BYTES)} are allowed: reduce horizon ({spec.horizon:,} steps), "
+            f"team ({team}) or observation ({view})"
+        )
+    if demand.step_seconds > MAX_STEP_SECONDS:
+        yield (
+            f"one control step takes about {in_seconds(demand.step_seconds)}, at most "
+            f"{in_seconds(MAX_STEP_SECONDS)} are allowed: reduce team ({team}), observation "
+            f"({view}), obstacles or control_dt / physics_dt"
+        )
+    if demand.draw_seconds > MAX_DRAW_SECONDS:
+        yield (
+            f"drawing a layout takes up to about {in_seconds(demand.draw_seconds)}, at most "
+            f"{in_seconds(MAX_DRAW_SECONDS)} are allowed: reduce spawn.max_attempts "
+            f"({spec.spawn.max_attempts:,}), team ({team}) or obstacles"
+        )
+
+
+def copies_excess(spec: "TaskSpec", n_copies: int) -> str | None:
+    """What is wrong with that many copies of a world, None if nothing is."""
+    one = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
+    if n_copies < 1 or one * n_copies > MAX_TOTAL_BYTES:
+        return (
+            f"{n_copies:,} copies of {spec.task} with {spec.n_agents:,} robots take about "
+            f"{in_bytes(one * max(n_copies, 0))}, expected from 1 to "
+            f"{int(MAX_TOTAL_BYTES / one):,} copies ({in_bytes(MAX_TOTAL_BYTES)})"
+        )
+    return None
+
+
+def part_excess(spec: "TaskSpec", part_episodes: int) -> str | None:
+    """What is wrong with parts of that many episodes, None if nothing is."""
+    one = demand_of(spec, size_of(spec), spec.n_substeps).episode_bytes
+    if part_episodes > 1 and one * part_episodes > MAX_TOTAL_BYTES:
+        return (
+            f"part_episodes is {part_episodes:,}: a part may take about "
+            f"{in_bytes(one * part_episodes)} of memory, expected at most "
+            f"{int(MAX_TOTAL_BYTES / one):,} episodes ({in_bytes(MAX_TOTAL_BYTES)})"
+        )
+    return None
+
+
+def describe_demand(demand: Demand) -> str:
+    """The estimate in words."""
+    return (
+        f"estimated: {in_bytes(demand.copy_bytes)} for a copy of the world, "
+        f"{in_bytes(demand.episode_bytes)} for a recorded episode, "
+        f"{in_seconds(demand.step_seconds)} for a control step"
+    )
+
+
+def size_of(spec: "TaskSpec") -> Size:
+    """Counts what a spec asks for, without building anything of that size."""
+    n, horizon = sum(role.count for role in spec.team), spec.horizon
+    m, places = _fixed_shapes(spec)
+    extra_features, extra_states = _task_extras(spec, n)
+    frame = _frame(spec) + extra_features
+    roles = len(spec.team) if len(spec.team) > 1 else 0
+    message = links = heard = 0
+    channel = spec.communication
+    if isinstance(channel, Broadcast):
+        message = channel.message_size if channel.payload == "learned" else 8
+        links, heard = channel.delay + 1, (n - 1) * (message + 3)
+    return Size(
+        robots=n,
+        obstacles=m,
+        places=places,
+        frame=frame,
+        frames=spec.observation.stack + spec.observation.delay,
+        observation=frame * spec.observation.stack + roles + heard,
+        message=message,
+        links=links,
+        state=8 * n + extra_states,
+        horizon=horizon,
+    )
+
+
+def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
+    """Estimates memory and time of a world of this size."""
+    n, m, o = size.robots, size.obstacles, size.observation
+    links = n * n if size.links else 0
+    one_step = 4 * (n * (o + size.message + 8) + size.state) + 2 * links
+    history = 4 * n * size.frame * (size.frames + 1 if size.frames > 1 else 1)
+    radio = links * 4 * (size.message + 2) + size.links * (4 * n * size.message + links)
+    objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
+    around = n + m + 4
+    sensing = _sensing_operations(spec, n, m) + n * o + links * (size.message + 4)
+    matching = 2 * n**3 if _has_assignment(spec) else 0
+    physics = substeps * (500 * around + 2 * n * around)
+    return Demand(
+        copy_bytes=4 * one_step + history + radio + objects,
+        episode_bytes=float(size.horizon) * one_step,
+        step_seconds=1e-9 * (sensing + matching + physics + 10 * n * around),
+        draw_seconds=1e-9 * spec.spawn.max_attempts * _draw_operations(spec, n, m),
+    )
+
+
+def _fixed_shapes(spec: "TaskSpec") -> tuple[int, int]:
+    """Obstacles of any kind, and places of a warehouse."""
+    rules, counts = spec.rules, spec.obstacles
+    drawn = counts.circles + counts.boxes + counts.corners + counts.pockets
+    if isinstance(rules, WarehouseRules):
+        shelves = rules.aisles * rules.blocks
+        return drawn + shelves, 2 * shelves * rules.bays + rules.stations
+    if isinstance(rules, NavigationRules) and isinstance(rules.arrangement, Doorway | Corridor):
+        return drawn + 2, 0
+    return drawn, 0
+
+
+def _frame(spec: "TaskSpec") -> int:
+    """Numbers of a frame of the model's kind."""
+    model = spec.observation
+    if isinstance(model, LidarModel):
+        return 12 + 5 * model.n_rays
+    if isinstance(model, OccupancyModel):
+        return 12 + 4 * model.cells**2
+    if isinstance(model, BearingModel):
+        return 12 + 8 * model.n_neighbors
+    return 12 + 8 * (model.n_neighbors + model.n_obstacles)
+
+
+def _task_extras(spec: "TaskSpec", n: int) -> tuple[int, int]:
+    """Numbers that a task adds to an observation, and to a state."""
+    rules = spec.rules
+    if isinstance(rules, FormationRules):
+        duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
+        points = int(duration / rules.segment_time) + 4
+        return 8 + 2 * len(rules.preview), 2 * points + n * (4 + 2 * len(rules.preview))
+    if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
+        return 8 * n, 2 * n
+    return 24, 16 + 6 * n
+
+
+def _has_assignment(spec: "TaskSpec") -> bool:
+    rules = spec.rules
+    return (isinstance(rules, FormationRules) and rules.slots == "assigned") or (
+        isinstance(rules, NavigationRules) and rules.goals == "unassigned"
+    )
+
+
+def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
+    """Nanoseconds of what all robots sense in one step."""
+    model, around = spec.observation, n + m + 4
+    if isinstance(model, LidarModel):
+        return 0.3 * n * around * model.n_rays
+    if isinstance(model, OccupancyModel):
+        return 0.2 * n * around * model.cells**2
+    if isinstance(model, BearingModel):
+        return 1.0 * n * n * around
+    return n * around * (10.0 + 0.5 * min(model.n_neighbors + model.n_obstacles, n + m))
+
+
+def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
+    """Nanoseconds of an attempt that fails: two draws of each place, all of the last one."""
+    rules = spec.rules
+    if isinstance(rules, NavigationRules) and not isinstance(rules.arrangement, RandomArrangement):
+        return 0.0
+    one = 1.0 * n + 6.0 * m
+    attempt = 2.0 * ((2 * n + m) * one) + _TRIES * one
+    if isinstance(rules, FormationRules):
+        steps = max(float(spec.horizon), rules.segment_time / spec.control_dt)
+        looks = steps / _STRIDE + 1.0
+        attempt += looks * (100.0 + 6.0 * n * m + 10.0 * m)
+    return attempt
+
+
+def _view(spec: "TaskSpec") -> str:
+    model = spec.observation
+    match model:
+        case LidarModel():
+            size = f"{model.n_rays:,} rays"
+        case OccupancyModel():
+            size = f"{model.cells:,} x {model.cells:,} cells"
+        case BearingModel():
+            size = f"{model.n_neighbors:,} neighbors"
+        case StateModel():
+            size = f"{model.n_neighbors:,} neighbors and {model.n_obstacles:,} obstacles"
+    return f"{size} x {model.stack:,} frames"
+
+
+def in_bytes(n: float) -> str:
+    """Bytes in the unit that suits them."""
+    for unit in ("B", "KiB", "MiB", "GiB", "TiB", "PiB"):
+        if n < 1024 or unit == "PiB":
+            break
+        n /= 1024
+    return f"{n:,.3g} {unit}" if n < 1000 else f"{n:,.0f} {unit}"
+
+
+def in_seconds(seconds: float) -> str:
+    """A duration in the unit that suits it."""
+    for unit, size in (("ms", 1e-3), ("s", 1.0), ("h", 3600.0), ("years", 3.15e7)):
+        shown, named = seconds / size, unit
+        if shown < 1000:
+            break
+    return f"{shown:,.3g} {named}" if shown < 1000 else f"{shown:,.0f} {named}"

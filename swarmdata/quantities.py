@@ -1,0 +1,41 @@
+"""Physical and other quantities of specs, with bounds that no research needs to leave.
+
+They keep every number of a world finite in float32, so that no spec makes a state, an observation
+or the sum of an episode's rewards infinite.
+"""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+
+def _bounded(least: float, most: float) -> object:
+    return Field(ge=least, le=most, allow_inf_nan=False)
+
+
+Length = Annotated[float, _bounded(1e-3, 1e3)]  # m, above 0
+Distance = Annotated[float, _bounded(0.0, 1e3)]  # m, may be 0
+Duration = Annotated[float, _bounded(1e-3, 1e3)]  # s
+Speed = Annotated[float, _bounded(1e-3, 1e2)]  # m/s
+Acceleration = Annotated[float, _bounded(1e-3, 1e3)]  # m/s^2
+TurnRate = Annotated[float, _bounded(1e-3, 1e2)]  # rad/s
+Angle = Annotated[float, _bounded(1e-6, 10.0)]  # rad
+Mass = Annotated[float, _bounded(1e-2, 1e4)]  # kg
+Force = Annotated[float, _bounded(1e-3, 1e5)]  # N
+Deviation = Annotated[float, _bounded(0.0, 1e3)]  # standard deviation, in the unit of the quantity
+Weight = Annotated[float, _bounded(0.0, 1e6)]  # of a term of the reward
+
+
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] > span[1]:
+        raise ValueError(f"{span} begins above its end, expected the smaller first")
+    return span
+
+
+Span = Annotated[tuple[Length, Length], AfterValidator(_ordered)]  # m, smallest and largest
+
+Count = Annotated[int, Field(ge=1, le=10**12)]
+"""Of whatever there must be one of; `budget` says how many are too many."""
+
+CountOrNone = Annotated[int, Field(ge=0, le=10**12)]
+"""The same of what need not be there."""

@@ -1,0 +1,46 @@
+"""Files that somebody else named, read only if they are regular and of bounded size."""
+
+import os
+import stat
+from pathlib import Path
+
+
+def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> bytes:
+    """Returns the bytes of a regular file.
+
+    What it is and how large is looked at before anything is read, and no more than `most_bytes`
+    ever is: a device, a pipe or a file that grows neither blocks nor fills the memory.
+
+    Args:
+        path: of the file.
+        most_bytes: that it may have.
+        follow_links: whether `path` may be a symbolic link to such a file.
+
+    Raises:
+        OSError: it cannot be opened, is no regular file, or is larger.
+    """
+    if not follow_links and path.is_symlink():
+        raise OSError(f"{path} is a symbolic link, expected a regular file")
+    _check(path, path.stat())  # some that are not can hardly be opened
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
+    with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
+        found = os.fstat(file.fileno())  # of what was opened, whatever happened in between
+        _check(path, found)
+        content = file.read(most_bytes + 1) if found.st_size <= most_bytes else None
+    if content is None or len(content) > most_bytes:
+        raise OSError(f"{path} has more than {most_bytes} bytes, which is the most allowed")
+    return content
+
+
+def _check(path: Path, found: os.stat_result) -> None:
+    if stat.S_ISREG(found.st_mode):
+        return
+    kinds = {
+        stat.S_IFDIR: "a folder",
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFSOCK: "a socket",
+        stat.S_IFCHR: "a device",
+        stat.S_IFBLK: "a device",
+    }
+    kind = kinds.get(stat.S_IFMT(found.st_mode), "no plain file")
+    raise OSError(f"{path} is {kind}, expected a regular file")

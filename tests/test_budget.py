@@ -1,0 +1,123 @@
+"""Budgets: estimates hold what worlds take, and each limit can be reached and not passed."""
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.budget import (
+    MAX_TOTAL_BYTES,
+    copies_excess,
+    demand_of,
+    describe_demand,
+    in_bytes,
+    in_seconds,
+    size_of,
+)
+from swarmdata.errors import SpecError
+from swarmdata.models import with_models
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import make_env
+from swarmdata.spec import Recipe, TaskSpec
+
+MODELS = [
+    ("state", "none"),
+    ("state-10+stack-4", "perfect"),
+    ("lidar-48+stack-3+delay-2", "state+delayed-3"),
+    ("bearing-5", "learned-6"),
+    ("occupancy-11", "goal+nearest-2"),
+]
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_sizes_are_those_of_the_world(name: str) -> None:
+    for observation, communication in MODELS:
+        spec = with_models(preset(name), observation, communication)
+        size, env = size_of(spec), make_env(spec)
+        step = env.reset(np.array([1], np.uint64))
+        assert env.observation_size <= size.observation <= 2 * env.observation_size + 100
+        assert step.states.shape[1] <= size.state <= 3 * step.states.shape[1] + 100
+        assert step.layouts.shape[1] <= size.obstacles <= step.layouts.shape[1] + 1
+        assert step.sent.shape[2] <= size.message
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"team": [{"count": 128}], "arena": {"width": 30, "height": 30}},
+        {"observation": {"kind": "lidar", "n_rays": 512, "stack": 16}},
+        {"observation": {"kind": "lidar", "n_rays": 256, "delay": 200}},
+        {"observation": {"kind": "occupancy", "cells": 64, "stack": 4}},
+        {"communication": {"kind": "broadcast", "payload": "learned", "message_size": 1024}},
+        {
+            "team": [{"count": 64}],
+            "arena": {"width": 30, "height": 30},
+            "communication": {"kind": "broadcast", "delay": 300},
+        },
+    ],
+)
+def test_a_copy_takes_no_more_memory_than_estimated(changes: dict[str, Any]) -> None:
+    spec = TaskSpec.parse(changes)
+    estimate = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
+    _drive(spec)  # kernels are loaded once
+    tracemalloc.start()
+    _drive(spec)
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert estimate / 20 < taken < 1.2 * estimate, f"{in_bytes(taken)} of {in_bytes(estimate)}"
+
+
+def _drive(spec: TaskSpec) -> None:
+    env = make_env(spec)
+    env.reset(np.array([1], np.uint64))
+    actions = np.zeros((1, spec.n_agents, spec.action_size), np.float32)
+    for _ in range(3):
+        env.step(actions)
+
+
+def test_copies_are_bounded_together() -> None:
+    spec = TaskSpec.parse({"observation": {"kind": "lidar", "n_rays": 1024, "stack": 16}})
+    one = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
+    most = int(MAX_TOTAL_BYTES / one)
+    assert copies_excess(spec, most) is None
+    for n in (0, -1, most + 1, 10**9):
+        with pytest.raises(SpecError, match=f"expected from 1 to {most:,} copies"):
+            make_env(spec, n)
+
+
+def test_a_part_of_a_dataset_fits_into_memory() -> None:
+    recipe: dict[str, Any] = {
+        "id": "coop_nav-a-v0",
+        "tier": "a",
+        "spec": {"horizon": 100_000, "observation": {"kind": "lidar", "n_rays": 256}},
+        "policies": [{"label": "a", "name": "random"}],
+    }
+    assert Recipe.parse({**recipe, "part_episodes": 1})
+    with pytest.raises(SpecError, match=r"part_episodes is 256: a part may take about [0-9]+ GiB"):
+        Recipe.parse(recipe)
+
+
+def test_every_preset_is_far_below_the_limits() -> None:
+    for name in preset_names():
+        demand = demand_of(preset(name), size_of(preset(name)), preset(name).n_substeps)
+        assert demand.copy_bytes < 2e6
+        assert demand.episode_bytes < 1e7
+        assert demand.step_seconds < 1e-3
+        assert demand.draw_seconds < 1
+        assert "for a recorded episode" in describe_demand(demand)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0 B"), (1023, "1,023 B"), (1024, "1 KiB"), (7.3 * 2**40, "7.3 TiB"), (2.0**80, "1,073")],
+)
+def test_bytes_are_readable(value: float, text: str) -> None:
+    assert in_bytes(value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1e-4, "0.1 ms"), (2.5, "2.5 s"), (7200, "2 h"), (1e15, "31,746,032 years")]
+)
+def test_durations_are_readable(value: float, text: str) -> None:
+    assert in_seconds(value) == text

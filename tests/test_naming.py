@@ -1,0 +1,79 @@
+"""Names: what is allowed stays what it is, everything else is refused in a sentence."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.behavior_policies.tiers import TIERS, shipped_recipes
+from swarmdata.errors import SpecError
+from swarmdata.frozen import Frozen
+from swarmdata.naming import FileName, Label, Name, Text, checked_file_name, repeated
+
+
+class Named(Frozen):
+    """One of each."""
+
+    name: Name = "a"
+    label: Label = "a"
+    file: FileName = "aa"
+    text: Text = ""
+
+
+@pytest.mark.parametrize("name", ["robot", "left-arm_2", "adversary_0", "1", "a.b", "arm:2", "A+"])
+def test_plain_names_are_names(name: str) -> None:
+    assert Named.parse({"name": name}).name == name
+    assert Named.parse({"label": name}).label == name
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["expert-0", "coop_nav-medium-v0/expert-0-2", "PPO (seed 3)", "lr=1e-3, wd=0", "50%", "a/b/c"],
+)
+def test_what_people_call_policies_is_a_label(label: str) -> None:
+    assert Named.parse({"label": label}).label == label
+
+
+@pytest.mark.parametrize("label", ["a//b", "/a", "a/", "a/ /b", "a/../b", "a/con", " a", "a "])
+def test_labels_that_would_leave_a_folder_or_hide_are_refused(label: str) -> None:
+    with pytest.raises(SpecError, match="is no label, expected at most 256"):
+        Named.parse({"label": label})
+
+
+def test_everything_shipped_has_names() -> None:
+    for recipe in shipped_recipes().values():
+        for source in recipe.policies:
+            assert Named.parse({"label": source.label}).label == source.label
+            assert source.checkpoint is None or checked_file_name(source.checkpoint)
+    assert all(Named.parse({"label": tier}) for tier in TIERS)
+
+
+@given(text=st.text(max_size=60))
+def test_any_text_is_a_name_or_is_refused_in_one_sentence(text: str) -> None:
+    for field in ("name", "label", "file", "text"):
+        message = refusal(field, text)
+        assert message.isprintable()
+        if not message and field != "text":
+            assert text.isascii()
+            assert text.isprintable()
+            assert ".." not in text
+
+
+def refusal(field: str, text: str) -> str:
+    try:
+        Named.parse({field: text})
+    except SpecError as error:
+        return str(error)
+    return ""
+
+
+def test_free_text_is_printable_and_bounded() -> None:
+    assert Named.parse({"text": "eine Zeile,\nnoch eine: größer"}).text
+    with pytest.raises(SpecError, match=r"text of 1 characters with the character '\\x1b', expe"):
+        Named.parse({"text": "\x1b"})
+    with pytest.raises(SpecError, match="text of 10,001 characters, expected at most 10,000"):
+        Named.parse({"text": "a" * 10_001})
+
+
+def test_what_comes_twice_is_found() -> None:
+    assert repeated(["b", "a", "b", "c", "a"]) == ["a", "b"]
+    assert repeated([]) == []
