@@ -31,7 +31,7 @@ from tqdm import tqdm
 from swarmdata.errors import BuildError, SpecError, SwarmdataError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import OnlineAlgorithm, Policy
-from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint, write_atomically
+from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.metrics import episode_metrics
@@ -40,6 +40,7 @@ from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 
 SPEED = "speed.csv"
 REPLAY = "replay"
@@ -170,7 +171,7 @@ def _claim(folder: Path, run: OnlineRun) -> None:
     """Makes the folder this run's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / CONFIG).exists():
-        write_atomically(folder / CONFIG, run.to_json().encode())
+        write_file(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
     different = [name for name in ours if ours[name] != theirs[name]]

@@ -14,6 +14,7 @@ from swarmdata.registry import make_task
 from swarmdata.reobserve import attempted_links
 from swarmdata.sensing.scans import scan_of
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import staged
 from swarmdata.types import END_REASONS, Episode
 
 CLIPS = (*SUFFIXES, ".png")
@@ -48,13 +49,16 @@ def write_clip(
         SchemaError: another kind of file, or an episode that does not fit the spec.
         MissingExtraError: Pillow is not installed.
         ProgramError: an MP4 needs ffmpeg.
+        DiskFullError: no space was left.
     """
     check_clip(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        animate(episode, spec, out, size=size, stride=stride, scans=scans, attempted=attempted)
+        options = {"size": size, "stride": stride, "scans": scans, "attempted": attempted}
+        with staged(out) as target:
+            animate(episode, spec, target, **options)
         return
     last = len(episode)
     image = draw(
@@ -68,4 +72,5 @@ def write_clip(
         size=size,
         caption=f"{last * spec.control_dt:.1f} s    {END_REASONS[episode.end_reason]}",
     )
-    save_png(image, out)
+    with staged(out) as target:
+        save_png(image, target)

@@ -23,6 +23,7 @@ from swarmdata.models import is_same_world
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 from swarmdata.sweep_axes import Axis, Course, course_of
 from swarmdata.sweep_estimates import estimates_of
 from swarmdata.sweep_plots import plot_degradation
@@ -211,8 +212,8 @@ def _along(axis: Axis, course: Course, trained: TaskSpec) -> list[_Place]:
 
 
 def _write(found: Sequence[Degradation], out: Path) -> None:
-    (out / "sweep.csv").write_text(to_csv(found), encoding="utf-8")
+    write_file(out / "sweep.csv", to_csv(found).encode())
     text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
-    (out / "sweep.md").write_text(text, encoding="utf-8")
+    write_file(out / "sweep.md", text.encode())
     for each in found:
         plot_degradation(each, out / f"{each.part}-{each.name}.png")

@@ -42,6 +42,7 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import RecordedSpec
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.scaling import choices_of, has_choices
+from swarmdata.store.atomic import write_file
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -221,7 +222,7 @@ def _claim(folder: Path, run: Run) -> None:
     """Makes the folder this run's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / CONFIG).exists():
-        checkpoint.write_atomically(folder / CONFIG, run.to_json().encode())
+        write_file(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
     different = [name for name in ours if ours[name] != theirs[name]]

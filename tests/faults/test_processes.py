@@ -57,6 +57,12 @@ def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> Non
     assert found["kills"] >= 3
 
 
+def test_a_killed_conversion_is_cleaned_up_by_the_next(tmp_path: Path) -> None:
+    """Row 82: before every change of the disk; no part of a file is ever visible."""
+    found = kill_points("export", tmp_path, 1)
+    assert found["kills"] >= 6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("operation", "stride"), [("publish", 5), ("repair", 1), ("fetch", 4)])
 def test_kills_before_many_changes_of_the_disk_are_survived(

@@ -9,6 +9,7 @@ from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTa
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import pull
+from tests.tiny import abandoned
 from tests.remotes.conftest import ID, NEXT, same_files
 
 
@@ -56,7 +57,7 @@ def test_an_interrupted_push_is_invisible(
     assert remote.ids() == ()
     assert [path.name for path in root.iterdir()] == [".publish.lock"]
 
-    (root / ".tmp-killed").mkdir()
+    abandoned(root / ID)
     assert remote.find(remote.publish(dataset, ID).id) is not None
     assert {path.name for path in root.iterdir()} == {".publish.lock", "index.json", ID}
 
