@@ -18,6 +18,7 @@ from swarmdata.cards.render import write_card
 from swarmdata.errors import (
     ChecksumError,
     DatasetNotFoundError,
+    DiskFullError,
     RecipeConflictError,
     SwarmdataError,
 )
@@ -184,6 +185,8 @@ def _fetch(wanted: _Wanted, folder: Path, remotes: Iterable[str], progress: bool
             if release is not None:
                 _arrive(remote, release, folder, wanted, progress)
                 return release.address
+        except DiskFullError:
+            raise  # no fault of the remote, and the next one needs the same space
         except SwarmdataError as error:
             skip(address, wanted.id, error)
     return None

@@ -56,11 +56,8 @@ def staged(path: Path) -> Iterator[Path]:
         sync_tree(target) if target.is_dir() else sync(target)
         target.rename(path)
     except (OSError, RuntimeError, ValueError) as error:
-        is_ours = isinstance(error, SwarmdataError) and not isinstance(error, ProgramError)
-        full = None if is_ours else _full_disk(error, path, scratch)
-        if full is None:
-            raise
-        raise full from error
+        _raise_if_full(error, path, scratch)
+        raise
     finally:
         if scratch is not None:
             shutil.rmtree(scratch)
@@ -95,6 +92,24 @@ def new_folder(path: Path) -> Iterator[Path]:
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not _is_published(error, path):
             raise
+
+
+@contextlib.contextmanager
+def disk_full_explained(path: Path, folder: Path | None = None) -> Iterator[None]:
+    """Turns errors of a full disk into `DiskFullError`, where a file is added to in place.
+
+    Args:
+        path: what is written, for the message.
+        folder: where it grows; None: at `path` itself.
+
+    Raises:
+        DiskFullError: no space, or no inode, was left.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        _raise_if_full(error, path, folder)
+        raise
 
 
 def require_space(path: Path, needed: int) -> None:
@@ -190,23 +205,25 @@ def _is_published(error: OSError, path: Path) -> bool:
     return error.filename2 is not None and Path(error.filename2) == path and path.is_dir()
 
 
-def _full_disk(error: Exception, path: Path, scratch: Path | None) -> DiskFullError | None:
-    """What an error of writing means if the disk is full, None if it is not.
+def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
+    """Raises `DiskFullError` if that is what an error of writing means.
 
     NumPy and the C library report a short write without a number, other libraries in words of
     their own, so the free space decides too.
     """
+    if isinstance(error, SwarmdataError) and not isinstance(error, ProgramError):
+        return
     found = os.statvfs(path.parent)
     free = found.f_bavail * found.f_frsize
     lacks_inodes = found.f_files > 0 and found.f_favail == 0
     said = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
     if not said and free > LITTLE and not lacks_inodes:
-        return None
-    files = [] if scratch is None else list(scratch.rglob("*"))
+        return
+    files = [path] if scratch is None else list(scratch.rglob("*"))
     written = sum(file.stat().st_size for file in files if file.is_file())
     lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Delete some files")
-    return DiskFullError(
+    raise DiskFullError(
         f"no {lack} is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
         f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "
         f"what was finished before is. {cure} and run the same again to go on."
-    )
+    ) from error

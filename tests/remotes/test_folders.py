@@ -9,8 +9,8 @@ from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTa
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import pull
-from tests.tiny import abandoned
 from tests.remotes.conftest import ID, NEXT, same_files
+from tests.tiny import abandoned
 
 
 @pytest.fixture

@@ -148,7 +148,7 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = os.statvfs(tmp_path)
-    Disk = namedtuple("Disk", "f_bavail f_frsize f_files f_favail")  # noqa: PYI024
+    Disk = namedtuple("Disk", "f_bavail f_frsize f_files f_favail")
 
     def disk(free: int, inodes: int) -> None:
         made = Disk(free, 1, max(1, found.f_files), inodes)
