@@ -25,6 +25,7 @@ from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
 from swarmdata.origins import RecordedSpec
 from swarmdata.remotes.addresses import configured_remotes, is_address
+from swarmdata.remotes.names import is_folder
 from swarmdata.reobserve import check_messages
 from swarmdata.resolving import (
     OFFLINE,
@@ -59,9 +60,20 @@ class DatasetInfo:
 
 
 def cache_folder() -> Path:
-    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder."""
+    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder.
+
+    Raises:
+        DatasetNotFoundError: it leads nowhere, over a symbolic link whose target is gone.
+    """
     named = os.environ.get("SWARMDATA_CACHE")
-    return Path(named) if named else user_cache_path("swarmdata")
+    folder = Path(named) if named else user_cache_path("swarmdata")
+    for part in (folder, *folder.parents):
+        if part.is_symlink() and not part.exists():
+            raise DatasetNotFoundError(
+                f"the cache is {folder}, and {part} is a symbolic link to {part.readlink()}, which "
+                "is not there. Make or mount it, or set SWARMDATA_CACHE to another folder."
+            )
+    return folder
 
 
 def dataset_folder(recipe: Recipe) -> Path:
@@ -187,7 +199,7 @@ def _elsewhere(name: str | Path, offline: bool, progress: bool) -> Found:
     """What no shipped recipe makes: an address, a folder, or an id of a remote."""
     if isinstance(name, str) and is_address(name):
         return obtain_address(name, cache_folder() / "remotes", offline=offline, progress=progress)
-    if Path(name).is_dir():
+    if is_folder(name):
         return Found(Path(name), "folder")
     if isinstance(name, Path):
         raise DatasetNotFoundError(f"there is no dataset folder at {name}")
