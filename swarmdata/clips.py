@@ -4,6 +4,7 @@ Which messages were lost is not recorded. It is found by observing the episode a
 that loses nothing on air: what arrives there and did not arrive here was lost.
 """
 
+from functools import partial
 from pathlib import Path
 
 from swarmdata.envs.render import animate, draw, save_png
@@ -56,9 +57,9 @@ def write_clip(
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        options = {"size": size, "stride": stride, "scans": scans, "attempted": attempted}
+        play = partial(animate, episode, spec, scans=scans, attempted=attempted)
         with staged(out) as target:
-            animate(episode, spec, target, **options)
+            play(target, size=size, stride=stride)
         return
     last = len(episode)
     image = draw(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from numba.core import config
+from numba.core.caching import IndexDataCacheFile
 
 from swarmdata import compiling
 from swarmdata.compiling import cache_folder, digest_of, kernel
@@ -157,7 +158,7 @@ def test_a_cache_that_cannot_be_written_is_said_once(
     def refuse(*arguments: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(compiling.IndexDataCacheFile, "_open_for_write", refuse)
+    monkeypatch.setattr(IndexDataCacheFile, "_open_for_write", refuse)
     with caplog.at_level(logging.WARNING, "swarmdata"):
         assert [each(3.0) for each in kernels()] == [1.5, 1.5]
     (said,) = [each.message for each in caplog.records if "cannot be kept" in each.message]

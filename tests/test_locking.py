@@ -1,6 +1,7 @@
 """Whoever changes a file has it alone, from reading to having written."""
 
 import errno
+import fcntl
 import os
 import signal
 import subprocess
@@ -9,14 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata import locking
 from swarmdata.errors import BuildError
 from swarmdata.locking import updating
 
 
 def start(code: str, *arguments: str | Path) -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{code}", *map(str, arguments)],
+        [
+            sys.executable,
+            "-c",
+            f"import sys; sys.path[:] = {sys.path!r}\n{code}",
+            *map(str, arguments),
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -83,9 +88,9 @@ def test_an_error_inside_frees_the_lock(tmp_path: Path) -> None:
 
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(BuildError, match=r"x cannot be made or changed in .*Choose a folder"):
-        with updating(tmp_path / "file" / "x"):
-            pass
+    message = r"x cannot be made or changed in .*Choose a folder"
+    with pytest.raises(BuildError, match=message), updating(tmp_path / "file" / "x"):
+        pass
 
 
 def test_without_locks_it_is_said(
@@ -94,7 +99,7 @@ def test_without_locks_it_is_said(
     def refuse(descriptor: int, operation: int) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(locking.fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", refuse)
     with updating(tmp_path / "x"):
         pass
     assert "on a file system without locks" in capsys.readouterr().err

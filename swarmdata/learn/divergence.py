@@ -23,7 +23,9 @@ def check_finite(values: Mapping[str, Any], what: str, now: int, folder: Path) -
     Raises:
         DivergedError: there are some; names them, and what was kept.
     """
-    wrong = [f"{name} is {_shown(value)}" for name, value in values.items() if not _is_finite(value)]
+    wrong = [
+        f"{name} is {_shown(value)}" for name, value in values.items() if not _is_finite(value)
+    ]
     if wrong:
         more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
         raise DivergedError(

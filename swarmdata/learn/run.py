@@ -32,7 +32,7 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
 from swarmdata.scaling import choices_of
-from swarmdata.store.atomic import write_file
+from swarmdata.store.atomic import disk_full_explained, write_file
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
@@ -255,7 +255,7 @@ class Table:
     def append(self, now: int, who: int, values: Mapping[str, float]) -> None:
         """Adds a row; a value that was not measured stays empty."""
         cells = [format(values[c], ".6g") if c in values else "" for c in self.columns[2:]]
-        with self.path.open("ab") as file:
+        with disk_full_explained(self.path), self.path.open("ab") as file:
             file.write(_csv([(str(now), str(who), *cells)]))
 
 

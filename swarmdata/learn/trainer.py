@@ -21,8 +21,8 @@ from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
-from swarmdata.learn.framed import framed
 from swarmdata.learn.divergence import check_finite
+from swarmdata.learn.framed import framed
 from swarmdata.learn.fusing import Fusion, fused, has_fusable, unfused
 from swarmdata.learn.run import (
     CHECKPOINT,
@@ -307,7 +307,9 @@ class _Trainer:
 
     def _log(self) -> None:
         means = {name: torch.stack(rows).mean(0) for name, rows in self.window.items()}  # [K]
-        rows = [{n: float(mean[k]) for n, mean in means.items()} for k in range(len(self.run.seeds))]
+        rows = [
+            {n: float(mean[k]) for n, mean in means.items()} for k in range(len(self.run.seeds))
+        ]
         for seed, row in zip(self.run.seeds, rows, strict=True):
             check_finite(row, f"the losses of seed {seed}", self.update, self.folder)
         for seed, row in zip(self.run.seeds, rows, strict=True):

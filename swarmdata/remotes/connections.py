@@ -157,7 +157,7 @@ class _Paced:
         def make(host: str, **options: Any) -> http.client.HTTPConnection:
             connection = kind(host, **options)
             connection._create_connection = dial  # type: ignore[attr-defined]
-            connection.response_class = lambda sock, *rest, **named: _PacedResponse(  # type: ignore[assignment,misc]
+            connection.response_class = lambda sock, *rest, **named: _PacedResponse(  # type: ignore[assignment]
                 sock, meter, *rest, **named
             )
             return connection

@@ -1,9 +1,9 @@
 """Full and read-only disks, for real: run inside a mount namespace of its own.
 
-    unshare --user --map-root-user --mount python -m tests.faults.disk_trouble full|exports|inodes|read_only FOLDER
+    unshare --user --map-root-user --mount python -m tests.faults.disk_trouble TROUBLE FOLDER
 
-Mounts a small disk at FOLDER, makes and loads datasets there, and prints one JSON object of what
-was seen.
+TROUBLE is full, exports, inodes or read_only. Mounts a small disk at FOLDER, makes and loads
+datasets there, and prints one JSON object of what was seen.
 """
 
 import json

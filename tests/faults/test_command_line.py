@@ -19,8 +19,9 @@ LONG = "x" * 300
 def shell(command: str) -> tuple[int, str, str]:
     """Runs a pipeline in bash, where `swarmdata` is ours; code of the first program, outputs."""
     script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()"
+    ours = 'swarmdata() { "$PYTHON" -c "$SCRIPT" "$@"; }'
     found = subprocess.run(
-        ["bash", "-c", f'swarmdata() {{ "$PYTHON" -c "$SCRIPT" "$@"; }}; {command}; exit ${{PIPESTATUS[0]}}'],
+        ["bash", "-c", f"{ours}; {command}; exit ${{PIPESTATUS[0]}}"],
         env={**os.environ, "PYTHON": sys.executable, "SCRIPT": script},
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip

@@ -52,7 +52,7 @@ def test_sums_and_statistics_hold_them(tmp_path: Path, rewards: Rewards) -> None
         expected = episode.rewards.astype(np.float64).mean(axis=1).sum()
         assert episode.team_return == pytest.approx(expected)
         assert dataset.episodes.team_return[index] == pytest.approx(expected)
-    assert math.isfinite(dataset.stored.manifest.reward_std)
+    assert math.isfinite(dataset.stored.manifest.statistics.reward_std)
     assert "nan" not in card_of(dataset.path)
     assert "inf " not in card_of(dataset.path)
     export_dataset(dataset, tmp_path / "x.hdf5", format="d4rl")
@@ -76,10 +76,17 @@ def test_training_says_that_it_cannot(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="training needs torch")
     from swarmdata.learn.trainer import train
     from swarmdata.offline_algos.vdn import VDNConfig
-    from tests.learn.test_trainer import dataset
     from swarmdata.testing.memory import MemoryDataset
+    from tests.learn.test_trainer import dataset
 
     huge = MemoryDataset([same(episode) for episode in dataset()])
     with pytest.raises(DivergedError, match=r"losses of seed 0, .* is nan|is inf.*smaller rewards"):
-        train("vdn", huge, tmp_path / "run", seeds=(0,), config=VDNConfig(n_updates=20), progress=False)
+        train(
+            "vdn",
+            huge,
+            tmp_path / "run",
+            seeds=(0,),
+            config=VDNConfig(n_updates=20),
+            progress=False,
+        )
     assert not (tmp_path / "run" / "checkpoint.safetensors").exists()

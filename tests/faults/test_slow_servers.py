@@ -1,7 +1,6 @@
 """Servers that give a byte now and then: left in time for the next source, and for Ctrl-C."""
 # ruff: noqa: F811  # fixtures of tests/remotes are imported, and asked for by their names
 
-import os
 import signal
 import subprocess
 import sys
@@ -164,7 +163,6 @@ def interrupted(server: FaultyServer, pattern: str, *arguments: str) -> tuple[in
         [sys.executable, "-c", script, *arguments],
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ,
     )
     deadline = time.monotonic() + 60
     while not any(pattern in line for line in list(server.log)):

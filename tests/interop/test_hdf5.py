@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 
-from swarmdata.interop import hdf5
 from swarmdata.interop.hdf5 import Writer, created
 
 
@@ -44,7 +43,7 @@ def test_a_failed_write_is_raised_wherever_it_happens(
             raise OSError(errno.ENOSPC, "No space left on device")
         return pwrite(descriptor, content, position)
 
-    monkeypatch.setattr(hdf5.os, "pwrite", some)
+    monkeypatch.setattr(os, "pwrite", some)
     with pytest.raises(OSError, match="No space left"), created(tmp_path / "x") as writer:
         fill(writer)
 
@@ -55,7 +54,12 @@ def test_what_fails_at_the_very_end_is_raised_too(
     def refuse(*arguments: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(hdf5.os, "ftruncate", refuse)
-    with pytest.raises(OSError, match="No space left"), created(tmp_path / "x") as writer:
-        fill(writer, 1)
-        monkeypatch.setattr(hdf5.os, "pwrite", refuse)
+    monkeypatch.setattr(os, "ftruncate", refuse)
+
+    def fill_then_fail() -> None:
+        with created(tmp_path / "x") as writer:
+            fill(writer, 1)
+            monkeypatch.setattr(os, "pwrite", refuse)
+
+    with pytest.raises(OSError, match="No space left"):
+        fill_then_fail()

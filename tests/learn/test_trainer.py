@@ -280,7 +280,9 @@ def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
 
     with monkeypatch.context() as patch:
         patch.setattr(kind, "update", poisoned)
-        with pytest.raises(DivergedError, match=rf"at 25, of the losses of seed {SEEDS[1]}, .* nan"):
+        with pytest.raises(
+            DivergedError, match=rf"at 25, of the losses of seed {SEEDS[1]}, .* nan"
+        ):
             run(algorithm, tmp_path / "d")
     assert load_checkpoint(tmp_path / "d" / CHECKPOINT)[1]["update"] == 20
     assert "nan" not in (tmp_path / "d" / LOSSES).read_text()

@@ -134,12 +134,7 @@ class FaultyHandler(BaseHTTPRequestHandler):
         every = {"Content-Type": "application/json", "Content-Length": str(len(body))}
         for name, value in {**every, **(headers or {})}.items():
             self.send_header(name, value)
-        if fault.trickle:
-            for byte in b"".join(self._headers_buffer):
-                self.wfile.write(bytes([byte]))
-                threading.Event().wait(fault.trickle)
-            self._headers_buffer = []
-        self.end_headers()
+        self._send_headers(fault.trickle)
         if self.command == "HEAD":
             return
         if fault.corrupt and body:
@@ -160,6 +155,16 @@ class FaultyHandler(BaseHTTPRequestHandler):
             if fault.drip:
                 self.wfile.flush()
                 threading.Event().wait(fault.pause)
+
+    def _send_headers(self, seconds: float) -> None:
+        """Ends the headers; with so many seconds between two of their bytes."""
+        if seconds:
+            buffer: list[bytes] = vars(self)["_headers_buffer"]  # of http.server
+            for byte in b"".join(buffer):
+                self.wfile.write(bytes([byte]))
+                threading.Event().wait(seconds)
+            buffer.clear()
+        self.end_headers()
 
     def hang_up(self) -> None:
         """Ends the connection at once."""

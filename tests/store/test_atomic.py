@@ -1,6 +1,7 @@
 """What is published is whole; what killed writers left goes, and nothing else does."""
 
 import errno
+import fcntl
 import os
 import signal
 import subprocess
@@ -12,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import CheckpointError, DiskFullError
-from swarmdata.store import atomic
 from swarmdata.store.atomic import (
     MARKER,
     new_folder,
@@ -69,9 +69,14 @@ def test_an_error_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, error: type[BaseException]
 ) -> None:
     write_file(tmp_path / "x", b"old")
-    with pytest.raises(error), staged(tmp_path / "x") as target:
-        target.write_text("new")
-        raise error
+
+    def write_half() -> None:
+        with staged(tmp_path / "x") as target:
+            target.write_text("new")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
     assert (tmp_path / "x").read_bytes() == b"old"
     assert names(tmp_path) == ["x"]
 
@@ -138,9 +143,9 @@ def test_leftovers_of_one_name_or_of_all(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_a_full_disk_or_quota_is_one_error(tmp_path: Path, number: int) -> None:
-    with pytest.raises(DiskFullError, match=r"no space is left in .* for x: 0\.0 MB"):
-        with staged(tmp_path / "x"):
-            raise OSError(number, os.strerror(number))
+    message = r"no space is left in .* for x: 0\.0 MB"
+    with pytest.raises(DiskFullError, match=message), staged(tmp_path / "x"):
+        raise OSError(number, os.strerror(number))
     assert names(tmp_path) == []
 
 
@@ -152,7 +157,7 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
 
     def disk(free: int, inodes: int) -> None:
         made = Disk(free, 1, max(1, found.f_files), inodes)
-        monkeypatch.setattr(atomic.os, "statvfs", lambda path: made)
+        monkeypatch.setattr(os, "statvfs", lambda path: made)
 
     def fail(error: Exception) -> None:
         with staged(tmp_path / "x"):
@@ -186,7 +191,7 @@ def test_without_locks_nothing_is_removed_and_everything_written(
     def refuse(descriptor: int, operation: int) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(atomic.fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", refuse)
     write_file(tmp_path / "x", b"new")
     assert names(tmp_path) == [half.name, "x"]
 
