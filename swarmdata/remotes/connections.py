@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
 from typing import Any
+from urllib.error import URLError
 from urllib.parse import urlsplit
 from urllib.request import (
     HTTPHandler,
@@ -89,7 +90,13 @@ def opened(
         TooSlowError: the server is slower than the pace.
         OSError: what `urllib.request` raises.
     """
-    with opener.open(Request(url, headers=headers), timeout=timeout) as response:
+    try:
+        response = opener.open(Request(url, headers=headers), timeout=timeout)
+    except ValueError as error:
+        raise HubError(
+            f"{url} redirects to an address that is none: {error}. Tell whoever publishes there."
+        ) from error
+    with response:
         yield response
 
 
@@ -121,7 +128,10 @@ class _Redirects(HTTPRedirectHandler):
 
     def _addresses(self, url: Any) -> list[str]:
         port = url.port or (443 if url.scheme == "https" else 80)
-        return self._network.resolve(url.hostname or "", port)
+        try:
+            return self._network.resolve(url.hostname or "", port)
+        except OSError as error:
+            raise URLError(error) from error
 
     def _is_private(self, url: Any) -> bool:
         """Whether every address of a host is private."""

@@ -196,3 +196,27 @@ def test_every_address_of_a_name_is_tried(host: StaticHost, names: Names) -> Non
     names.addresses["data.example"] = []
     with pytest.raises(HubError, match="no connection to"):
         found.find(ID)
+
+
+@pytest.mark.parametrize("target", ["http://[::1", "http://mirror.example:99999", "http://:x"])
+def test_a_redirect_to_no_address_is_one_error(host: StaticHost, names: Names, target: str) -> None:
+    """Row 94: malformed addresses."""
+    redirect(host, target)
+    with pytest.raises(HubError, match="redirects to an address that is none"):
+        remote(names, "http://data.example").find(ID)
+
+
+def test_a_redirect_to_an_unknown_name_is_one_error(host: StaticHost, names: Names) -> None:
+    """Row 94: it may be known later."""
+    resolve = names.resolve
+
+    def some(name: str, port: int) -> list[str]:
+        if name == "nowhere.example":
+            raise socket.gaierror(-2, "Name or service not known")
+        return resolve(name, port)
+
+    redirect(host, "http://nowhere.example")
+    network = Network(some, names.connect)
+    found = WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
+    with pytest.raises(HubError, match="Name or service not known"):
+        found.find(ID)
