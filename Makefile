@@ -74,6 +74,7 @@ fix: $(STAMPS)/lint
 	$(BIN)/ruff format .
 
 slow: $(STAMPS)/slow
+	@PATH=$$PATH:/usr/sbin command -v nginx >/dev/null || echo 'nginx is absent, so its tests are skipped; on Debian: apt-get install nginx-light'
 	$(BIN)/python -m pytest -m 'slow and not learns and not gpu' $(ARGS)
 
 learns: $(STAMPS)/test

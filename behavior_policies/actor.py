@@ -27,6 +27,7 @@ from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.frames import Frame, in_world
+from swarmdata.store.atomic import write_file
 from swarmdata.types import Double, Float
 
 GRID = 2.0**12  # steps per unit of weights and activations
@@ -243,7 +244,7 @@ def save_actor(
     _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))
-    path.write_bytes(data)
+    write_file(path, data)
     pairs = zip(exact, layers, strict=True)
     changes = [np.abs(new - old).max() for pair in pairs for new, old in zip(*pair, strict=True)]
     return Saved(hashlib.sha256(data).hexdigest(), float(max(changes)))

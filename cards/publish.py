@@ -6,6 +6,7 @@ from swarmdata.cards.pictures import draw_card
 from swarmdata.cards.render import card_of
 from swarmdata.dataset import Dataset
 from swarmdata.store import write_file
+from swarmdata.store.atomic import staged
 
 
 def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path]:
@@ -26,6 +27,7 @@ def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path
     text, picture = out / f"{dataset.id}.md", out / f"{dataset.id}.png"
     out.mkdir(parents=True, exist_ok=True)
     if pictures:
-        draw_card(dataset, picture)
+        with staged(picture) as target:
+            draw_card(dataset, target)
     write_file(text, card_of(folder, picture.name if pictures else None).encode())
     return [text, picture] if pictures else [text]

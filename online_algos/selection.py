@@ -15,6 +15,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,10 +24,12 @@ from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
 from swarmdata.learn.run import CONFIG, CURVE, read_table
+from swarmdata.locking import updating
 from swarmdata.online_algos.exporting import exact_error, export
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
 from swarmdata.online_algos.training import measure, read_online_run
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 
 N_REPLAY = 5
 """Policies that stand for the way of one seed to its medium."""
@@ -170,9 +173,9 @@ def ship(
         BuildError: no seed has a medium, an expert's run is not finished, or a policy cannot be run
             exactly.
     """
-    work = folder / ".work"
-    work.mkdir(parents=True, exist_ok=True)
-    try:
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix="swarmdata-ship-") as scratch:
+        work = Path(scratch)
         chosen = []
         found = [(seed, find_medium(seed, spec, work)) for seed in mediums]
         reached = [(seed, medium) for seed, medium in found if medium is not None]
@@ -189,14 +192,13 @@ def ship(
         for number, seed in enumerate(conventions):
             kept = last_of(seed, spec, work)
             chosen.append(kept._replace(tier="mixed-conventions", policy=number))
-        entry = _install(chosen, name, folder)
-    finally:
-        shutil.rmtree(work)
-    index = folder / "index.json"
-    table = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
-    tiers = table.get(name, {}) | entry
-    text = json.dumps(table | {name: tiers}, indent=1, sort_keys=True)
-    index.write_text(text + "\n", encoding="utf-8")
+        index = folder / "index.json"
+        with updating(index):
+            entry = _install(chosen, name, folder)
+            table = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
+            tiers = table.get(name, {}) | entry
+            text = json.dumps(table | {name: tiers}, indent=1, sort_keys=True)
+            write_file(index, f"{text}\n".encode())
     return entry
 
 

@@ -31,15 +31,18 @@ from tqdm import tqdm
 from swarmdata.errors import BuildError, SpecError, SwarmdataError
 from swarmdata.frozen import Frozen
 from swarmdata.interfaces import OnlineAlgorithm, Policy
-from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint, write_atomically
+from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.divergence import check_finite
 from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
+from swarmdata.locking import updating
 from swarmdata.metrics import episode_metrics
 from swarmdata.online_algos.run_folder import policy_path
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 
 SPEED = "speed.csv"
 REPLAY = "replay"
@@ -115,6 +118,8 @@ def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]
 def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     """Trains a run, or continues it where it stopped; returns its folder.
 
+    Where another process trains in the folder, this one waits for it.
+
     Args:
         run: what to train.
         folder: of the run; made if absent.
@@ -122,6 +127,7 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
 
     Raises:
         BuildError: the folder holds another run.
+        DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
         SpecError: the replay would not last from one checkpoint to the next, or a setting of the
             algorithm is wrong.
     """
@@ -129,13 +135,14 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     before = torch.get_num_threads()
     torch.set_num_threads(1)  # the networks are too small to gain from more
     try:
-        _claim(folder, run)
-        if not _is_finished(run, folder):
-            _begin(run, folder).finish(progress)
+        with updating(folder / CONFIG, progress):
+            _claim(folder, run)
+            if not _is_finished(run, folder):
+                _begin(run, folder).finish(progress)
+            if (folder / REPLAY).exists():  # gigabytes that nothing goes on from
+                shutil.rmtree(folder / REPLAY)
     finally:
         torch.set_num_threads(before)
-    if (folder / REPLAY).exists():  # gigabytes that nothing goes on from
-        shutil.rmtree(folder / REPLAY)
     return folder
 
 
@@ -175,7 +182,7 @@ def _claim(folder: Path, run: OnlineRun) -> None:
                 f"{folder / REPLAY} is there, and {folder} holds no run: it is of somebody else. "
                 "Choose another folder, or move it away."
             )
-        write_atomically(folder / CONFIG, run.to_json().encode())
+        write_file(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
     different = [name for name in ours if ours[name] != theirs[name]]
@@ -230,7 +237,7 @@ class _Training:
         ) as bar:  # fmt: skip
             while algorithm.frames < n_frames:
                 before = algorithm.frames
-                losses = algorithm.update()
+                losses = self._update()
                 bar.update(algorithm.frames - before)
                 is_last = algorithm.frames >= n_frames
                 if is_last or _crosses(every / POLICIES_EACH, before, algorithm.frames):
@@ -242,7 +249,20 @@ class _Training:
         for writer in self.writers:
             writer.close()
 
+    def _update(self) -> Mapping[str, Any]:
+        """One update; a world refuses the actions of a policy that is not finite."""
+        try:
+            return self.algorithm.update()
+        except SwarmdataError:
+            self._check_finite()
+            raise
+
+    def _check_finite(self) -> None:
+        state = self.algorithm.state_dict()
+        check_finite(state, "the algorithm's tensors", self.algorithm.frames, self.folder)
+
     def _save_policies(self) -> None:
+        self._check_finite()
         for k, seed in enumerate(self.run.seeds):
             path = policy_path(self.folder, seed, self.algorithm.frames)
             save_policy(path, self.algorithm.policy(k))
@@ -253,7 +273,9 @@ class _Training:
         for k, seed in enumerate(run.seeds):
             row = measure(self.algorithm.policy(k), run.spec, run.n_episodes)
             now = {name: float(loss[k]) for name, loss in losses.items()}
-            row |= {name: value for name, value in now.items() if not math.isnan(value)}
+            known = {name: value for name, value in now.items() if not math.isnan(value)}
+            check_finite(known, f"the losses of seed {seed}", frames, self.folder)
+            row |= known
             self.curve.append(frames, seed, row)
             for name, value in row.items():
                 self.writers[k].add_scalar(name, value, frames)

@@ -35,10 +35,11 @@ def _folder(dataset: str) -> Path:
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.catalog import dataset_folder
     from swarmdata.errors import DatasetNotFoundError
+    from swarmdata.remotes.names import is_folder
     from swarmdata.store.cache import cache_folder
 
     for path in (Path(dataset), cache_folder() / "datasets" / dataset):
-        if path.is_dir():
+        if is_folder(path):
             return path
     recipe = find_recipe(dataset)
     folder = dataset_folder(recipe)

@@ -22,6 +22,7 @@ from swarmdata.metrics import Reference
 from swarmdata.models import Source, with_models
 from swarmdata.origins import RecordedSpec
 from swarmdata.remotes.addresses import configured_remotes, is_address
+from swarmdata.remotes.names import is_folder
 from swarmdata.reobserve import check_messages
 from swarmdata.resolving import (
     OFFLINE,
@@ -199,7 +200,7 @@ def _elsewhere(name: str | Path, offline: bool, progress: bool) -> Found:
     """What no shipped recipe makes: an address, a folder, or an id of a remote."""
     if isinstance(name, str) and is_address(name):
         return obtain_address(name, cache_folder() / "remotes", offline=offline, progress=progress)
-    if Path(name).is_dir():
+    if is_folder(name):
         return Found(Path(name), "folder")
     if isinstance(name, Path):
         raise DatasetNotFoundError(f"there is no dataset folder at {name}")

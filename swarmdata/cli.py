@@ -1,6 +1,9 @@
 """The command line: reads arguments, calls the library, prints what it returns."""
 
 import json
+import os
+import select
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,8 +35,13 @@ class _Group(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except (SwarmdataError, OSError) as error:
+        except SwarmdataError as error:
             typer.echo(f"{type(error).__name__}: {error}", err=True)
+            raise typer.Exit(1) from None
+        except OSError as error:
+            if isinstance(error, BrokenPipeError) and _is_output_closed():
+                raise typer.Exit(CLOSED_PIPE) from None
+            typer.echo(f"{type(error).__name__}: {_words(error)}", err=True)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
             typer.echo("Stopped. Run the same command again to go on from here.", err=True)
@@ -60,9 +68,53 @@ Episodes = Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to
 Task = Annotated[str, typer.Option(help="of policies and tiers: a preset, or a spec's file")]
 
 
+CLOSED_PIPE = 128 + 13
+"""Exit code where nobody reads the output any more, as of programs that SIGPIPE ends."""
+
+
 def main() -> None:
     """Runs the command line."""
-    app()
+    try:
+        try:
+            app()
+        except SystemExit:
+            if _is_output_closed():
+                raise SystemExit(CLOSED_PIPE) from None
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, not at Python's end, where nobody says what failed
+            raise
+    except OSError as error:
+        _discard_output()
+        typer.echo(f"the output could not be written: {_words(error)}", err=True)
+        raise SystemExit(1) from None
+
+
+def _is_output_closed() -> bool:
+    """Whether standard output is a pipe that nobody reads any more; what is left of it is lost."""
+    if sys.__stdout__ is None:
+        return False
+    poll = select.poll()
+    poll.register(sys.__stdout__, 0)
+    if not any(event & select.POLLERR for _, event in poll.poll(0)):
+        return False
+    _discard_output()
+    return True
+
+
+def _discard_output() -> None:
+    if sys.__stdout__ is not None:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.__stdout__.fileno())
+        os.close(nowhere)
+
+
+def _words(error: OSError) -> str:
+    """What the system said, and of which file; names that no system takes are cut."""
+    if error.strerror is None:
+        return str(error)
+    name = "" if error.filename is None else f": {str(error.filename)!r}"
+    cut = f"{name[:120]}… ({len(str(error.filename))} characters)" if len(name) > 300 else name
+    return f"{error.strerror}{cut}"
 
 
 def _show_version(wanted: bool) -> None:

@@ -4,6 +4,7 @@ Which messages were lost is not recorded. It is found by observing the episode a
 that loses nothing on air: what arrives there and did not arrive here was lost.
 """
 
+from functools import partial
 from pathlib import Path
 
 from swarmdata.envs.render import animate, draw, save_png
@@ -14,6 +15,7 @@ from swarmdata.registry import make_task
 from swarmdata.reobserve import attempted_links
 from swarmdata.sensing.scans import scan_of
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import staged
 from swarmdata.types import END_REASONS, Episode
 
 CLIPS = (*SUFFIXES, ".png")
@@ -48,13 +50,16 @@ def write_clip(
         SchemaError: another kind of file, or an episode that does not fit the spec.
         MissingExtraError: Pillow is not installed.
         ProgramError: an MP4 needs ffmpeg.
+        DiskFullError: no space was left.
     """
     check_clip(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        animate(episode, spec, out, size=size, stride=stride, scans=scans, attempted=attempted)
+        play = partial(animate, episode, spec, scans=scans, attempted=attempted)
+        with staged(out) as target:
+            play(target, size=size, stride=stride)
         return
     last = len(episode)
     image = draw(
@@ -68,4 +73,5 @@ def write_clip(
         size=size,
         caption=f"{last * spec.control_dt:.1f} s    {END_REASONS[episode.end_reason]}",
     )
-    save_png(image, out)
+    with staged(out) as target:
+        save_png(image, target)

@@ -3,11 +3,15 @@
 numba keys the cache of a function by the file that holds it. What the function calls from another
 file is compiled into it, and may change without notice: after an update of some files, old code
 would go on running. Here the key is a digest of the module and of every module of this package that
-it imports, directly or not.
+it imports, directly or not. A file of the cache that is damaged is not believed: numba would crash,
+or run other code; here it is compiled again.
 """
 
+import contextlib
 import hashlib
 import logging
+import os
+import pickle
 import re
 from collections.abc import Callable
 from functools import cache
@@ -16,6 +20,7 @@ from typing import Any
 
 import numba
 from numba.core import config, event
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
 PACKAGE = Path(__file__).parent
@@ -40,7 +45,9 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     before = config.CACHE_DIR  # read by numba when it decorates
     config.CACHE_DIR = str(cache_folder(function.__module__, before))
     try:
-        return numba.njit(function, nogil=True, cache=True, **options)
+        dispatcher = numba.njit(function, nogil=True, **options)
+        dispatcher._cache = KernelCache(dispatcher.py_func)  # what `cache=True` does, with ours
+        return dispatcher
     except RuntimeError as error:
         if "no locator available" not in str(error):  # numba's words for: nowhere may I write
             raise
@@ -50,13 +57,101 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         config.CACHE_DIR = before
 
 
+class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
+    """numba's cache of a function; a damaged file or a full disk costs time, and nothing else."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _CheckedFiles(
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled code of a signature, None if there is none that can be believed."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # whatever unpickling makes of damaged bytes
+            _warn_damaged(str(self._cache_path), f"{type(error).__name__}: {error}")
+            with contextlib.suppress(OSError):
+                self._cache_file.flush()  # so that it is written anew
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keeps the compiled code, if it can be kept."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn_unkept(str(self._cache_path), str(error.strerror or error))
+
+
+class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyped
+    """The files of a cache, each with the SHA-256 of its content."""
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return hashlib.sha256(content).digest() + content
+
+    def _load_index(self) -> Any:
+        try:
+            file = Path(self._index_path).open("rb")  # noqa: SIM115  (closed below)
+        except FileNotFoundError:
+            return {}
+        with file:
+            version, content = pickle.load(file), file.read()
+        if version != self._version:
+            return {}
+        stamp, overloads = pickle.loads(_checked(content, self._index_path))
+        return overloads if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        path = self._data_path(name)
+        return pickle.loads(_checked(Path(path).read_bytes(), path))
+
+
+def _checked(content: bytes, path: str) -> bytes:
+    """What follows the SHA-256 at the begin of a file.
+
+    Raises:
+        ValueError: it is not that of what follows.
+    """
+    digest, rest = content[:32], content[32:]
+    if hashlib.sha256(rest).digest() != digest:
+        raise ValueError(f"{path} has another SHA-256 than it was written with")
+    return rest
+
+
 @cache
 def _warn_uncached() -> None:
     """Once in a process."""
     _LOG.warning(
         "no folder can be written to keep compiled kernels in, so every process compiles them "
-        "anew: set NUMBA_CACHE_DIR to one that can"
+        "anew: set SWARMDATA_CACHE or NUMBA_CACHE_DIR to one that can"
     )
+
+
+_said: set[str] = set()
+"""Problems of the cache that were told of in this process."""
+
+
+def _warn_damaged(folder: str, problem: str) -> None:
+    if "damaged" not in _said:
+        _said.add("damaged")
+        _LOG.warning(
+            "a compiled kernel in %s is damaged (%s): it is compiled again, and the file replaced",
+            folder,
+            problem,
+        )
+
+
+def _warn_unkept(folder: str, problem: str) -> None:
+    if "unkept" not in _said:
+        _said.add("unkept")
+        _LOG.warning(
+            "compiled kernels cannot be kept in %s (%s), so every process compiles them anew: make "
+            "room, or set SWARMDATA_CACHE or NUMBA_CACHE_DIR to another folder",
+            folder,
+            problem,
+        )
 
 
 def cache_folder(module: str, base: str = "") -> Path:
@@ -64,9 +159,12 @@ def cache_folder(module: str, base: str = "") -> Path:
 
     Args:
         module: dotted name.
-        base: `NUMBA_CACHE_DIR` if it is set; by default the user's cache folder.
+        base: `NUMBA_CACHE_DIR` if it is set; by default `kernels` in `SWARMDATA_CACHE`, or in the
+            user's cache folder.
     """
-    root = Path(base) if base else user_cache_path("swarmdata") / "kernels"
+    named = os.environ.get("SWARMDATA_CACHE")
+    ours = Path(named) if named else user_cache_path("swarmdata")
+    root = Path(base) if base else ours / "kernels"
     return root / digest_of(module)
 
 

@@ -87,8 +87,9 @@ def _export(source: str, target: Path, to: str, split: str | None, policy: str |
     from swarmdata.catalog import load
     from swarmdata.dataset import Dataset
     from swarmdata.interop.exporting import export_dataset
+    from swarmdata.remotes.names import is_folder
 
-    dataset = Dataset.open(source) if Path(source).is_dir() else load(source)
+    dataset = Dataset.open(source) if is_folder(source) else load(source)
     return export_dataset(dataset.filter(split=split, policy=policy), target, format=to)
 
 

@@ -9,6 +9,7 @@ SwarmdataError
 ├── MissingExtraError (ImportError)     an optional dependency is needed and absent
 ├── ConversionError (ValueError)        data of another format is ambiguous or broken
 ├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
+├── DivergedError (ArithmeticError)     training became infinite or NaN; the checkpoint is kept
 ├── BuildError (RuntimeError)           a dataset could not be made
 │   └── RecipeConflictError             the folder holds parts of another recipe
 ├── StudyError (RuntimeError)           a study, or a cell of it, could not be finished
@@ -93,6 +94,10 @@ class ConversionError(SwarmdataError, ValueError):
 
 class ProgramError(SwarmdataError, OSError):
     """Another program, such as ffmpeg, is needed and absent, or has failed."""
+
+
+class DivergedError(SwarmdataError, ArithmeticError):
+    """Training left the finite numbers; the last checkpoint is of before."""
 
 
 class BuildError(SwarmdataError, RuntimeError):

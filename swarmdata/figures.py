@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.store.atomic import staged
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; the same as of the robots."""
@@ -60,6 +61,7 @@ def figure(
     Raises:
         SchemaError: an unknown suffix.
         MissingExtraError: matplotlib is not installed.
+        DiskFullError: no space was left.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -73,4 +75,5 @@ def figure(
         drawing = Figure(figsize=(width, height), layout="constrained")
         yield drawing
         dated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        drawing.savefig(path, dpi=DPI, metadata=dated[path.suffix.lower()])
+        with staged(path) as target:
+            drawing.savefig(target, dpi=DPI, metadata=dated[path.suffix.lower()])

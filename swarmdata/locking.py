@@ -1,5 +1,7 @@
-"""One process at a time makes or changes a dataset's folder; the others wait and say for whom."""
+"""One process at a time makes or changes a folder or a file; the others wait and say for whom."""
 
+import errno
+import fcntl
 import os
 import socket
 import sys
@@ -62,3 +64,65 @@ def _holder(owner: Path) -> str:
         return owner.read_text(encoding="utf-8") or "another process"
     except OSError:
         return "another process"
+
+
+@contextmanager
+def updating(path: Path, shown: bool = False) -> Iterator[None]:
+    """Holds a file, or the folder that it describes, from reading it to having written it.
+
+    One process at a time is inside, so no change is lost and no two runs share a folder; the others
+    wait. The lock, `.<name>.lock` beside the file, says who holds it and goes with the last one.
+
+    Args:
+        path: of the file, which need not exist; its folder is made.
+        shown: whether to say on standard error that and for whom this process waits.
+
+    Raises:
+        BuildError: nothing can be written there.
+    """
+    note = path.parent / f".{path.name}.lock"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = _taken(note, path, shown)
+    except OSError as error:
+        raise BuildError(
+            f"{path.name} cannot be made or changed in {path.parent}: {error.strerror or error}. "
+            "Choose a folder that can be written to."
+        ) from error
+    try:
+        yield
+    finally:
+        note.unlink(missing_ok=True)  # before the lock is free, so that nobody holds what is gone
+        os.close(lock)
+
+
+def _taken(note: Path, path: Path, shown: bool) -> int:
+    """The descriptor that holds the lock; of a file that its last holder has removed, once more."""
+    while True:
+        lock = os.open(note, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _flock(lock, note, path, shown)
+            if os.fstat(lock).st_nlink:
+                os.truncate(lock, 0)
+                os.write(lock, f"process {os.getpid()} on {socket.gethostname()}".encode())
+                return lock
+        except BaseException:
+            os.close(lock)
+            raise
+        os.close(lock)
+
+
+def _flock(lock: int, note: Path, path: Path, shown: bool) -> None:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        if shown:
+            tqdm.write(f"{path} is in use by {_holder(note)}; waiting for it.", file=sys.stderr)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP):
+            raise
+        tqdm.write(
+            f"{path.parent} is on a file system without locks: start nothing else there meanwhile.",
+            file=sys.stderr,
+        )

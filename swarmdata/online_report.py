@@ -11,13 +11,13 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.learn.checkpoint import write_atomically
 from swarmdata.learn.run import CURVE, read_table
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.metrics import bootstrap, mean
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import SPEED, read_online_run
 from swarmdata.presets import name_of
+from swarmdata.store.atomic import write_file
 
 GOAL = 0.9
 """Team success that counts as having learned the task."""
@@ -84,9 +84,9 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
     files = []
     for training in trainings:
         files.append(out / f"{training.task}-{training.algorithm}.csv")
-        write_atomically(files[-1], _curve(training))
+        write_file(files[-1], _curve(training))
     table = markdown.table(HEAD, [_cells(training) for training in trainings])
-    write_atomically(out / "table.md", table.encode())
+    write_file(out / "table.md", table.encode())
     plot_learning(group_files(files, "task-algorithm"), out / "learning.png")
     return table
 

@@ -13,6 +13,7 @@ from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_r
 from swarmdata.cards.schema import Published, changed_versions, publication, published
 from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
+from swarmdata.locking import updating
 from swarmdata.recipes import build, is_finished
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, write_file
@@ -167,6 +168,8 @@ def report(checks: Sequence[Check]) -> str:
 def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
     """Replaces or adds keys of a JSON file, sorted, in one rename; a missing file is begun.
 
+    Processes that do so at the same time wait for one another, so no key is lost.
+
     Raises:
         SchemaError: the file is not a JSON object.
         DatasetNotFoundError: its folder does not exist.
@@ -176,13 +179,20 @@ def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
             f"there is no folder {path.parent} for {path.name}. Run this in the repository, or say "
             "where the file is with --out."
         )
-    there: Any = {}
-    if path.exists():
-        try:
-            there = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise SchemaError(f"{path} is not JSON: {error}. Restore it.") from error
-        if not isinstance(there, dict):
-            raise SchemaError(f"{path} holds a {type(there).__name__}, expected an object.")
-    text = json.dumps({**there, **entries}, indent=1, sort_keys=True, allow_nan=False)
-    write_file(path, f"{text}\n".encode())
+    with updating(path):
+        content = {**_entries(path), **entries}
+        text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
+        write_file(path, f"{text}\n".encode())
+
+
+def _entries(path: Path) -> dict[str, Any]:
+    """What is in a JSON file so far."""
+    if not path.exists():
+        return {}
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise SchemaError(f"{path} is not JSON: {error}. Restore it.") from error
+    if not isinstance(there, dict):
+        raise SchemaError(f"{path} holds a {type(there).__name__}, expected an object.")
+    return there

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmdata.frozen import Frozen
+from swarmdata.store.atomic import write_file
 
 Criterion = Literal["fqe", "imitation_error", "weighted_imitation_error", "td_error"]
 
@@ -103,7 +104,7 @@ class Ranking(Frozen):
         folder.mkdir(parents=True, exist_ok=True)
         texts = {"md": self.to_markdown(), "csv": self.to_csv(), "json": f"{self.to_json()}\n"}
         for ending, text in texts.items():
-            (folder / f"ranking.{ending}").write_text(text, encoding="utf-8")
+            write_file(folder / f"ranking.{ending}", text.encode())
 
     @property
     def caption(self) -> str:

@@ -102,11 +102,15 @@ def add(
 ) -> None:
     """Ask this remote for datasets from now on, after those that are configured already."""
     from swarmdata.remotes import open_remote
-    from swarmdata.remotes.addresses import store_remotes, stored_remotes
+    from swarmdata.remotes.addresses import store_remotes
 
     added = open_remote(address).address
-    others = tuple(each for each in stored_remotes() if each != added)
-    path = store_remotes((added, *others) if first else (*others, added))
+
+    def put(there: tuple[str, ...]) -> tuple[str, ...]:
+        others = tuple(each for each in there if each != added)
+        return (added, *others) if first else (*others, added)
+
+    path = store_remotes(put)
     typer.echo(f"{added} is in {path}")
     _say_if_overridden()
 
@@ -116,12 +120,16 @@ def remove(address: RemoteAddress) -> None:
     """Ask this remote no more."""
     from swarmdata.errors import UnknownNameError
     from swarmdata.remotes import parse_address
-    from swarmdata.remotes.addresses import store_remotes, stored_remotes
+    from swarmdata.remotes.addresses import store_remotes
 
-    removed, there = str(parse_address(address)), stored_remotes()
-    if removed not in there:
-        raise UnknownNameError("remote", removed, there)
-    path = store_remotes(tuple(each for each in there if each != removed))
+    removed = str(parse_address(address))
+
+    def without(there: tuple[str, ...]) -> tuple[str, ...]:
+        if removed not in there:
+            raise UnknownNameError("remote", removed, there)
+        return tuple(each for each in there if each != removed)
+
+    path = store_remotes(without)
     typer.echo(f"{removed} is no longer in {path}")
     _say_if_overridden()
 

@@ -23,6 +23,7 @@ from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.results import Case, ResultSet, read
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
+from swarmdata.store.atomic import write_file
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
 from swarmdata.targets import find_target
 from swarmdata.types import Episode
@@ -92,16 +93,16 @@ def write_report(
     for name, table in tables.items():
         forms = {".md": table.to_markdown, ".csv": table.to_csv, ".tex": table.to_latex}
         for ending, form in forms.items():
-            (out / f"{name}{ending}").write_text(form(), encoding="utf-8")
+            write_file(out / f"{name}{ending}", form().encode())
     exported = marl_eval(results)
     text = json.dumps(exported.document, allow_nan=False, separators=(",", ":"))
-    (out / "marl-eval.json").write_text(text + "\n", encoding="utf-8")
-    (out / "runs.csv").write_text(runs_csv(results), encoding="utf-8")
+    write_file(out / "marl-eval.json", f"{text}\n".encode())
+    write_file(out / "runs.csv", runs_csv(results).encode())
     figures = _draw(results, tables, out, suffix)
     if runs:
         figures["curves"] = _draw_curves(runs, out / f"curves{suffix}")
     left = f"Not in marl-eval.json: {', '.join(exported.left_out)}." if exported.left_out else ""
-    (out / "report.md").write_text(_page(tables, figures, left), encoding="utf-8")
+    write_file(out / "report.md", _page(tables, figures, left).encode())
     return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
 
 

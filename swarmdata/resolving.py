@@ -16,6 +16,7 @@ from pathlib import Path
 from swarmdata.cards.side_files import write_missing
 from swarmdata.errors import (
     DatasetNotFoundError,
+    DiskFullError,
     SwarmdataError,
 )
 from swarmdata.identity import judge
@@ -210,6 +211,8 @@ def _fetch(
             if release is not None:
                 _arrive(remote, release, folder, refuse, progress)
                 return release.address
+        except DiskFullError:
+            raise  # no fault of the remote, and the next one needs the same space
         except SwarmdataError as error:
             skip(address, dataset, error)
     return None

@@ -24,6 +24,7 @@ from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.presets import preset, preset_names
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 from swarmdata.types import Double, EvalResult
 
 FORMAT = "swarmdata-evaluation"
@@ -112,7 +113,7 @@ def save(result: Result, folder: Path) -> Path:
         ) from error
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / file_name(provenance, evaluation.spec_hash)
-    _write_atomically(path, text + "\n")
+    write_file(path, f"{text}\n".encode())
     return path
 
 
@@ -122,19 +123,6 @@ def located(provenance: Provenance, folder: Path) -> Provenance:
         return provenance
     run = Path(os.path.relpath(provenance.run, folder.resolve())).as_posix()
     return provenance.model_copy(update={"run": run})
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    """Leaves either the old file or the whole new one, even when the power fails."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _to_json(values: Double) -> list[float | None]:

@@ -19,15 +19,19 @@ from tqdm import tqdm
 
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import SpecError
+from swarmdata.locking import updating
 from swarmdata.models import is_same_world
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 from swarmdata.sweep_axes import Axis, Course, course_of
 from swarmdata.sweep_estimates import estimates_of
 from swarmdata.sweep_plots import plot_degradation
 from swarmdata.sweep_tables import Degradation, Line, Point, to_csv
 from swarmdata.targets import Target, evaluate_target, find_target, require
+
+SUMMARY = "sweep.csv"
 
 TRAINED = "trained"
 """Folder of results with everything as in training."""
@@ -84,10 +88,11 @@ def sweep(
     require("matplotlib", "plots", "drawing the figures of a sweep")
     _check_axes(axes)
     teams = _teams(names, axes, task)
-    results = _measured(teams, axes, out / "results", n_episodes, progress=progress)
-    degradations = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
-    _write(degradations, out)
-    return degradations
+    with updating(out / SUMMARY, progress):
+        results = _measured(teams, axes, out / "results", n_episodes, progress=progress)
+        found = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
+        _write(found, out)
+    return found
 
 
 def _measured(
@@ -211,8 +216,8 @@ def _along(axis: Axis, course: Course, trained: TaskSpec) -> list[_Place]:
 
 
 def _write(found: Sequence[Degradation], out: Path) -> None:
-    (out / "sweep.csv").write_text(to_csv(found), encoding="utf-8")
+    write_file(out / SUMMARY, to_csv(found).encode())
     text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
-    (out / "sweep.md").write_text(text, encoding="utf-8")
+    write_file(out / "sweep.md", text.encode())
     for each in found:
         plot_degradation(each, out / f"{each.part}-{each.name}.png")

@@ -24,6 +24,7 @@ from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.recipes import make_source_policy
 from swarmdata.registry import POLICIES, make_policy, make_task
+from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
 from swarmdata.run_files import run_folders
 from swarmdata.seeding import evaluation_seeds
@@ -107,7 +108,7 @@ def find_target(
         MissingExtraError: a run folder without torch.
     """
     models = Models(observation, communication)
-    if run_folders(Path(name)):
+    if is_folder(name) and run_folders(Path(name)):
         return _run_target(Path(name), models)
     if name in POLICIES and name != "learned":
         spec = models.offered_to(name, find_spec(task), is_fixed=False)

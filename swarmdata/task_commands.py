@@ -81,8 +81,9 @@ def table(
     """Write the page of what policies without training achieve in every preset (WORLDS.md)."""
     from swarmdata.cards.schema import references
     from swarmdata.cards.worlds import worlds_page
+    from swarmdata.store import write_file
 
-    out.write_text(worlds_page(references()), encoding="utf-8")
+    write_file(out, worlds_page(references()).encode())
     typer.echo(out)
 
 

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+from platformdirs import user_cache_path
 
 if TYPE_CHECKING:
     from swarmdata.spec import TaskSpec
 
 # Before NumPy or torch start their thread pools: tests run small arrays, often several at once.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# `cache_folder` below moves the cache for every test, and compiling takes a minute
+os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("swarmdata") / "kernels"))
 
 # the default run is the same every time; the nightly profile explores
 settings.register_profile("quick", deadline=None, max_examples=15, derandomize=True)

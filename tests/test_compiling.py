@@ -1,11 +1,14 @@
 """Kernels are cached by all the source that is compiled into them."""
 
+import errno
 import logging
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from numba.core import config
+from numba.core.caching import IndexDataCacheFile
 
 from swarmdata import compiling
 from swarmdata.compiling import cache_folder, digest_of, kernel
@@ -89,3 +92,85 @@ def test_the_first_compilation_is_announced_once(caplog: pytest.LogCaptureFixtur
     assert [record.message for record in caplog.records] == [
         "compiling kernels, once for this version on this machine: up to a minute"
     ]
+
+
+def kernels() -> list[Callable[[float], float]]:
+    """Two kernels as two processes would make them, one after the other."""
+
+    def halve(x: float) -> float:
+        return 0.5 * x
+
+    return [kernel(halve), kernel(halve)]
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder for kernels, and nothing said yet."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "kernels"))
+    monkeypatch.setattr(compiling, "_said", set())
+    return tmp_path / "kernels"
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[-40] ^= 1
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize(
+    "damage",
+    [lambda f: f.write_bytes(b""), lambda f: f.write_bytes(b"\x80"), cut, flip],
+    ids=["empty", "one byte", "half", "bit"],
+)
+def test_a_damaged_file_is_compiled_again_and_said_once(
+    cache: Path, caplog: pytest.LogCaptureFixture, kind: str, damage: Callable[[Path], None]
+) -> None:
+    """Row 85: a truncated file was an EOFError without a name, a flipped bit other code."""
+    first, second = kernels()
+    assert first(3.0) == 1.5
+    (file,) = cache.rglob(kind)
+    whole = file.read_bytes()
+    damage(file)
+    with caplog.at_level(logging.WARNING, "swarmdata"):
+        assert second(3.0) == 1.5
+        damage(file)
+        assert kernels()[0](5.0) == 2.5
+    (said,) = [each.message for each in caplog.records if "damaged" in each.message]
+    assert str(file.parent) in said
+    assert "compiled again" in said
+    third = kernels()[0]
+    assert third(3.0) == 1.5
+    assert sum(third.stats.cache_hits.values()) == 1, "the file was replaced"  # type: ignore[attr-defined]
+    assert len(file.read_bytes()) == len(whole)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE])
+def test_a_cache_that_cannot_be_written_is_said_once(
+    cache: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """Row 85: a full disk was a raw OSError."""
+
+    def refuse(*arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(IndexDataCacheFile, "_open_for_write", refuse)
+    with caplog.at_level(logging.WARNING, "swarmdata"):
+        assert [each(3.0) for each in kernels()] == [1.5, 1.5]
+    (said,) = [each.message for each in caplog.records if "cannot be kept" in each.message]
+    assert os.strerror(number) in said
+    assert "SWARMDATA_CACHE" in said
+
+
+def test_the_cache_moves_with_that_of_datasets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "here"))
+    assert cache_folder("m").parent == tmp_path / "here" / "kernels"
+    assert cache_folder("m", str(tmp_path / "numba")).parent == tmp_path / "numba"
+    monkeypatch.delenv("SWARMDATA_CACHE")
+    assert cache_folder("m").parent.name == "kernels"

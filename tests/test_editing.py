@@ -30,6 +30,7 @@ from swarmdata.store import assemble, merge_order, write_part
 from swarmdata.testing.dataset import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Episode
+from tests.tiny import abandoned
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 7, 2]]
 
@@ -208,11 +209,8 @@ def test_same_request_is_kept_and_another_refused(source: Dataset, tmp_path: Pat
 def test_killed_in_the_middle_leaves_nothing(
     source: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    leftover = tmp_path / f".tmp-out-{'0' * 32}"
-    others = tmp_path / f".tmp-out-more-{'0' * 32}"
-    for folder in (leftover, others):
-        folder.mkdir()
-        (folder / "half").write_text("of a writer that was killed")
+    abandoned(tmp_path / "out")
+    others = abandoned(tmp_path / "out-more")
     with monkeypatch.context() as patch:
         patch.setattr("swarmdata.store.assembly.create_metadata", _no_space)
         with pytest.raises(OSError, match="no space"):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import uuid
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from swarmdata.recipes import build
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.atomic import MARKER, TEMPORARY
 from swarmdata.store.manifest import _ZEROS, _digest
 
 TINY = Recipe(
@@ -43,6 +45,15 @@ def flip(path: Path, byte: int, bit: int = 0) -> None:
     content = bytearray(path.read_bytes())
     content[byte] ^= 1 << bit
     path.write_bytes(content)
+
+
+def abandoned(path: Path) -> Path:
+    """What a killed writer of `path` leaves: a temporary folder with a marker that nobody holds."""
+    folder = path.parent / f"{TEMPORARY}{path.name}-{uuid.uuid4().hex}"
+    folder.mkdir(parents=True)
+    (folder / MARKER).write_text("process 1 on a machine")
+    (folder / path.name).write_text("half of it")
+    return folder
 
 
 class Shelf(FolderRemote):

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from swarmdata.envs.render.picture import draw, save_png
 from swarmdata.envs.render.video import animate
 from swarmdata.spec import TaskSpec
+from swarmdata.store.atomic import write_file
 from swarmdata.types import Episode, Float
 
 
@@ -33,7 +34,7 @@ class Picture:
 
     def save(self, path: Path) -> None:
         """Writes the image as it is."""
-        Path(path).write_bytes(self.data)
+        write_file(Path(path), self.data)
 
 
 def show(spec: TaskSpec, layout: Float, state: Float, **options: Any) -> Picture:

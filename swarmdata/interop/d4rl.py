@@ -23,6 +23,7 @@ from swarmdata.interop.choices import Choices
 from swarmdata.interop.d4rl_foreign import unnoted_file
 from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
 from swarmdata.interop.formats import Format
+from swarmdata.interop.hdf5 import created
 from swarmdata.interop.incoming import Incoming
 from swarmdata.interop.note import note_of, parse_note
 from swarmdata.interop.noted import noted
@@ -55,9 +56,8 @@ _CHUNK_ROWS = 4096
 
 def write(dataset: Dataset, path: Path) -> None:
     """Writes a view as one HDF5 file."""
-    import h5py  # noqa: PLC0415  (heavy)
-
-    with h5py.File(path, "w") as file:
+    with created(path) as writer:
+        file = writer.file
         for name, (shape, dtype) in row_shapes(dataset).items():
             if key := _key(name):
                 flat = (int(np.prod(shape)),) if _is_joint(name) else shape
@@ -70,6 +70,7 @@ def write(dataset: Dataset, path: Path) -> None:
                     file[key][first : first + len(rows)] = rows
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
             file["rewards"][first : first + len(team)] = team.astype(np.float32)
+            writer.check()
         file[NOTE] = note_of(dataset).to_json()
         layouts = dataset.episodes.layouts
         if layouts.size:

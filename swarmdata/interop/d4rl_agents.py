@@ -15,6 +15,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.interop.columns import agents_of
 from swarmdata.interop.fields import FACTS, NEXT, Arrays, blocks
 from swarmdata.interop.formats import Format
+from swarmdata.interop.hdf5 import created
 from swarmdata.spaces import width
 
 KEPT = {
@@ -35,16 +36,15 @@ _CHUNK_ROWS = 4096
 
 def write(dataset: Dataset, path: Path) -> None:
     """Writes a view as one HDF5 file per agent."""
-    import h5py  # noqa: PLC0415  (heavy)
-
     path.mkdir()
     agents = agents_of(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     for index, agent in enumerate(agents):
-        with h5py.File(path / f"{agent.name}.hdf5", "w") as file:
+        with created(path / f"{agent.name}.hdf5") as writer:
             sizes = width(agent.observation), width(agent.action)
             for _, arrays in blocks(dataset):
                 for key, values in _rows(arrays, index, *sizes).items():
-                    _append(file, key, values)
+                    _append(writer.file, key, values)
+                writer.check()
 
 
 def _rows(arrays: Arrays, agent: int, n_columns: int, action_size: int) -> dict[str, NDArray[Any]]:

@@ -28,6 +28,7 @@ from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
 from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.spaces import DictSpace, width
+from swarmdata.store.atomic import require_space
 from swarmdata.types import Episode
 
 NOTE = "swarmdata"
@@ -52,6 +53,9 @@ KEPT = {
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
 }
 LOST: dict[str, str] = {}
+
+_ROOM = 4 << 20
+"""Bytes beside an episode's own that HDF5 may need for it, and to close the file."""
 
 _INFOS = {name: key.removeprefix("infos/") for name, key in KEPT.items() if "infos/" in key}
 
@@ -84,7 +88,7 @@ def write(dataset: Dataset, path: Path) -> None:
     names = present(dataset)
     storage.update_episodes(
         EpisodeBuffer(seed=np.uint64(episode.seed), **_buffers(episode, agents, names))
-        for episode in dataset
+        for episode in _while_there_is_room(dataset, path)
     )
     storage.update_metadata(
         {
@@ -95,6 +99,18 @@ def write(dataset: Dataset, path: Path) -> None:
             NOTE: note_of(dataset).to_json(),
         }
     )
+
+
+def _while_there_is_room(dataset: Dataset, path: Path) -> Iterator[Episode]:
+    """Episodes, until the disk is nearly full.
+
+    Minari opens the file itself, and the HDF5 library crashes the process where a write fails.
+    """
+    for episode in dataset:
+        arrays = [getattr(episode, name) for name in episode.__slots__]
+        size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+        require_space(path, _ROOM + 2 * size)
+        yield episode
 
 
 def _buffers(

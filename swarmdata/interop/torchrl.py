@@ -8,6 +8,7 @@ a buffer of it without copying. Read: such folders, folders that a replay buffer
 several groups, and batches [B, T] of a collector; whole trajectories are put together by their ids.
 """
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -89,6 +90,7 @@ def write(dataset: Dataset, path: Path) -> None:
     _put(empty, _DONE, torch.zeros(1, dtype=torch.bool).expand(n, 1))
     _put(empty, _TRAJECTORY, torch.zeros(1, dtype=torch.int64).expand(n))
     target = tensordict.TensorDict(empty, [n]).memmap_like(prefix=str(path))
+    _reserve(path)
     trajectories = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
     for first, arrays in blocks(dataset):
         rows = slice(first, first + len(arrays["actions"]))
@@ -100,6 +102,14 @@ def write(dataset: Dataset, path: Path) -> None:
         target[_DONE][rows] = torch.from_numpy(ended[:, None])
         target[_TRAJECTORY][rows] = torch.from_numpy(trajectories[rows])
     (path / NOTE).write_text(note_of(dataset).to_json(), encoding="utf-8")
+
+
+def _reserve(folder: Path) -> None:
+    """Takes the space of every map now: on a full disk, writing to one ends the process."""
+    for file in folder.rglob("*.memmap"):
+        if size := file.stat().st_size:
+            with file.open("r+b") as opened:
+                os.posix_fallocate(opened.fileno(), 0, size)
 
 
 def _is_discrete(dataset: Dataset) -> bool:

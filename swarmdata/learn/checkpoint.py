@@ -6,7 +6,6 @@ never a slightly different policy. Nothing is pickled.
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from torch import Tensor
 
 from swarmdata.errors import CheckpointError
 from swarmdata.regular_files import read_regular
+from swarmdata.store.atomic import write_file
 
 FORMAT = "swarmdata-checkpoint-1"
 
@@ -42,7 +42,7 @@ def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping
     digest = _digest(content, text)
     # one entry: safetensors writes several in random order, and equal runs are to be equal files
     header = {FORMAT: json.dumps({"metadata": text, "sha256": digest})}
-    write_atomically(path, serialize(content, header))
+    write_file(path, serialize(content, header))
     return digest
 
 
@@ -85,24 +85,6 @@ def part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """Returns the tensors named `prefix.*` without the prefix."""
     start = prefix + "."
     return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Writes a file so that a crash leaves the old or the new content, never a part."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)  # the rename itself must survive a power cut
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def _header(data: bytes) -> dict[str, str]:

@@ -40,7 +40,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.learn.critics import JointCritics
 from swarmdata.learn.data import Data
 from swarmdata.learn.optimizer import cosine
@@ -219,6 +219,9 @@ def fitted_q_evaluation(
         scale: a typical size of returns, such as the deviation of the returns-to-go.
         config: settings.
         progress: whether to show a bar (on standard error, if that is a terminal).
+
+    Raises:
+        DivergedError: a value became infinite or NaN.
     """
     fitted, n_rows = FittedQ(train, scale, config), len(train.data)
     device = train.data.here.device
@@ -231,6 +234,7 @@ def fitted_q_evaluation(
             clipped.append(shares)
         if update + 1 in points:
             curve.append(fitted.initial_values(held_out).mean(2))
+            _check_finite(curve[-1], update + 1)
     return Values(
         values=fitted.initial_values(held_out),
         curve=np.stack(curve),
@@ -238,6 +242,14 @@ def fitted_q_evaluation(
         clipped=torch.stack(clipped).mean(0).double().cpu().numpy(),
         bound=fitted.bound,
     )
+
+
+def _check_finite(values: Double, update: int) -> None:
+    if not np.isfinite(values).all():
+        raise DivergedError(
+            f"fitted Q evaluation diverged: at update {update:,}, {(~np.isfinite(values)).sum()} "
+            f"of {values.size} values are not finite. Take a smaller step_size, or smaller rewards."
+        )
 
 
 def draws(n_rows: int, config: FQEConfig, update: int) -> Int:

@@ -7,6 +7,7 @@ the resumed run writes the later ones again. A checkpoint keeps the position and
 row (CRC-32), with which `load_state_dict` makes sure that it found the same rows.
 """
 
+import os
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from torch import Tensor
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.learn.sizes import Sizes
+from swarmdata.store.atomic import staged
 from swarmdata.types import Batch
 
 FILE = "replay.f32"
@@ -190,12 +192,14 @@ class Replay:
 
 
 def _open(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.float32]]":
-    """Maps the ring file, made if there is none; the disk fills as rows are written."""
+    """Maps the ring file, made if there is none.
+
+    All of it is reserved at once: a full disk ends a process that writes to a map, without a word.
+    """
     size = 4 * int(np.prod(shape))
-    path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        with path.open("wb") as file:
-            file.truncate(size)
+        with staged(path) as target, target.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
     found = path.stat().st_size
     if found != size:
         raise CheckpointError(

@@ -32,6 +32,7 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
 from swarmdata.scaling import choices_of
+from swarmdata.store.atomic import disk_full_explained, write_file
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
@@ -248,12 +249,12 @@ class Table:
                 # a row that a crash cut short is later than the checkpoint, and is dropped
                 rows = [row for row in csv.reader(file) if len(row) == len(self.columns)]
             kept = [row for row in rows if row[0].isdecimal() and int(row[0]) <= last]
-        checkpoint.write_atomically(path, _csv([self.columns, *kept]))
+        write_file(path, _csv([self.columns, *kept]))
 
     def append(self, now: int, who: int, values: Mapping[str, float]) -> None:
         """Adds a row; a value that was not measured stays empty."""
         cells = [format(values[c], ".6g") if c in values else "" for c in self.columns[2:]]
-        with self.path.open("ab") as file:
+        with disk_full_explained(self.path), self.path.open("ab") as file:
             file.write(_csv([(str(now), str(who), *cells)]))
 
 

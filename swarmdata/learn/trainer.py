@@ -21,6 +21,7 @@ from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
+from swarmdata.learn.divergence import check_finite
 from swarmdata.learn.framed import framed
 from swarmdata.learn.fusing import Fusion, fused, has_fusable, unfused
 from swarmdata.learn.run import (
@@ -39,9 +40,11 @@ from swarmdata.learn.run import (
 )
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
+from swarmdata.locking import updating
 from swarmdata.origins import RecordedSpec
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.scaling import choices_of, has_choices
+from swarmdata.store.atomic import write_file
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -93,6 +96,8 @@ def train(
 ) -> list[Policy]:
     """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
 
+    Where another process trains in `folder`, this one waits for it.
+
     Args:
         algorithm: registered name.
         dataset: what to learn from, usually the train split.
@@ -117,6 +122,8 @@ def train(
             nothing to compile.
         ProgramError: `compile` found no working compiler.
         CheckpointError: the folder holds another run, or a damaged one.
+        DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
+        DiskFullError: no space was left; the same.
         KeyboardInterrupt: Ctrl-C; the folder can be resumed.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
@@ -132,11 +139,12 @@ def train(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
     )
     path = Path(folder)
-    _claim(path, run)
-    statistics = Statistics.measure(dataset, config.discount)
-    trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-    with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
-        trainer.fit(config.n_updates, evaluate, progress)
+    with updating(path / CONFIG, progress):
+        _claim(path, run)
+        statistics = Statistics.measure(dataset, config.discount)
+        trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
+        with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
+            trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
 
@@ -221,7 +229,7 @@ def _claim(folder: Path, run: Run) -> None:
     """Makes the folder this run's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / CONFIG).exists():
-        checkpoint.write_atomically(folder / CONFIG, run.to_json().encode())
+        write_file(folder / CONFIG, run.to_json().encode())
         return
     ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
     different = [name for name in ours if ours[name] != theirs[name]]
@@ -299,10 +307,13 @@ class _Trainer:
 
     def _log(self) -> None:
         means = {name: torch.stack(rows).mean(0) for name, rows in self.window.items()}  # [K]
-        for index, seed in enumerate(self.run.seeds):
-            self.losses.append(
-                self.update, seed, {name: float(mean[index]) for name, mean in means.items()}
-            )
+        rows = [
+            {n: float(mean[k]) for n, mean in means.items()} for k in range(len(self.run.seeds))
+        ]
+        for seed, row in zip(self.run.seeds, rows, strict=True):
+            check_finite(row, f"the losses of seed {seed}", self.update, self.folder)
+        for seed, row in zip(self.run.seeds, rows, strict=True):
+            self.losses.append(self.update, seed, row)
         self.window.clear()
         if self.report is not None:
             self.report(self.update - self.reported)
@@ -324,6 +335,7 @@ class _Trainer:
 
     def _save(self) -> None:
         tensors = {f"algorithm.{k}": v for k, v in self.algorithm.state_dict().items()}
+        check_finite(tensors, "the algorithm's tensors", self.update, self.folder)
         metadata = {
             "run": self.run.hash(),
             "update": self.update,

@@ -17,7 +17,7 @@ from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics, returns_to_go
 from swarmdata.origins import RecordedSpec
 from swarmdata.scaling import action_scale
-from swarmdata.types import Episode, Float
+from swarmdata.types import Double, Episode, Float
 
 
 @runtime_checkable
@@ -60,7 +60,8 @@ class Transitions:
             device: where the tensors are.
 
         Raises:
-            SchemaError: there are no episodes, or the actions are not continuous and bounded.
+            SchemaError: there are no episodes, the actions are not continuous and bounded, or
+                returns are too large for float32.
         """
         if not len(dataset):
             raise SchemaError(f"there are no episodes of {dataset.id} to read; widen the filter")
@@ -74,7 +75,7 @@ class Transitions:
                 _information(episode, known),
                 actions if episode.alive is None else actions * episode.alive[:-1, :, None],
                 team.astype(np.float32),
-                returns_to_go(team, discount).astype(np.float32),
+                _in_float32(returns_to_go(team, discount), dataset.id),
                 episode.terminations,
             ))  # fmt: skip
         lengths = np.array([len(rows[2]) for rows in columns])
@@ -93,6 +94,16 @@ class Transitions:
     def __len__(self) -> int:
         """Number of transitions, n."""
         return len(self.rewards)
+
+
+def _in_float32(returns: Double, name: str) -> Float:
+    most = float(np.abs(returns).max(initial=0.0))
+    if most > float(np.finfo(np.float32).max):
+        raise SchemaError(
+            f"returns of {name} reach {most:.2g}, expected at most 3.4e38, which float32 holds. "
+            "Make the dataset with smaller rewards."
+        )
+    return returns.astype(np.float32)
 
 
 def _sizes(episode: Episode) -> Sizes:

@@ -14,7 +14,7 @@ from swarmdata.documents import parse_yaml
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.metadata.croissant import CROISSANT, croissant, license_of
 from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
-from swarmdata.store import SPLITS
+from swarmdata.store import SPLITS, write_file
 
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """The Hub's size categories, by joint steps below."""
@@ -59,9 +59,8 @@ def write_beside(folder: Path, out: Path) -> None:
         SchemaError: its card's front matter is not YAML.
     """
     for name, content in metadata_files(folder).items():
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_bytes(content)
-    (out / README).write_text(hub_card(folder), encoding="utf-8")
+        write_file(out / name, content)
+    write_file(out / README, hub_card(folder).encode())
 
 
 def _tables(dataset: Dataset) -> dict[str, bytes]:

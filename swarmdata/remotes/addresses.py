@@ -12,6 +12,7 @@ from platformdirs import user_config_path
 
 from swarmdata.documents import read_document
 from swarmdata.errors import AddressError, SpecError, UnknownNameError
+from swarmdata.locking import updating
 from swarmdata.remotes.buckets import BucketRemote
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.hugging_face import HubRemote
@@ -174,12 +175,20 @@ def stored_remotes() -> tuple[str, ...]:
     return tuple(_whole(each, str(path)) for each in listed)
 
 
-def store_remotes(addresses: tuple[str, ...]) -> Path:
-    """Replaces the user's `remotes.yaml` in one step and returns its path."""
+def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
+    """Changes the user's `remotes.yaml` in one step and returns its path.
+
+    Args:
+        change: from what is there to what shall be; nobody else changes the file meanwhile.
+
+    Raises:
+        AddressError: the file or an address in it is malformed.
+        BuildError: it cannot be written.
+    """
     path = config_file()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({"remotes": list(addresses)}, sort_keys=False)
-    write_file(path, text.encode())
+    with updating(path):
+        text = yaml.safe_dump({"remotes": list(change(stored_remotes()))}, sort_keys=False)
+        write_file(path, text.encode())
     return path
 
 

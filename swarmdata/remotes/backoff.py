@@ -1,14 +1,21 @@
 """Backoff, how often and after how long a remote is asked again."""
 
+import errno
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
 from swarmdata.errors import HubError
+from swarmdata.remotes.interruption import pause
 
 T = TypeVar("T")
+
+LOCAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""Failures of this machine's disk, which no other attempt and no other remote can change."""
+
+SLOW_ATTEMPTS = 2
+"""How often a server is asked that takes all of its time; `Backoff` asks others more often."""
 
 ADVICE = (
     "Datasets in the cache still load. Try again later, or name another remote "
@@ -25,6 +32,10 @@ class TransientError(Exception):
         self.after = after
 
 
+class TooSlowError(TransientError):
+    """A server is slower than it may be; asked once more, and then no more."""
+
+
 @dataclass(frozen=True)
 class Backoff:
     """Tries again after waits that double.
@@ -39,7 +50,7 @@ class Backoff:
     attempts: int = 5
     wait: float = 1.0
     longest: float = 30.0
-    sleep: Callable[[float], None] = time.sleep
+    sleep: Callable[[float], None] = pause
 
     def run(self, what: str, action: Callable[[], T]) -> T:
         """Returns what `action` returns, once it does not raise `TransientError`.
@@ -55,7 +66,8 @@ class Backoff:
             try:
                 return action()
             except TransientError as error:
-                if attempt == self.attempts:
+                limit = min(self.attempts, SLOW_ATTEMPTS)
+                if attempt == (limit if isinstance(error, TooSlowError) else self.attempts):
                     times = "once" if attempt == 1 else f"{attempt} times"
                     raise HubError(f"{what} failed {times}: {error}. {ADVICE}") from error
                 wait = self.wait * 2 ** (attempt - 1) if error.after is None else error.after

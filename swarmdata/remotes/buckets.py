@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.util
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,11 +14,13 @@ from swarmdata.errors import (
     MissingExtraError,
     VersionTakenError,
 )
-from swarmdata.remotes.backoff import Backoff, TransientError, refuse_offline
+from swarmdata.remotes.backoff import LOCAL, Backoff, TransientError, refuse_offline
 from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
+from swarmdata.remotes.pace import Meter, Pace
+from swarmdata.remotes.threads import watched
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 
@@ -51,10 +54,12 @@ class BucketRemote:
         address: str,
         *,
         backoff: Backoff | None = None,
+        pace: Pace | None = None,
         options: dict[str, Any] | None = None,
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
+        self._pace = pace or Pace.from_environment()
         scheme, _, self._root = address.partition("://")
         self._files = _file_system(scheme, options)
 
@@ -63,7 +68,7 @@ class BucketRemote:
         manifest = self._object(dataset_id, MANIFEST)
         what = f"asking {self.address} for {dataset_id}"
         try:
-            self._try(what, lambda: self._files.info(manifest))
+            self._ask(what, lambda: self._files.info(manifest))
         except AbsentFileError:
             return None
         return Release(dataset_id, f"{self.address}/{dataset_id}")
@@ -71,23 +76,34 @@ class BucketRemote:
     def ids(self) -> tuple[str, ...]:
         what = f"asking {self.address} for its datasets"
         try:
-            listed = self._try(what, lambda: self._files.ls(self._root, detail=False))
+            listed = self._ask(what, lambda: self._files.ls(self._root, detail=False))
         except AbsentFileError:
             return ()
         names = {str(path).rstrip("/").rpartition("/")[2] for path in listed}
         return tuple(name for name in sorted(names) if is_id(name) and self.find(name))
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
-        source, part = self._object(release.id, file), out.with_name(f"{out.name}.part")
+        source = self._object(release.id, file)
         what = f"fetching {release.address}/{file}"
-        found = self._try(what, lambda: self._files.info(source))["size"]
+        found = self._ask(what, lambda: self._files.info(source))["size"]
         if found is None or found > size:
             raise HubError(
                 f"{release.address}/{file} has {found} bytes, expected at most {size}. It is not "
                 "the file that the manifest lists; tell whoever publishes there."
             )
-        self._try(what, lambda: self._files.get_file(source, str(part)))
-        part.replace(out)
+
+        def fetch() -> Path:
+            # a name of its own for each attempt: one that was too slow may still be writing
+            part = out.with_name(f"{out.name}.{uuid.uuid4().hex[:8]}.part")
+            meter = Meter(self._pace, f"{release.address}/{file}")
+            watched(
+                lambda: self._files.get_file(source, str(part)),
+                meter,
+                lambda: part.stat().st_size if part.exists() else 0,
+            )
+            return part
+
+        self._try(what, fetch).replace(out)
 
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
@@ -184,6 +200,9 @@ class BucketRemote:
             listed = found
             self._put(f"{self._root}/{INDEX}", index_bytes(found))
 
+    def _ask(self, what: str, action: Callable[[], T]) -> T:
+        return self._try(what, lambda: watched(action, Meter(self._pace, self.address)))
+
     def _try(self, what: str, action: Callable[[], T]) -> T:
         """Runs a call of fsspec, whose errors have no common type; most of them may pass."""
 
@@ -191,11 +210,13 @@ class BucketRemote:
             refuse_offline(self.address)
             try:
                 return action()
-            except HubError:
+            except (HubError, TransientError):
                 raise
             except FileNotFoundError as error:
                 raise AbsentFileError(f"{what} failed: it is not there ({error}).") from error
             except Exception as error:
+                if isinstance(error, OSError) and error.errno in LOCAL:
+                    raise
                 if isinstance(error, PermissionError) or type(error).__name__ in FINAL:
                     raise HubError(
                         f"{what} failed: {error}. Look whether your credentials are set and give "

@@ -7,6 +7,7 @@ from urllib.parse import unquote
 from filelock import FileLock
 
 from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
+from swarmdata.remotes.backoff import LOCAL
 from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
@@ -56,6 +57,8 @@ class FolderRemote:
         try:
             shutil.copyfile(source, part)
         except OSError as error:
+            if error.errno in LOCAL:
+                raise
             raise HubError(f"{source} cannot be copied to {out}: {error}.") from error
         part.replace(out)
 

@@ -13,6 +13,8 @@ from swarmdata.errors import HubError
 from swarmdata.remotes.backoff import Backoff, TransientError, refuse_offline
 from swarmdata.remotes.contents import check_listing
 from swarmdata.remotes.hub_errors import explained, status_of
+from swarmdata.remotes.pace import Meter, Pace
+from swarmdata.remotes.threads import bytes_in, watched
 from swarmdata.store.shards import file_digest
 
 T = TypeVar("T")
@@ -59,10 +61,12 @@ class HubCalls:
         address: of the remote, for messages.
         endpoint: of the Hub; None: the public one.
         backoff: how often and after how long.
+        pace: how slow it may be; sending has no limit.
     """
 
-    def __init__(self, address: str, endpoint: str | None, backoff: Backoff) -> None:
-        self._address, self._endpoint, self._backoff = address, endpoint, backoff
+    def __init__(self, address: str, endpoint: str | None, backoff: Backoff, pace: Pace) -> None:
+        self._address, self._endpoint = address, endpoint
+        self._backoff, self._pace = backoff, pace
 
     def look(self, repository: str, revision: str) -> tuple[str, Mapping[str, Listed]] | None:
         """The commit of a revision and its files; None: there is no such repository or revision."""
@@ -83,7 +87,7 @@ class HubCalls:
             except (RepositoryNotFoundError, RevisionNotFoundError):
                 return None
 
-        info = self._call(f"asking for {repository}@{revision}", ask)
+        info = self._ask(f"asking for {repository}@{revision}", ask)
         if info is None:
             return None
         address = f"{self._address.partition('://')[0]}://{repository}@{revision}"
@@ -105,7 +109,7 @@ class HubCalls:
                 return ()
             return tuple(tag.name for tag in refs.tags)
 
-        return self._call(f"asking for the versions of {repository}", ask)
+        return self._ask(f"asking for the versions of {repository}", ask)
 
     def repositories(self, organization: str) -> tuple[str, ...]:
         """The names of an organization's repositories that have our tag."""
@@ -114,17 +118,21 @@ class HubCalls:
             found = self._api().list_datasets(author=organization, filter=TAG)
             return tuple(info.id.partition("/")[2] for info in found)
 
-        return self._call(f"asking for the datasets of {organization}", ask)
+        return self._ask(f"asking for the datasets of {organization}", ask)
 
     def download(self, repository: str, commit: str, path: str, folder: Path) -> None:
         """Puts one file below `folder`, where a partial file of an earlier attempt is used."""
+        what = f"fetching {path} of {repository}@{commit[:12]}"
 
         def fetch() -> None:
             self._api().hf_hub_download(
                 repository, path, repo_type=KIND, revision=commit, local_dir=folder
             )
 
-        self._call(f"fetching {path} of {repository}@{commit[:12]}", fetch)
+        def watch() -> None:
+            watched(fetch, Meter(self._pace, self._address), lambda: bytes_in(folder))
+
+        self._call(what, watch)
 
     def create(self, repository: str) -> None:
         """Makes an empty repository, unless it is there."""
@@ -193,6 +201,9 @@ class HubCalls:
         from huggingface_hub import HfApi  # noqa: PLC0415
 
         return HfApi(endpoint=self._endpoint)
+
+    def _ask(self, what: str, action: Callable[[], T]) -> T:
+        return self._call(what, lambda: watched(action, Meter(self._pace, self._address)))
 
     def _call(self, what: str, action: Callable[[], T]) -> T:
         def attempt() -> T:

@@ -4,19 +4,15 @@ Written for versions 0.34 to 2.x, whose HTTP libraries differ (requests, httpx, 
 told apart by the answer's status and by the library that they come from.
 """
 
-import errno
 import json
 import re
 from typing import Any
 
 from swarmdata.errors import AbsentFileError, ConflictError, HubError
-from swarmdata.remotes.backoff import TransientError, seconds
+from swarmdata.remotes.backoff import LOCAL, TransientError, seconds
 
 LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
 """Whose errors are failures of the network, or of the server behind it."""
-
-LOCAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-"""Failures of this machine's disk."""
 
 
 def explained(error: Exception, what: str) -> Exception | None:

@@ -19,6 +19,7 @@ from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.hub_calls import HubCalls, Listed, quiet
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
+from swarmdata.remotes.pace import Pace
 from swarmdata.store.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
@@ -38,10 +39,13 @@ class HubRemote:
     `HF_TOKEN`.
     """
 
-    def __init__(self, address: str, *, backoff: Backoff | None = None) -> None:
+    def __init__(
+        self, address: str, *, backoff: Backoff | None = None, pace: Pace | None = None
+    ) -> None:
         self.address = address
         self._organization = address.removeprefix("hf://")
-        self._calls = HubCalls(address, os.environ.get("HF_ENDPOINT"), backoff or Backoff())
+        pace = pace or Pace.from_environment()
+        self._calls = HubCalls(address, os.environ.get("HF_ENDPOINT"), backoff or Backoff(), pace)
         self._listings: dict[tuple[str, str], Mapping[str, Listed]] = {}
 
     def find(self, dataset_id: str) -> Release | None:

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from swarmdata.errors import AddressError, did_you_mean
 
@@ -42,6 +43,14 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
 def is_id(text: str) -> bool:
     """Whether this is the id of a dataset, version included."""
     return len(text) <= MAX_ID and ID_PATTERN.fullmatch(text) is not None
+
+
+def is_folder(text: str | Path) -> bool:
+    """Whether this names a folder that is there; what no system takes for a name does not."""
+    try:
+        return Path(text).is_dir()
+    except (OSError, ValueError):  # such as a name that is too long, or not to be looked into
+        return False
 
 
 def unsafe_names(names: Iterable[str]) -> tuple[str, ...]:

@@ -1,10 +1,9 @@
 """Pulling a dataset: manifest first, every file checked on the way in, visible at once or never."""
 
 import contextlib
-import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,8 @@ from swarmdata.errors import (
 )
 from swarmdata.remotes.contents import MAX_SMALL, SIDE_FILES, contradictions
 from swarmdata.remotes.interface import Release, Remote
-from swarmdata.store.atomic import sync, sync_tree
+from swarmdata.remotes.threads import bytes_in, run_all
+from swarmdata.store.atomic import disk_full_explained, sync, sync_tree
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder
@@ -67,6 +67,7 @@ def pull(
         FormatVersionError: a newer format.
         HubError: the remote could not be asked, or gave what it must not.
         DatasetError: something else is at `folder`, or the disk is too small.
+        DiskFullError: no space was left; what has arrived is kept.
     """
     folder = Path(folder)
     refuse_current_folder(folder)
@@ -79,16 +80,17 @@ def pull(
             remove_scratch(scratch)
             return folder
         _check_space(manifest, scratch, release)
-        with tqdm(
-            desc=f"pulling {release.id}",
-            total=sum(entry.size for entry in manifest.files.values()),
-            unit="B",
-            unit_scale=True,
-            disable=not progress,
-        ) as bar:
-            _fetch_all(remote, release, manifest, scratch, bar)
-        _fetch_side_files(remote, release, scratch)
-        _publish(manifest, scratch, whole)
+        with disk_full_explained(folder, scratch):
+            with tqdm(
+                desc=f"pulling {release.id}",
+                total=sum(entry.size for entry in manifest.files.values()),
+                unit="B",
+                unit_scale=True,
+                disable=not progress,
+            ) as bar:
+                _fetch_all(remote, release, manifest, scratch, bar)
+            _fetch_side_files(remote, release, scratch)
+            _publish(manifest, scratch, whole)
     return folder
 
 
@@ -254,34 +256,13 @@ def _fetch_all(
             _read_checked(remote, release, name, entry, arriving)
             arriving.replace(out)  # flushed to the disk with everything else, by `_publish`
 
-    with _pool() as pool:
-        # large files first, so that no thread begins one when the others have ended
-        order = sorted(manifest.files, key=lambda name: -manifest.files[name].size)
-        pending: set[Future[None]] = {pool.submit(fetch, name) for name in order}
-        while pending:
-            done, pending = wait(pending, BAR_SECONDS, FIRST_EXCEPTION)
-            for job in done:
-                job.result()
-            bar.n = min(bar.total or 0, _bytes_in(scratch))  # also of files that are still arriving
-            bar.refresh()
+    def show() -> None:
+        bar.n = min(bar.total or 0, bytes_in(scratch))  # also of files that are still arriving
+        bar.refresh()
 
-
-def _bytes_in(folder: Path) -> int:
-    total = 0
-    for root, _, names in os.walk(folder):  # which passes over folders that vanish
-        for name in names:
-            with contextlib.suppress(FileNotFoundError):  # renamed meanwhile
-                total += Path(root, name).stat().st_size
-    return total
-
-
-@contextlib.contextmanager
-def _pool() -> Iterator[ThreadPoolExecutor]:
-    pool = ThreadPoolExecutor(N_WORKERS)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+    # large files first, so that no thread begins one when the others have ended
+    order = sorted(manifest.files, key=lambda name: -manifest.files[name].size)
+    run_all([partial(fetch, name) for name in order], N_WORKERS, show, BAR_SECONDS)
 
 
 def _fetch_side_files(remote: Remote, release: Release, scratch: Path) -> None:

@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote
-from urllib.request import Request, urlopen
 
 from swarmdata.errors import AbsentFileError, HubError
 from swarmdata.remotes.backoff import Backoff, TransientError, refuse_offline, seconds
+from swarmdata.remotes.connections import Network, opened, opener
 from swarmdata.remotes.index import INDEX, MAX_INDEX, read_index
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import split_id
+from swarmdata.remotes.pace import Pace
 from swarmdata.store.layout import MANIFEST
 
-TIMEOUT = 30.0
-"""Seconds without a single byte before a connection counts as lost."""
-
-BLOCK = 1 << 20
-"""Bytes read at a time."""
+BLOCK = 1 << 16
+"""Bytes read at a time; what a lost connection has of one is fetched again."""
 
 TRANSIENT_STATUS = frozenset((408, 425, 429, 500, 502, 503, 504))
 """HTTP answers that may be different the next time."""
@@ -33,11 +31,17 @@ class WebRemote:
     """Datasets that a web server gives as plain files, such as a published `file://` folder."""
 
     def __init__(
-        self, address: str, *, backoff: Backoff | None = None, timeout: float = TIMEOUT
+        self,
+        address: str,
+        *,
+        backoff: Backoff | None = None,
+        pace: Pace | None = None,
+        network: Network | None = None,
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
-        self._timeout = timeout
+        self._pace = pace or Pace.from_environment()
+        self._opener = opener(self._pace, network or Network())
 
     def find(self, dataset_id: str) -> Release | None:
         split_id(dataset_id)
@@ -109,14 +113,15 @@ class WebRemote:
     def _open(self, url: str, headers: dict[str, str] | None = None) -> Iterator[Response]:
         """Asks once; failures on the way and in the body become errors of ours."""
         refuse_offline(self.address)
-        request = Request(url, headers=headers or {})
         try:
-            with urlopen(request, timeout=self._timeout) as response:
+            with opened(self._opener, url, headers or {}, self._pace.answer_seconds) as response:
                 yield response
         except HTTPError as error:
             error.close()  # it is the answer, with an open connection
             raise _explained(error, url) from error
         except URLError as error:
+            if isinstance(error.reason, HubError):
+                raise error.reason from error
             if isinstance(error.reason, ssl.SSLCertVerificationError):
                 raise HubError(f"{url} has no valid certificate: {error.reason}.") from error
             raise TransientError(f"no connection to {url}: {error.reason}") from error

@@ -1,13 +1,18 @@
-"""Crash-safe publishing: temporary sibling, fsync, rename, fsync of the parent folder.
+"""Crash-safe publishing: a folder beside the target, fsync, rename, fsync of the parent folder.
 
-Readers see the old state or the new one, whatever is killed and whenever.
+Readers see the old state or the new one, whatever is killed and whenever. What is not published yet
+lies in a temporary folder with a marker, which its writer keeps locked: the operating system frees
+the lock of a process that dies, so a leftover of ours is told from a folder of the user's and from
+the work of a living process, and whoever writes there next removes it.
 """
 
 import contextlib
 import errno
+import fcntl
 import os
 import re
 import shutil
+import socket
 import sys
 import uuid
 from collections.abc import Iterator
@@ -15,21 +20,120 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from swarmdata.errors import DiskFullError
+from swarmdata.errors import DiskFullError, ProgramError, SwarmdataError
 
 TEMPORARY = ".tmp-"
 """Prefix of what is not published yet."""
 
 _LEFTOVER = re.compile(rf"{re.escape(TEMPORARY)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
-"""Names that `temporary_sibling` makes, with the name of what was written."""
+"""Names of temporary folders, with the name of what was written."""
+
+MARKER = ".swarmdata-temporary"
+"""File in a temporary folder of ours; locked while its writer lives."""
 
 LITTLE = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
 
 
-def temporary_sibling(path: Path) -> Path:
-    """Returns a fresh name in the same folder, so that the final rename stays in one filesystem."""
-    return path.parent / f"{TEMPORARY}{path.name}-{uuid.uuid4().hex}"
+@contextlib.contextmanager
+def staged(path: Path) -> Iterator[Path]:
+    """Yields where to write a file or folder, which becomes `path` if the block ends well.
+
+    The yielded path has the same name, in a temporary folder beside `path`, so that the final
+    rename stays in one filesystem. What killed writers of the same path left is removed first. An
+    existing file is replaced, an existing folder only if it is empty.
+
+    Args:
+        path: of the file or folder; its parents are made.
+
+    Raises:
+        DiskFullError: no space, or no inode, was left.
+        OSError: it cannot be written, or a folder with content is there already.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(path.parent, path.name)
+    scratch: Path | None = None
+    try:
+        scratch, lock = _marked(path)
+        os.write(lock, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+        target = scratch / path.name
+        yield target
+        sync_tree(target) if target.is_dir() else sync(target)
+        target.rename(path)
+    except (OSError, RuntimeError, ValueError) as error:
+        _raise_if_full(error, path, scratch)
+        raise
+    finally:
+        if scratch is not None:
+            shutil.rmtree(scratch)
+            os.close(lock)
+    sync(path.parent)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Publishes one file; an existing file is replaced in one step.
+
+    Raises:
+        DiskFullError: no space was left.
+    """
+    with staged(path) as target:
+        target.write_bytes(content)
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Yields a new folder that becomes `path` when the block ends without an error.
+
+    Where another process has published `path` first, this copy is discarded: folders are
+    immutable, so the first one stands.
+
+    Raises:
+        DiskFullError: no space was left.
+    """
+    try:
+        with staged(path) as target:
+            target.mkdir()
+            yield target
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not _is_published(error, path):
+            raise
+
+
+@contextlib.contextmanager
+def disk_full_explained(path: Path, folder: Path | None = None) -> Iterator[None]:
+    """Turns errors of a full disk into `DiskFullError`, where a file is added to in place.
+
+    Args:
+        path: what is written, for the message.
+        folder: where it grows; None: at `path` itself.
+
+    Raises:
+        DiskFullError: no space, or no inode, was left.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        _raise_if_full(error, path, folder)
+        raise
+
+
+def require_space(path: Path, needed: int) -> None:
+    """Raises where fewer bytes are free than are needed, before a library fails over it.
+
+    Args:
+        path: a file or folder on the disk.
+        needed: bytes.
+
+    Raises:
+        DiskFullError: with both numbers.
+    """
+    free = shutil.disk_usage(path).free
+    if free < needed:
+        raise DiskFullError(
+            f"no space is left for {path.name}: {needed / 1e6:.1f} MB more are "
+            f"needed, {free / 1e6:.1f} MB are free. Make room and run the same again."
+        )
 
 
 def sync(path: Path) -> None:
@@ -49,95 +153,93 @@ def sync_tree(folder: Path) -> None:
         sync(Path(root))
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Publishes one file; an existing file is replaced in one step."""
-    temporary = temporary_sibling(path)
-    try:
-        temporary.write_bytes(content)
-        sync(temporary)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    sync(path.parent)
-
-
-@contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """Yields a temporary sibling that becomes `path` when the block ends without an error.
-
-    Where another process has published `path` first, this copy is discarded: folders are
-    immutable, so the first one stands.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_sibling(path)
-    temporary.mkdir()
-    try:
-        yield temporary
-        sync_tree(temporary)
-        _publish(temporary, path)
-    except OSError as error:
-        _explain_full_disk(error, path, temporary)
-        raise
-    finally:
-        if temporary.exists():
-            shutil.rmtree(temporary)
-    sync(path.parent)
-
-
-def _explain_full_disk(error: OSError, path: Path, temporary: Path) -> None:
-    """Raises `DiskFullError` if that is what an error of writing means.
-
-    NumPy and the C library report a short write without a number, so the free space decides too.
-    """
-    free = shutil.disk_usage(path.parent).free
-    if error.errno not in (errno.ENOSPC, errno.EDQUOT) and free > LITTLE:
-        return
-    written = sum(file.stat().st_size for file in temporary.rglob("*") if file.is_file())
-    raise DiskFullError(
-        f"no space is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
-        f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "
-        "what was finished before is. Make room and run the same again to go on."
-    ) from error
-
-
-def _publish(temporary: Path, path: Path) -> None:
-    """Renames, unless a folder with content is there already."""
-    try:
-        temporary.rename(path)
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise
-
-
 def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
-    """Deletes what killed writers left in `folder`; only whoever holds its lock may call this.
+    """Deletes what killed writers left in `folder`: temporary folders with our marker and no owner.
 
-    Only names that `temporary_sibling` makes are deleted, and each is shown on standard error.
-    Whatever else begins with `.tmp-` is somebody else's.
+    Each is shown on standard error. Nothing else is touched: not what a living process is writing,
+    and nothing of the user's, whatever it is called.
 
     Args:
         folder: where to look; it need not exist.
-        names: of the files and folders that they were writing, or patterns of such names.
+        names: of the files and folders that they were writing, or patterns of such names; without
+            any, whatever they were writing.
     """
     if not folder.is_dir():
         return
     for each in sorted(folder.iterdir()):
         match = _LEFTOVER.fullmatch(each.name)
-        if match is None or each.is_symlink():  # a writer makes no links
+        if match is None or (names and not any(_is_named(match[1], name) for name in names)):
             continue
-        if any(_is_named(match[1], name) for name in names):
-            _remove(each)
-            tqdm.write(f"removed {each}, which a killed process left", file=sys.stderr)
+        with _taken_over(each) as is_ours:
+            if is_ours:
+                shutil.rmtree(each)
+                tqdm.write(f"removed {each}, which a killed process left", file=sys.stderr)
 
 
 def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
     return found == name if isinstance(name, str) else name.fullmatch(found) is not None
 
 
-def _remove(path: Path) -> None:
-    """Deletes a file or a whole folder."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
+def _marked(path: Path) -> tuple[Path, int]:
+    """Makes a temporary folder with a locked marker; returns it and what holds the lock."""
+    while True:
+        scratch = path.parent / f"{TEMPORARY}{path.name}-{uuid.uuid4().hex}"
+        scratch.mkdir()
+        try:
+            lock = os.open(scratch / MARKER, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        except BaseException:
+            scratch.rmdir()
+            raise
+        with contextlib.suppress(OSError):  # without locks here, leftovers stay: nobody can tell
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if os.fstat(lock).st_nlink:
+            return scratch, lock
+        os.close(lock)  # somebody took it for a leftover, before it was locked
+
+
+@contextlib.contextmanager
+def _taken_over(leftover: Path) -> Iterator[bool]:
+    """Whether a folder is a temporary one of ours whose writer is dead; it is locked meanwhile."""
+    try:
+        lock = os.open(leftover / MARKER, os.O_RDWR | os.O_NOFOLLOW)
+    except OSError:  # no marker, no folder, or not ours to write in
+        yield False
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        is_free = os.fstat(lock).st_nlink > 0 and not leftover.is_symlink()
+    except OSError:
+        is_free = False
+    try:
+        yield is_free
+    finally:
+        os.close(lock)
+
+
+def _is_published(error: OSError, path: Path) -> bool:
+    """Whether a rename failed because a folder with content is there."""
+    return error.filename2 is not None and Path(error.filename2) == path and path.is_dir()
+
+
+def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
+    """Raises `DiskFullError` if that is what an error of writing means.
+
+    NumPy and the C library report a short write without a number, other libraries in words of
+    their own, so the free space decides too.
+    """
+    if isinstance(error, SwarmdataError) and not isinstance(error, ProgramError):
+        return
+    found = os.statvfs(path.parent)
+    free = found.f_bavail * found.f_frsize
+    lacks_inodes = found.f_files > 0 and found.f_favail == 0
+    said = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    if not said and free > LITTLE and not lacks_inodes:
+        return
+    files = [path] if scratch is None else list(scratch.rglob("*"))
+    written = sum(file.stat().st_size for file in files if file.is_file())
+    lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Delete some files")
+    raise DiskFullError(
+        f"no {lack} is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
+        f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "
+        f"what was finished before is. {cure} and run the same again to go on."
+    ) from error

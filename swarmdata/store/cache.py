@@ -7,14 +7,26 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from swarmdata.errors import DatasetNotFoundError
 from swarmdata.store.atomic import write_file
 from swarmdata.store.manifest import Manifest
 
 
 def cache_folder() -> Path:
-    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder."""
+    """Where datasets are kept: `SWARMDATA_CACHE`, else the user's cache folder.
+
+    Raises:
+        DatasetNotFoundError: it leads nowhere, over a symbolic link whose target is gone.
+    """
     named = os.environ.get("SWARMDATA_CACHE")
-    return Path(named) if named else user_cache_path("swarmdata")
+    folder = Path(named) if named else user_cache_path("swarmdata")
+    for part in (folder, *folder.parents):
+        if part.is_symlink() and not part.exists():
+            raise DatasetNotFoundError(
+                f"the cache is {folder}, and {part} is a symbolic link to {part.readlink()}, which "
+                "is not there. Make or mount it, or set SWARMDATA_CACHE to another folder."
+            )
+    return folder
 
 
 def note_build(manifest: Manifest) -> None:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.learn.run import LOSSES
+from swarmdata.locking import locked
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Cost
 from swarmdata.study.working import COST, ERROR, claimed_by_other, is_done, run_of
@@ -91,7 +92,8 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
             "--again removes these cells and does them anew; another --work keeps them."
         )
     for cell, _ in stale:
-        shutil.rmtree(folder_of(work, cell))
+        with locked(folder_of(work, cell)):  # whoever works on it is waited for
+            shutil.rmtree(folder_of(work, cell))
 
 
 def updates_of(cell: Cell, folder: Path) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from swarmdata import __version__
 from swarmdata.aggregate import complete
+from swarmdata.locking import updating
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.results import ResultSet
 from swarmdata.store import write_file
@@ -59,15 +60,19 @@ def write_pages(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    with updating(out / REPORT):  # the files belong together
+        return _write(found, out, command, sweeps or {})
+
+
+def _write(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> list[Path]:
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
     tables = {RESULTS: tidy_rows, DATA: data_rows, COSTS: cost_rows, CURVES: track_rows}
     for name, rows_of in tables.items():
         write_file(out / name, to_csv(rows_of(found)).encode())
     write_file(out / FILE, found.study.to_yaml().encode())
-    page = _page(found, out, command, sweeps or {})
+    page = _page(found, out, command, sweeps)
     write_file(out / REPORT, page.encode())
-    files = [path for path in sorted(out.rglob("*")) if path.is_file()]
+    files = [path for path in sorted(out.rglob("[!.]*")) if path.is_file()]
     changed = [path for path in files if before.get(path) != path.stat().st_mtime_ns]
     return [out / REPORT, *(path for path in changed if path != out / REPORT)]
 

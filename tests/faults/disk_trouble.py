@@ -1,9 +1,9 @@
 """Full and read-only disks, for real: run inside a mount namespace of its own.
 
-    unshare --user --map-root-user --mount python -m tests.faults.disk_trouble full|read_only FOLDER
+    unshare --user --map-root-user --mount python -m tests.faults.disk_trouble TROUBLE FOLDER
 
-Mounts a small disk at FOLDER, makes and loads datasets there, and prints one JSON object of what
-was seen.
+TROUBLE is full, exports, inodes or read_only. Mounts a small disk at FOLDER, makes and loads
+datasets there, and prints one JSON object of what was seen.
 """
 
 import json
@@ -11,18 +11,28 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from swarmdata import catalog, recipes
 from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.cards.publish import publish_card
 from swarmdata.catalog import load
+from swarmdata.clips import write_clip
+from swarmdata.dataset import Dataset
 from swarmdata.errors import SwarmdataError
+from swarmdata.interop.exporting import export_dataset
 from swarmdata.recipes import build_folder
+from swarmdata.registry import make_env, make_policy
 from swarmdata.repairing import examine
-from swarmdata.store import assemble, read_manifest
+from swarmdata.rollout import rollout
+from swarmdata.spec import TaskSpec
+from swarmdata.store import assemble, read_manifest, write_file
+from swarmdata.testing.synthetic import make_dataset
 from tests.one_process import OneProcessCrew, use_one_process
 from tests.tiny import TINY, make_tiny
 
@@ -73,6 +83,58 @@ def full(folder: Path) -> dict[str, Any]:
     return result
 
 
+FORMATS = {
+    "d4rl": "h5py",
+    "d4rl-agents": "h5py",
+    "minari": "minari",
+    "parquet": "pyarrow",
+    "torchrl": "tensordict",
+    "vault": "flashbax",
+}
+"""What is written, and the library that it needs."""
+
+
+def exports(folder: Path) -> dict[str, Any]:
+    """Every file that we make for others, on a disk that is too small and then on a larger one."""
+    make_dataset(folder.parent / "source", [[100] * 60])
+    dataset = Dataset.open(folder.parent / "source")
+    (episode,) = rollout(
+        make_env(TaskSpec(horizon=20)), make_policy("random", TaskSpec()), np.zeros(1, np.uint64)
+    )
+    makers: dict[str, Callable[[Path], object]] = {
+        name: lambda out, name=name: export_dataset(dataset, out / "x", format=name)  # type: ignore[misc]
+        for name, library in FORMATS.items()
+        if find_spec(library)
+    }
+    makers["card"] = lambda out: publish_card(folder.parent / "tiny", out, pictures=False)
+    makers["picture"] = lambda out: publish_card(folder.parent / "tiny", out)
+    makers["clip"] = lambda out: write_clip(episode, TaskSpec(horizon=20), out / "x.gif")
+    make_tiny(folder.parent / "tiny")
+    mount(folder, "size=20m")
+    return {name: _on_a_full_disk(folder / name, make) for name, make in makers.items()}
+
+
+def _on_a_full_disk(out: Path, make: Callable[[Path], object]) -> dict[str, Any]:
+    out.mkdir()
+    mount(out, "size=4k")
+    small = error_of(lambda: make(out)), seen(out)
+    mount(out, "remount,size=200k")
+    middle = error_of(lambda: make(out)), seen(out)
+    mount(out, "remount,size=40m")
+    return {"small": small, "middle": middle, "large": (error_of(lambda: make(out)), seen(out))}
+
+
+def inodes(folder: Path) -> dict[str, Any]:
+    """No file can be made, though there is space; then a few can."""
+    mount(folder, "size=20m,nr_inodes=1")
+    result = {"file": error_of(lambda: write_file(folder / "x", b"x"))}
+    mount(folder, "remount,size=20m,nr_inodes=12")
+    result["build"] = error_of(lambda: make_tiny(folder / "d"))
+    mount(folder, "remount,size=20m,nr_inodes=500")
+    result["again"] = error_of(lambda: make_tiny(folder / "d"))
+    return {**result, "left": seen(folder)}
+
+
 def _used(folder: Path) -> int:
     found = os.statvfs(folder)
     return (found.f_blocks - found.f_bfree) * found.f_frsize
@@ -113,7 +175,7 @@ def _without_kernels(folder: Path) -> str:
 
 def main() -> None:
     use_one_process(pytest.MonkeyPatch())
-    work = {"full": full, "read_only": read_only}[sys.argv[1]]
+    work = {"full": full, "exports": exports, "inodes": inodes, "read_only": read_only}[sys.argv[1]]
     print(json.dumps(work(Path(sys.argv[2]))))
 
 

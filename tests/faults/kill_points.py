@@ -22,6 +22,9 @@ from typing import Any
 import pytest
 
 from swarmdata import recipes
+from swarmdata.dataset import Dataset
+from swarmdata.errors import ConversionError
+from swarmdata.interop.exporting import export_dataset
 from swarmdata.recipes import build_folder, finish
 from swarmdata.repairing import repair
 from swarmdata.resolving import obtain
@@ -117,7 +120,7 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
 
 
 def operations(root: Path) -> dict[str, Operation]:
-    """Publishing a built dataset, repairing one, and fetching one."""
+    """Converting a dataset, publishing a built one, repairing one, and fetching one."""
     use_one_process(pytest.MonkeyPatch())
     parts = make_parts(root / "parts")
     dataset = make_tiny(root / "source" / TINY.id)
@@ -140,7 +143,19 @@ def operations(root: Path) -> dict[str, Operation]:
             if ".tmp-" not in name:
                 assert found == (dataset / name).read_bytes(), name
 
+    def export(place: Path) -> None:
+        is_there = (place / "x.hdf5").exists()
+        try:
+            export_dataset(Dataset.open(dataset), place / "x.hdf5", format="d4rl")
+        except ConversionError:
+            assert is_there  # it was killed after the rename, and nothing is ever replaced
+
+    def exported_or_absent(place: Path) -> None:
+        expected = (root / "reference" / "x.hdf5").read_bytes()
+        assert not (place / "x.hdf5").exists() or (place / "x.hdf5").read_bytes() == expected
+
     return {
+        "export": Operation(Path.mkdir, export, exported_or_absent),
         "publish": Operation(
             with_parts, lambda place: finish(TINY, place / TINY.id, progress=False), whole_or_absent
         ),

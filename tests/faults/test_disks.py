@@ -18,7 +18,7 @@ from swarmdata.recipes import build
 from swarmdata.repairing import examine, repair
 from swarmdata.store import read_manifest
 from tests.one_process import use_one_process
-from tests.tiny import TINY, flip, make_tiny
+from tests.tiny import TINY, abandoned, flip, make_tiny
 
 ROOT = Path(__file__).parents[2]
 NAMESPACE = ["unshare", "--user", "--map-root-user", "--mount"]
@@ -82,6 +82,32 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
 
 
 @own_mounts
+def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) -> None:
+    """Row 80: formats of others, cards, pictures, clips; at the first byte, halfway, with room."""
+    (tmp_path / "disk").mkdir()
+    for name, found in in_namespace("exports", tmp_path / "disk").items():
+        for size in ("small", "middle"):
+            error, left = found[size]
+            fits = size == "middle" and name in ("card", "clip")
+            assert error.startswith("none" if fits else "DiskFullError: no space is left"), name
+            assert bool(left) == fits, name
+        error, left = found["large"]
+        assert error == "none", name
+        assert left, name
+        assert not any(each.startswith(".tmp-") for each in left), name
+
+
+@own_mounts
+def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
+    """Row 81: there is space and no file can be made; with inodes, it goes on."""
+    found = in_namespace("inodes", tmp_path)
+    for each in (found["file"], found["build"]):
+        assert each.startswith("DiskFullError: no inode is left in")
+        assert "Delete some files and run the same again" in each
+    assert (found["again"], found["left"]) == ("none", [".d.lock", "d"])
+
+
+@own_mounts
 def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> None:
     """Row 27: without locks and writes; with a home and a package that are read-only as well."""
     found = in_namespace("read_only", tmp_path)
@@ -92,7 +118,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
     assert "Read-only file system. Set SWARMDATA_CACHE" in found["uncached"]
     fresh = found["without a place for kernels"]
     assert fresh.startswith("0 <function load"), fresh
-    assert "set NUMBA_CACHE_DIR" in fresh
+    assert "set SWARMDATA_CACHE or NUMBA_CACHE_DIR" in fresh
 
 
 @pytest.mark.parametrize(
@@ -102,7 +128,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
 )
 def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
     """Row 31: a dataset may be anywhere."""
-    (tmp_path / name / f".tmp-{name}-{'0' * 32}").mkdir(parents=True)
+    abandoned(tmp_path / name / name)
     folder = make_tiny(tmp_path / name / name)
     assert load(folder, verify="full").digest == digest
     assert {path.name for path in folder.parent.iterdir()} == {name, f".{name}.lock"}

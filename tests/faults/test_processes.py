@@ -57,6 +57,12 @@ def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> Non
     assert found["kills"] >= 3
 
 
+def test_a_killed_conversion_is_cleaned_up_by_the_next(tmp_path: Path) -> None:
+    """Row 82: before every change of the disk; no part of a file is ever visible."""
+    found = kill_points("export", tmp_path, 1)
+    assert found["kills"] >= 6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("operation", "stride"), [("publish", 5), ("repair", 1), ("fetch", 4)])
 def test_kills_before_many_changes_of_the_disk_are_survived(
@@ -173,3 +179,66 @@ def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, met
         assert sums == [_sum(dataset, index) for index in range(len(dataset))]
         del loader
     assert len(os.listdir("/proc/self/fd")) <= before + 2  # noqa: PTH208
+
+
+REGISTRY = """
+from pathlib import Path
+from swarmdata.publishing import put_entries
+for k in range(10):
+    put_entries(Path(sys.argv[1]), {f"{sys.argv[2]}-{k}": {"digest": "x" * 200}})
+"""
+
+REMOTES = """
+from typer.testing import CliRunner
+from swarmdata.cli import app
+for k in range(10):
+    found = CliRunner().invoke(app, ["remote", "add", f"hf://org{sys.argv[2]}-{k}"])
+    assert found.exit_code == 0, found.output
+"""
+
+
+@pytest.mark.parametrize("what", ["registry", "remotes"])
+def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
+    """Row 86: `registry update` kept 26 of 40, `remote add` 12 of 40."""
+    file = tmp_path / "published.json"
+    code = {"registry": REGISTRY, "remotes": REMOTES}[what]
+    environment = {name: text for name, text in os.environ.items() if name != "SWARMDATA_REMOTES"}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{code}", file, letter],
+            env={**environment, "XDG_CONFIG_HOME": str(tmp_path)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for letter in "abcd"
+    ]
+    results = [process.communicate(timeout=120) for process in processes]
+    assert [process.returncode for process in processes] == [0] * 4, results
+    if what == "registry":
+        assert len(json.loads(file.read_text())) == 40
+    else:
+        (file,) = tmp_path.rglob("remotes.yaml")
+        assert file.read_text().count("- hf://org") == 40
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
+    """Row 87: one trains, the other waits and finds it done; the losses are those of one run."""
+    pytest.importorskip("torch", reason="training needs torch")
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}\n"
+        "from pathlib import Path; from tests.learn.test_trainer import run\n"
+        "run('bc', Path(sys.argv[1]), progress=True)"
+    )
+
+    def trained(folder: Path) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, "-c", code, folder], cwd=ROOT, stderr=subprocess.PIPE, text=True
+        )
+
+    alone, one, two = trained(tmp_path / "alone"), trained(tmp_path / "d"), trained(tmp_path / "d")
+    words = [process.communicate(timeout=120)[1] for process in (alone, one, two)]
+    assert [process.returncode for process in (alone, one, two)] == [0, 0, 0], words
+    for name in ("losses.csv", "curve.csv", "checkpoint.safetensors"):
+        assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    assert not list((tmp_path / "d").glob(".*"))

@@ -13,6 +13,7 @@ from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.hugging_face import HubRemote
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
+from swarmdata.remotes.pace import Pace
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
 from swarmdata.store.scratch import scratch_folder
@@ -54,7 +55,7 @@ def on_a_host(dataset: Path, tmp_path: Path, backoff: Backoff, hub: None) -> Ite
     with StaticHost(root) as server:
         yield (
             server,
-            WebRemote(server.url, backoff=backoff, timeout=10.0),
+            WebRemote(server.url, backoff=backoff, pace=Pace(10.0, 100.0, 10.0)),
             Release(ID, f"{server.url}/{ID}"),
         )
 

@@ -10,13 +10,13 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from safetensors.torch import save_file  # noqa: E402
 
-from swarmdata.errors import CheckpointError  # noqa: E402
+from swarmdata.errors import CheckpointError, DiskFullError  # noqa: E402
 from swarmdata.learn.checkpoint import (  # noqa: E402
     load_checkpoint,
     part,
     save_checkpoint,
-    write_atomically,
 )
+from swarmdata.store.atomic import write_file  # noqa: E402
 
 TENSORS = {
     "a.x": torch.randn(3, 2),
@@ -82,8 +82,8 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", no_space)
-    with pytest.raises(OSError, match="No space"):
-        write_atomically(path, b"new")
+    with pytest.raises(DiskFullError, match="no space is left"):
+        write_file(path, b"new")
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 

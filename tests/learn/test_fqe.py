@@ -1,5 +1,6 @@
 """Fitted Q evaluation finds values that are known, and keeps its promises."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ torch = pytest.importorskip("torch", reason="critics need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.errors import DivergedError, SchemaError  # noqa: E402
 from swarmdata.learn.critics import JointCritics  # noqa: E402
 from swarmdata.learn.fqe import (  # noqa: E402
     Answered,
@@ -178,3 +179,24 @@ def test_draws_are_uniform_and_differ_by_update() -> None:
 def test_settings_out_of_range_are_errors(changes: dict[str, Any]) -> None:
     with pytest.raises(SchemaError, match="discount from 0 to below 1"):
         FQEConfig(**changes)
+
+
+@pytest.mark.parametrize(
+    ("reward", "error", "message"),
+    [
+        (3e38, SchemaError, r"returns of .* reach .*, expected at most 3\.4e38"),
+        (1e38, DivergedError, r"diverged: at update \d+, .* not finite"),
+    ],
+)
+def test_rewards_that_are_far_too_large_are_an_error(
+    reward: float, error: type[Exception], message: str
+) -> None:
+    """Rows 88, 92: with what was too large, or the update."""
+    huge = MemoryDataset(
+        [
+            replace(each, rewards=np.full_like(each.rewards, reward))
+            for each in chain(20, ends=False)
+        ]
+    )
+    with pytest.raises(error, match=message):
+        fit(huge, n_updates=40)

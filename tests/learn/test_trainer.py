@@ -16,7 +16,12 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
-from swarmdata.errors import CheckpointError, SchemaError, UnknownNameError  # noqa: E402
+from swarmdata.errors import (  # noqa: E402
+    CheckpointError,
+    DivergedError,
+    SchemaError,
+    UnknownNameError,
+)
 from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.checkpoint import load_checkpoint  # noqa: E402
 from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
@@ -256,3 +261,57 @@ def test_the_number_of_threads_is_given_back(tmp_path: Path) -> None:
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc", "vdn"])
+def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 88: with the update and the loss; what is on the disk is of before."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    update = kind.update
+
+    def poisoned(self: Any, batch: Any) -> Any:
+        losses = update(self, batch)
+        if self.n_updates == 24:
+            losses = {name: loss.clone().index_fill_(0, torch.tensor([1]), torch.nan)
+                      for name, loss in losses.items()}  # fmt: skip
+        return losses
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kind, "update", poisoned)
+        with pytest.raises(
+            DivergedError, match=rf"at 25, of the losses of seed {SEEDS[1]}, .* nan"
+        ):
+            run(algorithm, tmp_path / "d")
+    assert load_checkpoint(tmp_path / "d" / CHECKPOINT)[1]["update"] == 20
+    assert "nan" not in (tmp_path / "d" / LOSSES).read_text()
+    run(algorithm, tmp_path / "d")
+    run(algorithm, tmp_path / "whole")
+    assert_same_files(tmp_path / "d", tmp_path / "whole")
+
+
+def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> None:
+    """Row 88: for real, and no checkpoint ever holds what is not finite."""
+    config = config_of("bc", step_size=1e38)
+    with pytest.raises(DivergedError, match="a smaller step_size"):
+        run("bc", tmp_path / "d", config=config)
+    assert not (tmp_path / "d" / CHECKPOINT).exists()
+
+
+def test_tensors_that_are_not_finite_are_never_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 88: though the losses of the window were."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
+    state_dict = kind.state_dict
+
+    def poisoned(self: Any) -> Any:
+        state = dict(state_dict(self))
+        name = next(n for n, v in state.items() if torch.is_tensor(v) and v.is_floating_point())
+        return {**state, name: torch.full_like(state[name], torch.inf)}
+
+    monkeypatch.setattr(kind, "state_dict", poisoned)
+    with pytest.raises(DivergedError, match=r"of the algorithm's tensors, .* not finite in"):
+        run("bc", tmp_path / "d")
+    assert not (tmp_path / "d" / CHECKPOINT).exists()

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import BuildError, SpecError
+from swarmdata.errors import BuildError, DivergedError, SpecError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import read_table
 from swarmdata.online_algos import starting, training
@@ -197,3 +197,26 @@ def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> 
     train_run(run, folder)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
     assert not (folder / "replay").exists()
+
+
+def test_an_online_run_that_diverges_stops_and_keeps_its_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 88: with the joint steps; what was saved before goes on to the same end."""
+    whole = train_run(RUN, tmp_path / "whole")
+    update = MAPPO.update
+
+    def poisoned(self: Any) -> Any:
+        losses = update(self)
+        if self.frames >= 200:
+            state = self.state_dict()
+            name = next(n for n, v in state.items() if v.is_floating_point() and v.ndim > 1)
+            self.load_state_dict({**state, name: state[name] * float("nan")})
+        return losses
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MAPPO, "update", poisoned)
+        with pytest.raises(DivergedError, match=r"training diverged in .* not finite in"):
+            train_run(RUN, tmp_path / "cut")
+    train_run(RUN, tmp_path / "cut")
+    assert_same_run(whole, tmp_path / "cut")

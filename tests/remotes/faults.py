@@ -18,6 +18,7 @@ class Fault:
         cut: bytes of the body after which the connection ends.
         corrupt: whether one bit of the body is flipped; its length stays.
         drip: bytes sent at a time, with pauses of `pause` seconds.
+        trickle: seconds between two bytes of the status and the headers.
         stall: seconds without a byte in the middle of the body.
         lose: whether the request is handled but its answer never sent.
         skip: matching requests that are let through first.
@@ -31,6 +32,7 @@ class Fault:
     corrupt: bool = False
     drip: int = 0
     pause: float = 0.0
+    trickle: float = 0.0
     stall: float = 0.0
     lose: bool = False
     skip: int = 0
@@ -132,7 +134,7 @@ class FaultyHandler(BaseHTTPRequestHandler):
         every = {"Content-Type": "application/json", "Content-Length": str(len(body))}
         for name, value in {**every, **(headers or {})}.items():
             self.send_header(name, value)
-        self.end_headers()
+        self._send_headers(fault.trickle)
         if self.command == "HEAD":
             return
         if fault.corrupt and body:
@@ -153,6 +155,16 @@ class FaultyHandler(BaseHTTPRequestHandler):
             if fault.drip:
                 self.wfile.flush()
                 threading.Event().wait(fault.pause)
+
+    def _send_headers(self, seconds: float) -> None:
+        """Ends the headers; with so many seconds between two of their bytes."""
+        if seconds:
+            buffer: list[bytes] = vars(self)["_headers_buffer"]  # of http.server
+            for byte in b"".join(buffer):
+                self.wfile.write(bytes([byte]))
+                threading.Event().wait(seconds)
+            buffer.clear()
+        self.end_headers()
 
     def hang_up(self) -> None:
         """Ends the connection at once."""

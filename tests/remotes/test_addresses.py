@@ -111,7 +111,7 @@ def test_configured_remotes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     monkeypatch.delenv("SWARMDATA_REMOTES", raising=False)
     assert configured_remotes() == ()
-    assert store_remotes(("hf://org", "s3://bucket/p")) == config_file()
+    assert store_remotes(lambda there: (*there, "hf://org", "s3://bucket/p")) == config_file()
     assert configured_remotes() == ("hf://org", "s3://bucket/p")
 
     monkeypatch.setenv("SWARMDATA_REMOTES", "s3://first/, hf://second")
@@ -127,7 +127,7 @@ def test_configured_remotes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
 def test_broken_config(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     monkeypatch.delenv("SWARMDATA_REMOTES", raising=False)
-    store_remotes(())
+    store_remotes(lambda there: ())
     config_file().write_text(content)
     with pytest.raises(AddressError, match="Correct or delete it"):
         configured_remotes()

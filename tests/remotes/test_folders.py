@@ -10,6 +10,7 @@ from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import pull
 from tests.remotes.conftest import ID, NEXT, same_files
+from tests.tiny import abandoned
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_an_interrupted_push_is_invisible(
     assert remote.ids() == ()
     assert [path.name for path in root.iterdir()] == [".publish.lock"]
 
-    (root / f".tmp-{ID}-{'0' * 32}").mkdir()
+    abandoned(root / ID)
     (root / ".tmp-notes").mkdir()
     assert remote.find(remote.publish(dataset, ID).id) is not None
     left = {path.name for path in root.iterdir()}

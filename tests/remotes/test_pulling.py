@@ -1,5 +1,6 @@
 """A pull is checked, goes on where it was stopped, and is visible at once or never."""
 
+import errno
 import json
 import shutil
 from collections.abc import Callable
@@ -8,7 +9,13 @@ from typing import Any
 
 import pytest
 
-from swarmdata.errors import ChecksumError, DatasetError, FormatVersionError, HubError
+from swarmdata.errors import (
+    ChecksumError,
+    DatasetError,
+    DiskFullError,
+    FormatVersionError,
+    HubError,
+)
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pulling import fetch_file, pull
@@ -271,6 +278,26 @@ def test_a_full_disk_is_seen_before(
     with pytest.raises(DatasetError, match="1,000 are free"):
         pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert remote.reads == ["manifest.json"]
+
+
+def test_a_disk_that_fills_on_the_way_is_one_error_and_what_has_arrived_is_kept(
+    root: Path, dataset: Path, tmp_path: Path
+) -> None:
+    """Row 80: the next pull goes on there."""
+    remote = Tampered(root)
+
+    def fill(file: str, content: bytes) -> bytes:
+        if file.endswith("actions/c.0.0.0"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return content
+
+    remote.change = fill
+    with pytest.raises(DiskFullError, match=r"no space is left in .* MB of it were written"):
+        pull(remote, RELEASE, tmp_path / ID, progress=False)
+    assert nothing_there(tmp_path)
+    assert (tmp_path / f"{ID}.pull").is_dir()
+    remote = Tampered(root)
+    assert same_files(pull(remote, RELEASE, tmp_path / ID, progress=False), dataset)
 
 
 def test_fetching_one_file(root: Path, dataset: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from swarmdata.errors import AbsentFileError, HubError
 from swarmdata.remotes.backoff import Backoff
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
+from swarmdata.remotes.pace import Pace
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
 from tests.remotes.conftest import ID, same_files
@@ -34,7 +35,7 @@ def host(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StaticHost]:
 
 @pytest.fixture
 def remote(host: StaticHost, backoff: Backoff) -> WebRemote:
-    return WebRemote(host.url, backoff=backoff, timeout=2.0)
+    return WebRemote(host.url, backoff=backoff, pace=Pace(2.0, 100.0, 2.0))
 
 
 def test_round_trip(remote: WebRemote, dataset: Path, tmp_path: Path) -> None:

@@ -1,0 +1,114 @@
+"""HDF5 files that are written by ourselves, so that a full disk is an error.
+
+The HDF5 library cannot close a file after a failed write: it crashes the process (h5py 3.16 with
+HDF5 1.14 and 2.0, in `H5F_close`). So it gets a file of Python's, which keeps the first failure to
+itself, holds what is written afterwards in memory, and raises once the library is done.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+
+class _Sink:
+    """What h5py needs of a file; never fails while the HDF5 library calls it."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor, self.position = descriptor, 0
+        self.failure: OSError | None = None
+        self.later: list[tuple[int, bytes]] = []  # position and content, after the failure
+
+    def write(self, data: Any) -> int:
+        content = memoryview(data).cast("B")
+        if self.failure is None:
+            try:
+                self._put(content)
+            except OSError as error:
+                self.failure = error
+        if self.failure is not None:
+            self.later.append((self.position, bytes(content)))
+        self.position += len(content)
+        return len(content)
+
+    def _put(self, content: memoryview) -> None:
+        n = 0
+        while n < len(content):
+            n += os.pwrite(self.descriptor, content[n:], self.position + n)
+
+    def read(self, size: int) -> bytes:
+        buffer = bytearray(size)
+        self.readinto(buffer)
+        return bytes(buffer)
+
+    def readinto(self, buffer: Any) -> int:
+        target = memoryview(buffer).cast("B")
+        begin, end = self.position, self.position + len(target)
+        there = os.pread(self.descriptor, len(target), begin)
+        target[:] = there.ljust(len(target), b"\0")
+        for first, content in self.later:
+            low, high = max(first, begin), min(first + len(content), end)
+            if low < high:
+                target[low - begin : high - begin] = content[low - first : high - first]
+        self.position = end
+        return len(target)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: self._size()}
+        self.position = base[whence] + offset
+        return self.position
+
+    def _size(self) -> int:
+        ends = [first + len(content) for first, content in self.later]
+        return max([os.fstat(self.descriptor).st_size, *ends])
+
+    def tell(self) -> int:
+        return self.position
+
+    def truncate(self, size: int) -> int:
+        if self.failure is None:
+            try:
+                os.ftruncate(self.descriptor, size)
+            except OSError as error:
+                self.failure = error
+        return size
+
+    def flush(self) -> None:
+        """Nothing is held back before a failure, and nothing can be done after one."""
+
+
+class Writer:
+    """An open HDF5 file: `file` is h5py's, and `check` raises what went wrong so far."""
+
+    def __init__(self, file: Any, sink: _Sink) -> None:
+        self.file, self._sink = file, sink
+
+    def check(self) -> None:
+        """Raises the first failure to write; call it after each block, the rest stays in memory.
+
+        Raises:
+            OSError: such as that no space is left.
+        """
+        if self._sink.failure is not None:
+            raise self._sink.failure
+
+
+@contextmanager
+def created(path: Path) -> Iterator[Writer]:
+    """Opens a new HDF5 file for writing.
+
+    Raises:
+        OSError: it could not be written, which is known for sure at the end of the block only.
+    """
+    import h5py  # noqa: PLC0415  (heavy)
+
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+    try:
+        sink = _Sink(descriptor)
+        with h5py.File(sink, "w") as file:
+            writer = Writer(file, sink)
+            yield writer
+        writer.check()
+    finally:
+        os.close(descriptor)

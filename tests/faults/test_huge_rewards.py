@@ -1,0 +1,92 @@
+"""Rewards at the end of float32: sums and statistics hold them, training says that it cannot."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.cards.render import card_of
+from swarmdata.dataset import Dataset
+from swarmdata.errors import DivergedError, SchemaError
+from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.importing import import_dataset
+from swarmdata.store import assemble, write_part
+from swarmdata.testing.synthetic import make_episode
+from swarmdata.types import Episode
+from tests.interop.conftest import RECORDING, recorded_episode
+
+HUGE = np.float32(3e38)
+Rewards = Callable[[Episode], Episode]
+
+
+def same(episode: Episode) -> Episode:
+    return dataclasses.replace(episode, rewards=np.full_like(episode.rewards, HUGE))
+
+
+def alternating(episode: Episode) -> Episode:
+    signs = np.where(np.arange(len(episode)) % 2, -1, 1).astype(np.float32)[:, None]
+    return dataclasses.replace(episode, rewards=np.full_like(episode.rewards, HUGE) * signs)
+
+
+def recorded(folder: Path, rewards: Rewards) -> Dataset:
+    episodes = [rewards(recorded_episode(20 + k, k)) for k in range(9)]
+    write_part(folder / "part", episodes)
+    assemble(
+        folder / "d",
+        recipe=RECORDING,
+        parts={0: [folder / "part"]},
+        order=[(0, k) for k in range(len(episodes))],
+        splits=np.array([k % 3 for k in range(len(episodes))], dtype=np.uint8),
+    )
+    return Dataset.open(folder / "d", "full")
+
+
+@pytest.mark.parametrize("rewards", [same, alternating])
+def test_sums_and_statistics_hold_them(tmp_path: Path, rewards: Rewards) -> None:
+    """Row 92: of a team, an episode, a dataset; on the card, and there and back in a format."""
+    dataset = recorded(tmp_path, rewards)
+    for index, episode in enumerate(dataset):
+        expected = episode.rewards.astype(np.float64).mean(axis=1).sum()
+        assert episode.team_return == pytest.approx(expected)
+        assert dataset.episodes.team_return[index] == pytest.approx(expected)
+    assert math.isfinite(dataset.stored.manifest.statistics.reward_std)
+    assert "nan" not in card_of(dataset.path)
+    assert "inf " not in card_of(dataset.path)
+    export_dataset(dataset, tmp_path / "x.hdf5", format="d4rl")
+    again = import_dataset(tmp_path / "x.hdf5", tmp_path / "again", format="d4rl", id=dataset.id)
+    np.testing.assert_array_equal(again[3].rewards, dataset[3].rewards)
+
+
+def test_what_float32_does_not_hold_is_refused(tmp_path: Path) -> None:
+    """Row 92: before anything is written."""
+    episode = make_episode(4, seed=3)
+    too_large = episode.rewards.astype(np.float64) + 4e38
+    with np.errstate(over="ignore"), pytest.raises(SchemaError, match="not finite"):
+        write_part(
+            tmp_path / "p", [dataclasses.replace(episode, rewards=too_large.astype(np.float32))]
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_training_says_that_it_cannot(tmp_path: Path) -> None:
+    """Row 92: their squares overflow in a critic; one error, and no checkpoint."""
+    pytest.importorskip("torch", reason="training needs torch")
+    from swarmdata.learn.trainer import train
+    from swarmdata.offline_algos.vdn import VDNConfig
+    from swarmdata.testing.memory import MemoryDataset
+    from tests.learn.test_trainer import dataset
+
+    huge = MemoryDataset([same(episode) for episode in dataset()])
+    with pytest.raises(DivergedError, match=r"losses of seed 0, .* is nan|is inf.*smaller rewards"):
+        train(
+            "vdn",
+            huge,
+            tmp_path / "run",
+            seeds=(0,),
+            config=VDNConfig(n_updates=20),
+            progress=False,
+        )
+    assert not (tmp_path / "run" / "checkpoint.safetensors").exists()

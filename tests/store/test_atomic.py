@@ -1,0 +1,213 @@
+"""What is published is whole; what killed writers left goes, and nothing else does."""
+
+import errno
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import namedtuple
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import CheckpointError, DiskFullError
+from swarmdata.store.atomic import (
+    MARKER,
+    new_folder,
+    remove_leftovers,
+    require_space,
+    staged,
+    write_file,
+)
+from tests.tiny import abandoned
+
+HEX = "0" * 32
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from swarmdata.store.atomic import staged
+with staged(Path(sys.argv[1])) as target:
+    target.mkdir()
+    (target / "half").write_text("x")
+    print("writing", flush=True)
+    time.sleep(600)
+"""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def writer(path: Path) -> "subprocess.Popen[str]":
+    """A process in the middle of writing `path`."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{WRITER}", str(path)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    return process
+
+
+def test_what_is_published_has_its_name_while_it_is_written(tmp_path: Path) -> None:
+    with staged(tmp_path / "deep" / "x.png") as target:
+        assert (target.name, target.parent.parent) == ("x.png", tmp_path / "deep")
+        target.write_text("new")
+        assert not (tmp_path / "deep" / "x.png").exists()
+    assert names(tmp_path / "deep") == ["x.png"]
+    write_file(tmp_path / "deep" / "x.png", b"newer")
+    assert (tmp_path / "deep" / "x.png").read_bytes() == b"newer"
+    assert names(tmp_path / "deep") == ["x.png"]
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt, OSError, CheckpointError])
+def test_an_error_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    write_file(tmp_path / "x", b"old")
+
+    def write_half() -> None:
+        with staged(tmp_path / "x") as target:
+            target.write_text("new")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
+    assert (tmp_path / "x").read_bytes() == b"old"
+    assert names(tmp_path) == ["x"]
+
+
+def test_the_first_of_two_folders_stands(tmp_path: Path) -> None:
+    with new_folder(tmp_path / "d") as second, new_folder(tmp_path / "d") as first:
+        (first / "first").touch()
+        (second / "second").touch()
+    assert names(tmp_path / "d") == ["first"]
+    assert names(tmp_path) == ["d"]
+
+
+def test_a_folder_with_content_is_not_replaced_by_an_export(tmp_path: Path) -> None:
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "theirs").touch()
+    with pytest.raises(OSError, match="d"), staged(tmp_path / "d") as target:
+        target.mkdir()
+    assert names(tmp_path / "d") == ["theirs"]
+    assert names(tmp_path) == ["d"]
+
+
+def test_a_killed_writer_is_cleaned_up_by_the_next_one(tmp_path: Path) -> None:
+    process = writer(tmp_path / "d")
+    (half,) = tmp_path.iterdir()
+    remove_leftovers(tmp_path)
+    assert half.exists(), "its writer lives"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert half.exists(), "a killed writer cleans nothing up"
+    write_file(tmp_path / "other", b"")
+    assert half.exists(), "of another path"
+    write_file(tmp_path / "d", b"")
+    assert names(tmp_path) == ["d", "other"]
+
+
+def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
+    (tmp_path / f".tmp-x-{HEX}").mkdir()
+    (tmp_path / f".tmp-x-{HEX}" / "thesis.tex").write_text("by hand")
+    (tmp_path / f".tmp-x-{'1' * 32}").write_text("a file")
+    (tmp_path / ".tmp-x").mkdir()
+    (tmp_path / ".tmp-x" / MARKER).touch()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / MARKER).touch()
+    (tmp_path / f".tmp-x-{'2' * 32}").symlink_to(tmp_path / "elsewhere")
+    before = names(tmp_path)
+    remove_leftovers(tmp_path)
+    remove_leftovers(tmp_path, "x")
+    write_file(tmp_path / "x", b"")
+    assert names(tmp_path) == sorted([*before, "x"])
+    assert (tmp_path / "elsewhere" / MARKER).exists()
+
+
+def test_leftovers_of_one_name_or_of_all(tmp_path: Path) -> None:
+    for name in ("x", "x-y", "[a]*?"):
+        abandoned(tmp_path / name)
+    remove_leftovers(tmp_path, "x")
+    assert len(names(tmp_path)) == 2
+    remove_leftovers(tmp_path, "[a]*?")
+    assert [name.startswith(".tmp-x-y-") for name in names(tmp_path)] == [True]
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == []
+    remove_leftovers(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_or_quota_is_one_error(tmp_path: Path, number: int) -> None:
+    message = r"no space is left in .* for x: 0\.0 MB"
+    with pytest.raises(DiskFullError, match=message), staged(tmp_path / "x"):
+        raise OSError(number, os.strerror(number))
+    assert names(tmp_path) == []
+
+
+def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = os.statvfs(tmp_path)
+    Disk = namedtuple("Disk", "f_bavail f_frsize f_files f_favail")
+
+    def disk(free: int, inodes: int) -> None:
+        made = Disk(free, 1, max(1, found.f_files), inodes)
+        monkeypatch.setattr(os, "statvfs", lambda path: made)
+
+    def fail(error: Exception) -> None:
+        with staged(tmp_path / "x"):
+            raise error
+
+    disk(1000, 1000)
+    with pytest.raises(DiskFullError, match="no space is left"):
+        fail(RuntimeError("Can't write data"))
+    disk(1 << 30, 0)
+    with pytest.raises(DiskFullError, match="no inode is left"):
+        fail(RuntimeError("Can't write data"))
+    disk(1 << 30, 1000)
+    with pytest.raises(RuntimeError, match="Can't write"):
+        fail(RuntimeError("Can't write data"))
+    disk(1000, 1000)
+    with pytest.raises(CheckpointError):
+        fail(CheckpointError("of ours, which says what is wrong itself"))
+
+
+def test_space_is_asked_for_before_it_is_needed(tmp_path: Path) -> None:
+    require_space(tmp_path, 1)
+    with pytest.raises(DiskFullError, match="MB more are needed"):
+        require_space(tmp_path / ".", 1 << 60)
+
+
+def test_without_locks_nothing_is_removed_and_everything_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    half = abandoned(tmp_path / "x")
+
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    write_file(tmp_path / "x", b"new")
+    assert names(tmp_path) == [half.name, "x"]
+
+
+def test_many_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}\n"
+        "from pathlib import Path; from swarmdata.store.atomic import write_file\n"
+        "for k in range(30): write_file(Path(sys.argv[1]), sys.argv[2].encode() * 1000)"
+    )
+    path = tmp_path / "x"
+    started = time.monotonic()
+    writers = [
+        subprocess.Popen([sys.executable, "-c", code, str(path), letter]) for letter in "abc"
+    ]
+    assert [process.wait(60) for process in writers] == [0, 0, 0]
+    assert time.monotonic() - started < 60
+    assert path.read_bytes() in (b"a" * 1000, b"b" * 1000, b"c" * 1000)
+    assert names(tmp_path) == ["x"]
