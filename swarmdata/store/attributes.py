@@ -84,9 +84,10 @@ SENSED = {
 """How each observation model is laid out."""
 
 MODIFIED = (
-    "`model` has its numbers: standard deviations of the noise by kind of feature (m, m/s), "
-    "probability of a lost return, steps of delay, frames in the stack; a name that ends in [-k] "
-    "is of the frame k steps before. message_k is from the k-th of the other agents in their order."
+    "`model` has its numbers: standard deviations of the noise by kind of measurement (m, m/s, "
+    "rad), from which all features are computed; probability that an object, beam or cell is "
+    "missed; steps of delay; frames in the stack. A name that ends in [-k] is of the frame k steps "
+    "before. message_k is from the k-th of the other agents in their order."
 )
 """What holds of every observation model."""
 

@@ -5,7 +5,7 @@ from swarmdata.features import UNITS, Feature
 from swarmdata.geometry import OBSTACLE_COLUMNS
 from swarmdata.interfaces import Task
 from swarmdata.observing import features_of
-from swarmdata.senses import Broadcast, SensorNoise
+from swarmdata.senses import Broadcast
 from swarmdata.spec import Robot, TaskSpec
 from swarmdata.states import body_columns, pair, robot_columns
 from swarmdata.types import EVENT_COLUMNS, Column
@@ -46,13 +46,12 @@ def observation_columns(task: Task) -> tuple[Column, ...]:
     """Every column of one robot's observation, received messages included, [O]."""
     model = task.spec.observation
     frame = "world" if model.kind == "state" else "body"
-    is_exact = model.noise == SensorNoise()
     return tuple(
         Column(
             feature.name,
             feature.meaning,
             UNITS.get(feature.kind, ""),
-            *(_bounds(feature) if is_exact else (None, None)),
+            *_bounds(feature),
             frame if feature.axis else "",
         )
         for feature in features_of(task)
@@ -60,7 +59,7 @@ def observation_columns(task: Task) -> tuple[Column, ...]:
 
 
 def _bounds(feature: Feature) -> tuple[float | None, float | None]:
-    """Least and greatest value of a feature without noise."""
+    """Least and greatest value of a feature, however noisy its measurements are."""
     if feature.kind == "direction" or ".value_" in feature.name:
         return -1.0, 1.0
     return (0.0, 1.0) if feature.kind in ("range", "flag") else (None, None)
@@ -106,7 +105,11 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
         )
     rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
     own = robot_columns(spec.half_size)
-    return tuple(
-        own[k]._replace(meaning=f"of the sender{rounding}: {own[k].meaning}")
+    said = tuple(
+        own[k]._replace(meaning=f"of the sender, as it measured it{rounding}: {own[k].meaning}")
         for k in COLUMNS[model.payload]
     )
+    if spec.observation.noise.position == 0.0:
+        return said
+    # a robot may believe to be outside of the arena
+    return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in said)

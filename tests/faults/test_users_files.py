@@ -24,7 +24,7 @@ from swarmdata.store.atomic import remove_leftovers
 from swarmdata.store.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
 from tests.one_process import use_one_process
-from tests.tiny import TINY, Shelf, flip, make_tiny
+from tests.tiny import TINY, Shelf, abandoned, flip, make_tiny
 
 STATES = "data.zarr/states/c.0.0"
 RUNNER = CliRunner()
@@ -211,16 +211,16 @@ def test_parts_go_and_what_somebody_put_beside_them_stays(tmp_path: Path) -> Non
 def test_leftovers_are_removed_by_name_and_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Row 38: `.tmp-<name>-<32 hex digits>` of a name that we write, and no link."""
-    left = tmp_path / f".tmp-card.md-{'a' * 32}"
-    kept = ["notes", ".tmp-", ".tmp-notes", ".tmp-card.md", f".tmp-other-{'a' * 32}",
+    """Row 38: a folder with our marker, of a name that we write; no file, and no link."""
+    left, other = abandoned(tmp_path / "card.md"), abandoned(tmp_path / "other")
+    kept = ["notes", ".tmp-", ".tmp-notes", ".tmp-card.md", f".tmp-card.md-{'a' * 32}",
             f".tmp-card.md-{'a' * 31}", f".tmp-card.md-{'g' * 32}"]  # fmt: skip
-    for name in (left.name, *kept):
+    for name in kept:
         (tmp_path / name).write_text("x")
     link = tmp_path / f".tmp-card.md-{'b' * 32}"
     link.symlink_to("notes")
     remove_leftovers(tmp_path, "card.md")
-    assert {path.name for path in tmp_path.iterdir()} == {*kept, link.name}
+    assert {path.name for path in tmp_path.iterdir()} == {*kept, other.name, link.name}
     assert capsys.readouterr().err == f"removed {left}, which a killed process left\n"
 
 

@@ -295,7 +295,7 @@ def test_a_disk_that_fills_on_the_way_is_one_error_and_what_has_arrived_is_kept(
     with pytest.raises(DiskFullError, match=r"no space is left in .* MB of it were written"):
         pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert nothing_there(tmp_path)
-    assert (tmp_path / f"{ID}.pull").is_dir()
+    assert scratch_folder(tmp_path / ID, "pull").is_dir()
     remote = Tampered(root)
     assert same_files(pull(remote, RELEASE, tmp_path / ID, progress=False), dataset)
 
