@@ -167,11 +167,13 @@ def _check_words(env: VecEnv) -> None:
     task = env.task
     columns = state_columns(task)
     assert len(columns) == env.state_size, f"{env.state_size} state columns, {len(columns)} named"
-    named = (*columns, *env.features)
-    silent = [each.name for each in named if not each.name or not each.meaning]
-    assert not silent, f"no meaning of {silent}"
-    for group in (columns, env.features):
-        assert len({each.name for each in group}) == len(group), "two columns have one name"
+    for said in (
+        [(c.name, c.meaning) for c in columns],
+        [(f.name, f.meaning) for f in env.features],
+    ):
+        silent = [name for name, meaning in said if not name or not meaning]
+        assert not silent, f"no meaning of {silent}"
+        assert len(dict(said)) == len(said), "two columns have one name"
     weights = {name for name, _ in task.spec.rules.rewards} - {"team_share"}
     terms = [term.name for term in reward_terms(task)]
     assert sorted(terms) == sorted(weights), f"terms {sorted(terms)}, weights {sorted(weights)}"
