@@ -16,7 +16,7 @@ FILE = "episodes.parquet"
 
 COLUMNS = {
     "episode": "number in stored order",
-    "start": "first row in the arrays with one row per step",
+    "start": "first row in the arrays with a row per step; with a row per state, start + episode",
     "length": "joint steps",
     "seed": "of the episode",
     "split": "train, validation or test",
@@ -25,7 +25,7 @@ COLUMNS = {
     "policy_episode": "number in that policy's stream",
     "team_return": "undiscounted sum of the mean reward over agents",
     "success": "whether the task was solved",
-    "robot_collisions": "contacts between robots that began",
+    "robot_collisions": "contacts between robots that began; a pair counts once",
     "obstacle_collisions": "contacts with obstacles or walls that began",
 }
 """What each column says."""

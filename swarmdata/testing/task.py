@@ -8,9 +8,11 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import clearance
 from swarmdata.interfaces import VecEnv
+from swarmdata.registry import reward_terms
 from swarmdata.seeding import derive, uniform
 from swarmdata.spec import TaskSpec
 from swarmdata.states import UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.store.columns import state_columns
 from swarmdata.types import Bool, Double, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
@@ -28,8 +30,9 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     Shapes and dtypes are those of `Step`; values are finite; terminations and truncations exclude
     each other; the horizon truncates; an ended copy stays put; an episode is the same, bit for bit,
     alone, in a batch and after other episodes; earlier steps are never written to again; actions
-    that are not finite are refused; no robot is faster than the fastest may be, outside the arena
-    or inside an obstacle; empty slots of observations are zero.
+    that are not finite are refused; no robot is outside the arena, inside an obstacle, or, unless
+    it is pushed, faster than the fastest may be; empty slots of observations are zero; every state
+    column, feature and term of the reward is described.
 
     Args:
         make_env: builds E copies of the task.
@@ -47,6 +50,7 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     _check_ends(steps, spec)
     _check_motion(steps, spec, bool(batch.task.movables))
     _check_slots(steps, batch)
+    _check_words(batch)
     used = make_env(spec, 1)
     _play(used, np.array([99], dtype=np.uint64), n_steps // 2)
     alone = _play(used, seeds[2:3], n_steps)
@@ -156,6 +160,24 @@ def _check_slots(steps: list[Step], env: VecEnv) -> None:
                 f"{slot}: mask is not 0 or 1"
             )
             assert not values[step.observations[..., mask] == 0].any(), f"{slot} is empty, not zero"
+
+
+def _check_words(env: VecEnv) -> None:
+    """What datasets and cards say of a task: its columns, and each weight of its reward once."""
+    task = env.task
+    columns = state_columns(task)
+    assert len(columns) == env.state_size, f"{env.state_size} state columns, {len(columns)} named"
+    for said in (
+        [(c.name, c.meaning) for c in columns],
+        [(f.name, f.meaning) for f in env.features],
+    ):
+        silent = [name for name, meaning in said if not name or not meaning]
+        assert not silent, f"no meaning of {silent}"
+        assert len(dict(said)) == len(said), "two columns have one name"
+    weights = {name for name, _ in task.spec.rules.rewards} - {"team_share"}
+    terms = [term.name for term in reward_terms(task)]
+    assert sorted(terms) == sorted(weights), f"terms {sorted(terms)}, weights {sorted(weights)}"
+    assert task.solved, "not said when the task is solved"
 
 
 def _check_refusals(env: VecEnv) -> None:
