@@ -8,7 +8,9 @@ ROOT = Path(__file__).parents[2]
 
 def test_only_one_module_parses_yaml() -> None:
     folders = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
-    parsing = re.compile(r"yaml\.(safe_|full_|unsafe_)?(load|parse|compose)(_all)?\(|yaml\.\w*Loader")
+    parsing = re.compile(
+        r"yaml\.(safe_|full_|unsafe_)?(load|parse|compose)(_all)?\(|yaml\.\w*Loader"
+    )
     found = {
         path.relative_to(ROOT).as_posix()
         for folder in folders

@@ -23,7 +23,7 @@ from swarmdata.interop.incoming import Shapes, measured_spec
 from swarmdata.origins import RecordedSpec
 from swarmdata.presets import preset, preset_names
 from swarmdata.record import Recorder
-from swarmdata.registry import make_env
+from swarmdata.registry import make_env, make_policy
 from swarmdata.rules import NavigationRewards
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.study.plan import Study
@@ -230,6 +230,17 @@ def test_large_worlds_that_research_needs_are_worlds(each: Prober) -> None:
         f"{{team: [{{count: 64}}], {arena}, communication: {{kind: broadcast, delay: 20}}}}",
     ):
         assert each.outcome(text) == "world: coop_nav", text
+
+
+@pytest.mark.parametrize("task", ["coop_nav", "transport"])
+def test_an_arena_too_large_to_be_mapped_is_refused_by_those_who_plan(task: str) -> None:
+    """Row 62: the world is fine, a planner's maps of it are not."""
+    spec = preset(task).with_updates(arena={"width": 1000, "height": 1000})
+    step = make_env(spec).reset(np.array([3], np.uint64))
+    assert np.isfinite(step.states).all()
+    with pytest.raises(SpecError, match=r"maps of the arena of 1000 x 1000 m take [0-9.]+ GiB"):
+        make_policy("scripted", spec)
+    assert make_policy("straight", spec)
 
 
 @pytest.mark.parametrize("value", ["1e308", "1e39", "1e7", "-1", "'x'"])
