@@ -10,12 +10,20 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.budget import in_bytes
 from swarmdata.compiling import kernel
+from swarmdata.errors import SpecError
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
 
 Int32 = NDArray[np.int32]
+
+MAX_MAP_BYTES = 1 << 31
+"""Of the maps of one episode."""
+
+MAX_MAPS_BYTES = 1 << 34
+"""Of the maps of all copies together."""
 
 SPACING = 0.05
 """Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
@@ -39,6 +47,28 @@ def grid_shape(spec: TaskSpec) -> tuple[int, int]:
     """Returns the number of nodes along y and along x."""
     arena = spec.arena
     return int(arena.height / SPACING) + 1, int(arena.width / SPACING) + 1
+
+
+def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
+    """Refuses maps that would fill the memory.
+
+    Args:
+        spec: the task.
+        n_copies: episodes that are mapped at once.
+        n_goals: of an episode, each with ways from every node.
+
+    Raises:
+        SpecError: the maps of one episode, or all of them, are too large.
+    """
+    rows, columns = grid_shape(spec)
+    one = rows * columns * (4 + 8 * n_goals)
+    if one > MAX_MAP_BYTES or n_copies * one > MAX_MAPS_BYTES:
+        raise SpecError(
+            f"maps of the arena of {spec.arena.width:g} x {spec.arena.height:g} m take "
+            f"{in_bytes(one)} for each of {n_copies} episodes with {n_goals} goals, expected at "
+            f"most {in_bytes(MAX_MAP_BYTES)} for one and {in_bytes(MAX_MAPS_BYTES)} for all. Use a "
+            "smaller arena, fewer robots or fewer copies, or a policy that plans no ways."
+        )
 
 
 @kernel

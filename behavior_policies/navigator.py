@@ -16,7 +16,12 @@ from swarmdata.behavior_policies.avoidance import (
     stopping_half_planes,
     surface_half_planes,
 )
-from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.distance_field import (
+    Int32,
+    check_maps,
+    fill_clearances,
+    grid_shape,
+)
 from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
@@ -162,10 +167,13 @@ class Navigator:
 
     Args:
         spec: the task; its robots may differ from each other in every way.
+
+    Raises:
+        SpecError: the arena is too large to be mapped.
     """
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._n_agents, self._shape = spec.n_agents, grid_shape(spec)
+        self._spec, self._n_agents, self._shape = spec, spec.n_agents, grid_shape(spec)
         self._n_primitives = n_primitives(make_task(spec).kinds)
         self._half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
         scales = scales_of(spec)
@@ -179,6 +187,7 @@ class Navigator:
 
     def _allocate(self, n_copies: int) -> None:
         """Makes room for the maps of `n_copies` episodes; none is valid yet."""
+        check_maps(self._spec, max(n_copies, 1), self._n_agents)
         each = (n_copies, self._n_agents)
         nodes = self._shape[0] * self._shape[1]
         self._planned = np.zeros(n_copies, dtype=np.bool_)

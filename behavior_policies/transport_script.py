@@ -24,7 +24,12 @@ import math
 import numpy as np
 
 from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
-from swarmdata.behavior_policies.distance_field import Int32, fill_clearances, grid_shape
+from swarmdata.behavior_policies.distance_field import (
+    Int32,
+    check_maps,
+    fill_clearances,
+    grid_shape,
+)
 from swarmdata.behavior_policies.navigator import turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.behavior_policies.orca import solve
@@ -272,7 +277,7 @@ class TransportScript:
         self._noise = check_noise(noise)
         self._last = LastMeans()
         self._size, self._dt = spec.action_size, spec.control_dt
-        self._shape, self._grid_shape = shape_of(payload), grid_shape(spec)
+        self._spec, self._shape, self._grid_shape = spec, shape_of(payload), grid_shape(spec)
         self._n_primitives = n_primitives(make_task(spec).kinds)
         self._half = np.array([spec.arena.width / 2.0, spec.arena.height / 2.0])
         radii = np.array([robot.radius for robot in spec.robots])
@@ -300,6 +305,7 @@ class TransportScript:
 
     def _allocate(self, n_copies: int) -> None:
         """Makes room for the maps of `n_copies` episodes; none is valid yet."""
+        check_maps(self._spec, max(n_copies, 1), 2)
         nodes = (n_copies, self._grid_shape[0] * self._grid_shape[1])
         self._mapped = np.zeros(n_copies, dtype=np.bool_)
         self._seeds = np.zeros(n_copies, dtype=np.uint64)

@@ -14,6 +14,7 @@ import numpy as np
 from swarmdata.behavior_policies.distance_field import (
     SPACING,
     STRAIGHT,
+    check_maps,
     fill_clearances,
     fill_ways,
     grid_shape,
@@ -110,6 +111,7 @@ class Detours:
         self._first = N_COLUMNS * spec.n_agents  # where the payload's state begins
         self._half = np.array([spec.arena.width, spec.arena.height]) / 2
         self._radius = payload_radius(payload)
+        check_maps(spec, len(step.seeds), 1)
         self._lengths = np.empty((len(step.seeds), *grid_shape(spec)))
         self.begin(step, np.arange(len(step.seeds)))
 

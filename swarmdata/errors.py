@@ -14,6 +14,7 @@ SwarmdataError
 │   └── RecipeConflictError             the folder holds parts of another recipe
 ├── StudyError (RuntimeError)           a study, or a cell of it, could not be finished
 │   └── StaleCellError                  a cell's folder holds results of another configuration
+├── FileKindError (OSError)             a named file is no regular file, or is too large
 ├── DiskFullError (OSError)             no space was left; what was finished before is kept
 ├── AddressError (ValueError)           an address or a dataset's id is malformed
 ├── GateError (ValueError)              a dataset may not be published
@@ -114,6 +115,10 @@ class StudyError(SwarmdataError, RuntimeError):
 
 class StaleCellError(StudyError):
     """A cell's folder holds results of another configuration, dataset or version."""
+
+
+class FileKindError(SwarmdataError, OSError):
+    """A file that somebody named is no regular file, or is larger than such a file may be."""
 
 
 class DiskFullError(SwarmdataError, OSError):

@@ -168,4 +168,5 @@ def parse_origin(data: Any, source: str) -> Origin:
         SpecError: it is malformed.
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
-    return _KINDS.get(kind, Recipe).parse(data, source) if kind else Recipe.parse(data, source)
+    model = _KINDS.get(kind, Recipe) if isinstance(kind, str) else Recipe
+    return model.parse(data, source)

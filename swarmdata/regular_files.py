@@ -4,6 +4,8 @@ import os
 import stat
 from pathlib import Path
 
+from swarmdata.errors import FileKindError
+
 
 def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> bytes:
     """Returns the bytes of a regular file.
@@ -17,10 +19,11 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
         follow_links: whether `path` may be a symbolic link to such a file.
 
     Raises:
-        OSError: it cannot be opened, is no regular file, or is larger.
+        OSError: it cannot be opened.
+        FileKindError: it is no regular file, or is larger; an `OSError` as well.
     """
     if not follow_links and path.is_symlink():
-        raise OSError(f"{path} is a symbolic link, expected a regular file")
+        raise FileKindError(f"{path} is a symbolic link, expected a regular file")
     _check(path, path.stat())  # some that are not can hardly be opened
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
@@ -28,7 +31,7 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
         _check(path, found)
         content = file.read(most_bytes + 1) if found.st_size <= most_bytes else None
     if content is None or len(content) > most_bytes:
-        raise OSError(f"{path} has more than {most_bytes} bytes, which is the most allowed")
+        raise FileKindError(f"{path} has more than {most_bytes} bytes, which is the most allowed")
     return content
 
 
@@ -43,4 +46,4 @@ def _check(path: Path, found: os.stat_result) -> None:
         stat.S_IFBLK: "a device",
     }
     kind = kinds.get(stat.S_IFMT(found.st_mode), "no plain file")
-    raise OSError(f"{path} is {kind}, expected a regular file")
+    raise FileKindError(f"{path} is {kind}, expected a regular file")

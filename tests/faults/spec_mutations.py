@@ -74,6 +74,14 @@ def cases(n: int, seed: int) -> Iterator[str]:
         yield text
 
 
+def mutated(data: dict[str, Any], seed: str) -> dict[str, Any]:
+    """A copy of any document with one to three places changed."""
+    draw, copy = random.Random(seed), json.loads(json.dumps(data))
+    for _ in range(draw.choice((1, 1, 2, 3))):
+        _change(draw, *draw.choice(list(_places(copy))))
+    return dict(copy)
+
+
 def _mutate(draw: random.Random, data: dict[str, Any], whole: dict[str, Any]) -> None:
     """Changes one place of a spec."""
     kind = draw.random()

@@ -1,34 +1,38 @@
 """Specs from elsewhere: each is refused in one sentence of ours, or is a finite world."""
 
 import json
-import os
 import re
 import selectors
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.schema import published
+from swarmdata.documents import parse_document
 from swarmdata.errors import SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.incoming import Shapes, measured_spec
-from swarmdata.origins import RecordedSpec
+from swarmdata.origins import RecordedSpec, parse_origin
 from swarmdata.presets import preset, preset_names
 from swarmdata.record import Recorder
-from swarmdata.registry import make_env
+from swarmdata.registry import make_env, make_policy
 from swarmdata.rules import NavigationRewards
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.study.plan import Study
-from tests.faults.spec_mutations import cases
+from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting
+
+ROOT = Path(__file__).parents[2]
+SMOKE = ROOT / "cards" / "study" / "smoke.yaml"
 
 MAX_SECONDS = 10.0
 WARM_UP_SECONDS = 600.0  # kernels are compiled where no cache has them
@@ -56,7 +60,7 @@ class Prober:
     def _start(self) -> subprocess.Popen[str]:
         command = [sys.executable, "-W", "error", "-m", "tests.faults.spec_mutations"]
         process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
         )
         self._process = process
         assert self._line(process, WARM_UP_SECONDS) == "ready\n"
@@ -232,6 +236,17 @@ def test_large_worlds_that_research_needs_are_worlds(each: Prober) -> None:
         assert each.outcome(text) == "world: coop_nav", text
 
 
+@pytest.mark.parametrize("task", ["coop_nav", "transport"])
+def test_an_arena_too_large_to_be_mapped_is_refused_by_those_who_plan(task: str) -> None:
+    """Row 62: the world is fine, a planner's maps of it are not."""
+    spec = preset(task).with_updates(arena={"width": 1000, "height": 1000})
+    step = make_env(spec).reset(np.array([3], np.uint64))
+    assert np.isfinite(step.states).all()
+    with pytest.raises(SpecError, match=r"maps of the arena of 1000 x 1000 m take [0-9.]+ GiB"):
+        make_policy("scripted", spec)
+    assert make_policy("straight", spec)
+
+
 @pytest.mark.parametrize("value", ["1e308", "1e39", "1e7", "-1", "'x'"])
 def test_weights_that_make_rewards_infinite_are_refused(value: str) -> None:
     """Row 63: what could overflow float32 in an episode."""
@@ -315,7 +330,7 @@ def test_robots_of_two_roles_have_different_names() -> None:
 def test_hashes_of_everything_published_stay_what_they_are(update_golden: bool) -> None:
     """Row 64: bounds refuse, and change nothing that is allowed."""
     hashes = {name: preset(name).hash() for name in preset_names()}
-    file = Path(__file__).parents[1] / "golden" / "presets.json"
+    file = ROOT / "tests" / "golden" / "presets.json"
     if update_golden:
         file.write_text(json.dumps(hashes, indent=1) + "\n")
     assert hashes == json.loads(file.read_text())
@@ -329,6 +344,40 @@ def test_mutated_specs_are_refused_or_finite_worlds(each: Prober) -> None:
     """Row 65: every preset, changed in a few places."""
     kinds = probe(each, 74, seed=1)
     assert min(kinds["refused"], kinds["world"]) > 10
+
+
+def test_mutated_recipes_recordings_edits_and_studies_are_refused_or_read() -> None:
+    """Row 65: what else comes as a document; refused in one sentence, or read as it is written."""
+    policy = {"label": "a", "name": "external"}
+    common = {"id": "coop_nav-a-v0", "tier": "a", "spec": {"horizon": 9}, "policies": [policy]}
+    space = {"kind": "dict", "spaces": {"x": {"kind": "box", "shape": [2], "dtype": "float32"}}}
+    agent = {"name": "a", "observation": space, "action": {"kind": "discrete", "n": 3}}
+    recorded = {"kind": "recorded", "task": "t", "agents": [agent], "state_size": 2}
+    recorded |= {"state_from": "environment"}
+    parent = {"id": "coop_nav-a-v0", "digest": "0" * 64, "episodes": [1, 2, 5]}
+    documents: list[tuple[Callable[[Any], Frozen], dict[str, Any]]] = [
+        (_origin, json.loads(shipped_recipes()["coop_nav-medium-v0"].to_json())),
+        (_origin, {**common, "kind": "recording", "spec": recorded, "source": "recorder"}),
+        (_origin, {**common, "kind": "edit", "parents": [parent], "operation": "filter"}),
+        (Study.parse, parse_document(SMOKE.read_text(), "smoke")),
+    ]
+    n_refused = 0
+    for read, data in documents:
+        assert read(data)
+        for k in range(400):
+            try:
+                found = read(mutated(data, f"{k}"))
+            except SpecError as error:
+                assert str(error).isprintable()  # noqa: PT017 (some are right)
+                n_refused += 1
+            else:
+                assert type(found).from_text(found.to_json()) == found
+                assert found.hash()
+    assert n_refused > 400
+
+
+def _origin(data: Any) -> Frozen:
+    return parse_origin(data, "the case")
 
 
 @pytest.mark.slow
