@@ -177,6 +177,21 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
         fail(CheckpointError("of ours, which says what is wrong itself"))
 
 
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EMFILE])
+def test_what_cannot_be_made_is_named_as_the_caller_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuse(path: Path, *arguments: object, **options: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    (tmp_path / "x").touch()
+    monkeypatch.setattr(os, "mkdir", refuse)
+    with pytest.raises(OSError, match=os.strerror(number)) as caught:
+        write_file(tmp_path / "x", b"new")
+    assert caught.value.filename == str(tmp_path / "x")
+    assert (tmp_path / "x").read_bytes() == b""
+
+
 def test_space_is_asked_for_before_it_is_needed(tmp_path: Path) -> None:
     require_space(tmp_path, 1)
     with pytest.raises(DiskFullError, match="MB more are needed"):
