@@ -9,18 +9,24 @@ the work of a living process, and whoever writes there next removes it.
 import contextlib
 import errno
 import fcntl
-import glob
 import os
+import re
 import shutil
 import socket
+import sys
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+
+from tqdm import tqdm
 
 from swarmdata.errors import DiskFullError, ProgramError, SwarmdataError
 
 TEMPORARY = ".tmp-"
 """Prefix of what is not published yet."""
+
+_LEFTOVER = re.compile(rf"{re.escape(TEMPORARY)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
+"""Names of temporary folders, with the name of what was written."""
 
 MARKER = ".swarmdata-temporary"
 """File in a temporary folder of ours; locked while its writer lives."""
@@ -149,21 +155,29 @@ def sync_tree(folder: Path) -> None:
         sync(Path(root))
 
 
-def remove_leftovers(folder: Path, name: str | None = None) -> None:
-    """Deletes what killed writers left in `folder`: temporary folders with our marker and no owner.
+def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
+    """Deletes what killed writers left in `folder`, and names it on standard error.
 
-    Nothing else is touched: not what a living process is writing, and nothing of the user's,
-    whatever it is called.
+    That are temporary folders with our marker, which no living process holds. Nothing else is
+    touched: not what somebody is writing, and nothing of the user's, whatever it is called.
 
     Args:
         folder: where to look; it need not exist.
-        name: of the file or folder that they were writing; None: any.
+        names: of the files and folders that they were writing, or patterns of such names; without
+            any, all of them.
     """
-    written = "*" if name is None else glob.escape(name)
-    for leftover in folder.glob(f"{TEMPORARY}{written}-{'[0-9a-f]' * 32}"):
+    for leftover in sorted(folder.glob(f"{TEMPORARY}*")):
+        match = _LEFTOVER.fullmatch(leftover.name)
+        if match is None or (names and not any(_is_named(match[1], name) for name in names)):
+            continue
         with _taken_over(leftover) as is_ours:
             if is_ours:
                 shutil.rmtree(leftover)
+                tqdm.write(f"removed {leftover}, which a killed process left", file=sys.stderr)
+
+
+def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
+    return found == name if isinstance(name, str) else name.fullmatch(found) is not None
 
 
 def _marked(path: Path) -> tuple[Path, int]:

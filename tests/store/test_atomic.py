@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -129,11 +130,16 @@ def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
     assert (tmp_path / "elsewhere" / MARKER).exists()
 
 
-def test_leftovers_of_one_name_or_of_all(tmp_path: Path) -> None:
-    for name in ("x", "x-y", "[a]*?"):
+def test_leftovers_of_some_names_or_of_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("x", "x-y", "[a]*?", "part-1", "part-2"):
         abandoned(tmp_path / name)
-    remove_leftovers(tmp_path, "x")
+    remove_leftovers(tmp_path, "x", re.compile(r"part-\d"))
     assert len(names(tmp_path)) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 3, "each is named"
+    assert all("which a killed process left" in line for line in said)
     remove_leftovers(tmp_path, "[a]*?")
     assert [name.startswith(".tmp-x-y-") for name in names(tmp_path)] == [True]
     remove_leftovers(tmp_path)
