@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata import __version__
-from swarmdata.errors import FormatVersionError, SchemaError
+from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
 from swarmdata.models import models_of, with_models
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.result_files import Result, load, relabel, save
@@ -116,7 +116,7 @@ def test_a_failed_write_leaves_the_old_file_alone(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full_disk)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(DiskFullError, match="no space is left"):
         save(result(mean=9.0), tmp_path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -63,6 +63,8 @@ def staged(path: Path) -> Iterator[Path]:
         target.rename(path)
     except (OSError, RuntimeError, ValueError) as error:
         _raise_if_full(error, path, scratch)
+        if scratch is None and isinstance(error, OSError):  # of a name that the caller never gave
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
     finally:
         if scratch is not None:

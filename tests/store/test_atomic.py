@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -129,11 +130,16 @@ def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
     assert (tmp_path / "elsewhere" / MARKER).exists()
 
 
-def test_leftovers_of_one_name_or_of_all(tmp_path: Path) -> None:
-    for name in ("x", "x-y", "[a]*?"):
+def test_leftovers_of_some_names_or_of_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("x", "x-y", "[a]*?", "part-1", "part-2"):
         abandoned(tmp_path / name)
-    remove_leftovers(tmp_path, "x")
+    remove_leftovers(tmp_path, "x", re.compile(r"part-\d"))
     assert len(names(tmp_path)) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 3, "each is named"
+    assert all("which a killed process left" in line for line in said)
     remove_leftovers(tmp_path, "[a]*?")
     assert [name.startswith(".tmp-x-y-") for name in names(tmp_path)] == [True]
     remove_leftovers(tmp_path)
@@ -175,6 +181,21 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
     disk(1000, 1000)
     with pytest.raises(CheckpointError):
         fail(CheckpointError("of ours, which says what is wrong itself"))
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EMFILE])
+def test_what_cannot_be_made_is_named_as_the_caller_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuse(path: Path, *arguments: object, **options: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    (tmp_path / "x").touch()
+    monkeypatch.setattr(os, "mkdir", refuse)
+    with pytest.raises(OSError, match=os.strerror(number)) as caught:
+        write_file(tmp_path / "x", b"new")
+    assert caught.value.filename == str(tmp_path / "x")
+    assert (tmp_path / "x").read_bytes() == b""
 
 
 def test_space_is_asked_for_before_it_is_needed(tmp_path: Path) -> None:
