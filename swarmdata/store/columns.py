@@ -105,11 +105,11 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
         )
     rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
     own = robot_columns(spec.half_size)
-    said = tuple(
+    measured = tuple(
         own[k]._replace(meaning=f"of the sender, as it measured it{rounding}: {own[k].meaning}")
         for k in COLUMNS[model.payload]
     )
     if spec.observation.noise.position == 0.0:
-        return said
+        return measured
     # a robot may believe to be outside of the arena
-    return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in said)
+    return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in measured)
