@@ -120,22 +120,28 @@ class _Redirects(HTTPRedirectHandler):
                 f"{old.scheme}:// address. It is not followed; tell whoever publishes there."
             )
         made = super().redirect_request(req, fp, code, msg, headers, newurl)
-        is_public = isinstance(req, _PublicRequest) or not self._is_private(old)
-        if made is None or not is_public:
-            return made
-        _check_public(new.hostname or "", self._addresses(new))
+        if made is None:
+            return None
+        if not isinstance(req, _PublicRequest):
+            ours = self._addresses(old, req)
+            if ours and all(map(is_private, ours)):
+                return made
+        _check_public(new.hostname or "", self._addresses(new, req))
         return _PublicRequest(made.full_url, headers=dict(made.headers), unverifiable=True)
 
-    def _addresses(self, url: Any) -> list[str]:
+    def _addresses(self, url: Any, request: Request) -> list[str]:
+        """Of a host; none where a proxy knows the names, and this machine does not."""
         port = url.port or (443 if url.scheme == "https" else 80)
         try:
             return self._network.resolve(url.hostname or "", port)
         except OSError as error:
+            if _has_proxy(request):
+                return []
             raise URLError(error) from error
 
-    def _is_private(self, url: Any) -> bool:
-        """Whether every address of a host is private."""
-        return all(is_private(address) for address in self._addresses(url))
+
+def _has_proxy(request: Request) -> bool:
+    return request.has_proxy() or getattr(request, "_tunnel_host", None) is not None
 
 
 def _check_public(host: str, addresses: list[str]) -> None:
@@ -157,8 +163,7 @@ class _Paced:
 
     def _factory(self, kind: type[http.client.HTTPConnection], request: Request) -> Any:
         """What makes a connection for a request; a proxy's own address is never checked."""
-        has_proxy = request.has_proxy() or getattr(request, "_tunnel_host", None) is not None
-        is_public = isinstance(request, _PublicRequest) and not has_proxy
+        is_public = isinstance(request, _PublicRequest) and not _has_proxy(request)
         meter = Meter(self._pace, request.full_url)
 
         def dial(address: tuple[str, int], timeout: float, source: object = None) -> socket.socket:

@@ -220,3 +220,40 @@ def test_a_redirect_to_an_unknown_name_is_one_error(host: StaticHost, names: Nam
     found = WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
     with pytest.raises(HubError, match="Name or service not known"):
         found.find(ID)
+
+
+@pytest.fixture
+def behind_a_proxy(host: StaticHost, names: Names, monkeypatch: pytest.MonkeyPatch) -> WebRemote:
+    """A remote that is reached over a proxy, which alone knows the names."""
+    for name in ("NO_PROXY", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("http_proxy", f"http://proxy.example:{host.server_port}")
+
+    def some(name: str, port: int) -> list[str]:
+        if name.endswith("proxy.example"):
+            return ["10.0.0.9"]
+        if name.endswith(".example"):
+            raise socket.gaierror(-2, "Name or service not known")
+        return [name]
+
+    network = Network(some, names.connect)
+    return WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
+
+
+def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy: WebRemote) -> None:
+    """Row 94: its own address is private, and no redirect; what it is asked for is followed."""
+    redirect(host, "http://mirror.example")
+    assert behind_a_proxy.find(ID) is None, "this proxy has nothing"
+    path = f"{ID}/manifest.json"
+    assert host.log == [f"GET http://{name}.example/{path}" for name in ("data", "mirror")]
+    assert names.dialled == ["10.0.0.9"] * 2
+
+
+def test_a_proxy_is_not_sent_into_a_private_network(
+    host: StaticHost, behind_a_proxy: WebRemote
+) -> None:
+    """Row 94: as far as the address says so itself."""
+    redirect(host, "http://169.254.169.254")
+    with pytest.raises(HubError, match="not an address of the public internet"):
+        behind_a_proxy.find(ID)
+    assert len(host.log) == 1
