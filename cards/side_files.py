@@ -46,10 +46,14 @@ def damage_of(folder: Path) -> tuple[Damage, ...]:
 
 def _problem(path: Path, expected: bytes) -> str:
     """What is wrong with one file; empty if nothing."""
+    if path.is_symlink():
+        return "is a symbolic link, expected a plain file"
     try:
         found = path.read_bytes()
     except FileNotFoundError:
         return "is absent"
+    except OSError as error:  # such as a folder of this name
+        return f"cannot be read: {error.strerror or error}"
     if found == expected:
         return ""
     ours, theirs = expected.splitlines(), found.splitlines()
