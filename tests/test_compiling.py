@@ -130,7 +130,7 @@ def flip(file: Path) -> None:
 def test_a_damaged_file_is_compiled_again_and_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, kind: str, damage: Callable[[Path], None]
 ) -> None:
-    """Row 85: a truncated file was an EOFError without a name, a flipped bit other code."""
+    """Row 61: a truncated file was an EOFError without a name, a flipped bit other code."""
     first, second = kernels()
     assert first(3.0) == 1.5
     (file,) = cache.rglob(kind)
@@ -153,7 +153,7 @@ def test_a_damaged_file_is_compiled_again_and_said_once(
 def test_a_cache_that_cannot_be_written_is_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    """Row 85: a full disk was a raw OSError."""
+    """Row 61: a full disk was a raw OSError."""
 
     def refuse(*arguments: object) -> None:
         raise OSError(number, os.strerror(number))

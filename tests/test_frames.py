@@ -178,7 +178,8 @@ def test_frames_are_found_by_name() -> None:
 
 
 def test_commands_of_unicycles_cannot_be_turned() -> None:
-    spec = TaskSpec.parse({"team": [{"count": 2}, {"count": 1, "robot": {"dynamics": "unicycle"}}]})
+    unicycle = {"name": "unicycle", "count": 1, "robot": {"dynamics": "unicycle"}}
+    spec = TaskSpec.parse({"team": [{"count": 2}, unicycle]})
     features = make_env(spec, 1).features
     assert find_frame(features, "world") is None
     with pytest.raises(SpecError, match="some robots are unicycles"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-N_CASES = 42
+N_CASES = 70
 
 
 def rows() -> list[tuple[int, str, str, str]]:

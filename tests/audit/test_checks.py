@@ -351,7 +351,7 @@ def relabel(folder: Path, name: str, change: Callable[[dict[str, Any]], None]) -
 
 
 def test_attributes_that_lie(clean: Path, tmp_path: Path) -> None:
-    """Row 50: who reads with Zarr alone believes them."""
+    """Row 44: who reads with Zarr alone believes them."""
     folder = Path(shutil.copytree(clean, tmp_path / "lies"))
     assert not messages(look(folder), "attributes")
     relabel(folder, "rewards", lambda a: a["terms"][0].update(weight=9.0))

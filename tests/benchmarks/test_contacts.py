@@ -21,7 +21,7 @@ def episodes() -> list[Episode]:
 
 
 def test_contact_is_overlap_after_a_physics_step(episodes: list[Episode]) -> None:
-    """Row 53: a state that overlaps is in a step with contact; the rest of a contact is not."""
+    """Row 47: a state that overlaps is in a step with contact; the rest of a contact is not."""
     for episode in episodes:
         deep = bench.depths(episode, RANDOM)[1:]
         overlaps, events = deep[..., :2] > 1e-6, episode.events.astype(bool)
@@ -35,7 +35,7 @@ def test_contact_is_overlap_after_a_physics_step(episodes: list[Episode]) -> Non
 
 
 def test_without_contact_a_state_tells_everything(episodes: list[Episode]) -> None:
-    """Row 53: what `deviations` finds after contacts is not of its own making."""
+    """Row 47: what `deviations` finds after contacts is not of its own making."""
     free, touched = [], []
     for episode in episodes:
         near = np.any(bench.depths(episode, RANDOM) > -0.01, axis=(1, 2))

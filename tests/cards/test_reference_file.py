@@ -16,7 +16,7 @@ from swarmdata.spec import TaskSpec
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_an_outsider_computes_the_score(family: str) -> None:
-    """Row 52: the references were in three decimals of Markdown only."""
+    """Row 46: the references were in three decimals of Markdown only."""
     content = reference_bytes(SPECS[family])
     assert content is not None
     found, known = json.loads(content), references()[family]

@@ -149,7 +149,7 @@ def test_golden(update_golden: bool) -> None:
 
 
 def test_the_card_states_the_whole_reward() -> None:
-    """Row 51: the shared terms were "what all tasks share", and contacts were not explained."""
+    """Row 45: the shared terms were "what all tasks share", and contacts were not explained."""
     facts = make_facts()
     text = render(facts)
     for name, weight in facts.recipe.spec.rules.rewards:  # type: ignore[union-attr]

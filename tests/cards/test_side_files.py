@@ -29,7 +29,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("change", ["absent", "other", "cut"])
 def test_damaged_references_show_and_are_written_anew(folder: Path, change: str) -> None:
-    """Row 52: there was nothing to compare."""
+    """Row 46: there was nothing to compare."""
     file = folder / REFERENCES
     content = file.read_bytes()
     if change == "absent":

@@ -173,7 +173,7 @@ def evaluate(formula: str, weight: float, values: Values) -> Any:
 
 @pytest.mark.parametrize("name", VALUES)
 def test_the_formulas_are_what_is_computed(name: str) -> None:
-    """Row 51: what was shared was nowhere written with its numbers."""
+    """Row 45: what was shared was nowhere written with its numbers."""
     spec = POSED if name == "posed" else preset(name)
     env = make_env(spec, 16)
     task: Task = env.task

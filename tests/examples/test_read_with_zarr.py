@@ -59,7 +59,7 @@ def differences(folder: Path, cwd: Path) -> list[float]:
 
 
 def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path: Path) -> None:
-    """Row 50: an outsider could not: neither the terms nor the columns were in the folder."""
+    """Row 44: an outsider could not: neither the terms nor the columns were in the folder."""
     stored = open_store(folder)
     found = differences(folder, tmp_path)
     assert len(found) == len(stored.table)

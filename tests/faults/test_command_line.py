@@ -30,12 +30,12 @@ def shell(command: str) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize("command", ["list", "registry list", "--help"])
 def test_a_closed_pipe_ends_a_command_like_any_other(command: str) -> None:
-    """Row 89: `swarmdata list | head` says nothing, and has the exit code of SIGPIPE."""
+    """Row 65: `swarmdata list | head` says nothing, and has the exit code of SIGPIPE."""
     assert shell(f"swarmdata {command} | true") == (141, "", "")
 
 
 def test_the_first_line_is_there() -> None:
-    """Row 89: what was read before."""
+    """Row 65: what was read before."""
     code, out, err = shell("swarmdata list | head -1")
     assert out.startswith("id ")
     assert (code in (0, 141), err) == (True, "")
@@ -44,7 +44,7 @@ def test_the_first_line_is_there() -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full")
 @pytest.mark.parametrize("command", ["list", "--help"])
 def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
-    """Row 89: and no traceback of Python's end."""
+    """Row 65: and no traceback of Python's end."""
     code, _, err = shell(f"swarmdata {command} > /dev/full")
     assert code == 1
     assert err.count("\n") == 1
@@ -52,7 +52,7 @@ def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
 
 
 def test_a_name_of_300_characters_is_an_unknown_one() -> None:
-    """Row 90: not an OSError of the file system."""
+    """Row 66: not an OSError of the file system."""
     for use in (load, find_folder, find_target):
         with pytest.raises(UnknownNameError, match="unknown"):
             use(LONG)
@@ -68,7 +68,7 @@ def test_a_name_of_300_characters_is_an_unknown_one() -> None:
     ids=lambda words: " ".join(words[:2]),
 )  # fmt: skip
 def test_every_command_says_so_in_one_line(command: list[str], tmp_path: Path) -> None:
-    """Row 90: whatever a name of 300 characters is given to."""
+    """Row 66: whatever a name of 300 characters is given to."""
     first = 2 if command[0] == "task" else 1
     words = [*command[:first], LONG, *command[first:]]
     if command[0] == "train":
@@ -84,7 +84,7 @@ def test_every_command_says_so_in_one_line(command: list[str], tmp_path: Path) -
 def test_a_cache_that_is_a_dangling_link(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: str
 ) -> None:
-    """Row 91: the link and its target are named, and nothing is made."""
+    """Row 67: the link and its target are named, and nothing is made."""
     (tmp_path / "cache").symlink_to(tmp_path / "unmounted")
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache" / inside))
     for name in ("coop_nav-random-mini", "lab-other-v3"):

@@ -83,7 +83,7 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
 
 @own_mounts
 def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) -> None:
-    """Row 80: formats of others, cards, pictures, clips; at the first byte, halfway, with room."""
+    """Row 56: formats of others, cards, pictures, clips; at the first byte, halfway, with room."""
     (tmp_path / "disk").mkdir()
     for name, found in in_namespace("exports", tmp_path / "disk").items():
         for size in ("small", "middle"):
@@ -99,7 +99,7 @@ def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) 
 
 @own_mounts
 def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
-    """Row 81: there is space and no file can be made; with inodes, it goes on."""
+    """Row 57: there is space and no file can be made; with inodes, it goes on."""
     found = in_namespace("inodes", tmp_path)
     for each in (found["file"], found["build"]):
         assert each.startswith("DiskFullError: no inode is left in")

@@ -46,7 +46,7 @@ def recorded(folder: Path, rewards: Rewards) -> Dataset:
 
 @pytest.mark.parametrize("rewards", [same, alternating])
 def test_sums_and_statistics_hold_them(tmp_path: Path, rewards: Rewards) -> None:
-    """Row 92: of a team, an episode, a dataset; on the card, and there and back in a format."""
+    """Row 68: of a team, an episode, a dataset; on the card, and there and back in a format."""
     dataset = recorded(tmp_path, rewards)
     for index, episode in enumerate(dataset):
         expected = episode.rewards.astype(np.float64).mean(axis=1).sum()
@@ -61,7 +61,7 @@ def test_sums_and_statistics_hold_them(tmp_path: Path, rewards: Rewards) -> None
 
 
 def test_what_float32_does_not_hold_is_refused(tmp_path: Path) -> None:
-    """Row 92: before anything is written."""
+    """Row 68: before anything is written."""
     episode = make_episode(4, seed=3)
     too_large = episode.rewards.astype(np.float64) + 4e38
     with np.errstate(over="ignore"), pytest.raises(SchemaError, match="not finite"):
@@ -72,7 +72,7 @@ def test_what_float32_does_not_hold_is_refused(tmp_path: Path) -> None:
 
 
 def test_training_says_that_it_cannot(tmp_path: Path) -> None:
-    """Row 92: their squares overflow in a critic; one error, and no checkpoint."""
+    """Row 68: their squares overflow in a critic; one error, and no checkpoint."""
     pytest.importorskip("torch", reason="training needs torch")
     from swarmdata.learn.trainer import train
     from swarmdata.offline_algos.vdn import VDNConfig

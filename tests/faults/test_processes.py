@@ -58,7 +58,7 @@ def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> Non
 
 
 def test_a_killed_conversion_is_cleaned_up_by_the_next(tmp_path: Path) -> None:
-    """Row 82: before every change of the disk; no part of a file is ever visible."""
+    """Row 58: before every change of the disk; no part of a file is ever visible."""
     found = kill_points("export", tmp_path, 1)
     assert found["kills"] >= 6
 
@@ -199,7 +199,7 @@ for k in range(10):
 
 @pytest.mark.parametrize("what", ["registry", "remotes"])
 def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
-    """Row 86: `registry update` kept 26 of 40, `remote add` 12 of 40."""
+    """Row 62: `registry update` kept 26 of 40, `remote add` 12 of 40."""
     file = tmp_path / "published.json"
     code = {"registry": REGISTRY, "remotes": REMOTES}[what]
     environment = {name: text for name, text in os.environ.items() if name != "SWARMDATA_REMOTES"}
@@ -223,7 +223,7 @@ def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
 
 
 def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
-    """Row 87: one trains, the other waits and finds it done; the losses are those of one run."""
+    """Row 63: one trains, the other waits and finds it done; the losses are those of one run."""
     pytest.importorskip("torch", reason="training needs torch")
     from tests.learn.test_trainer import run
 

@@ -65,7 +65,7 @@ def host(dataset: Path, tmp_path: Path, hub: LoopbackHub) -> Iterator[StaticHost
 
 @pytest.mark.parametrize("fault", [slow_headers("GET"), Fault("GET", stall=5.0, trickle=9.0)])
 def test_a_deadline_on_headers(host: StaticHost, backoff: Backoff, fault: Fault) -> None:
-    """Row 83: a byte of the headers now and then, or none."""
+    """Row 59: a byte of the headers now and then, or none."""
     host.faults = [fault]
     started = time.monotonic()
     with pytest.raises(HubError, match=r"did not answer within 0\.8 s"):
@@ -76,7 +76,7 @@ def test_a_deadline_on_headers(host: StaticHost, backoff: Backoff, fault: Fault)
 def test_a_least_rate_of_bodies(
     host: StaticHost, backoff: Backoff, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 83: of the manifest, of arrays; what has arrived is kept, and the rest fetched later."""
+    """Row 59: of the manifest, of arrays; what has arrived is kept, and the rest fetched later."""
     remote = WebRemote(host.url, backoff=backoff, pace=HASTY)
     release = Release(ID, f"{host.url}/{ID}")
     for file in ("manifest.json", ARRAY):
@@ -93,7 +93,7 @@ def test_a_least_rate_of_bodies(
 def test_the_next_source_is_asked(
     tmp_path: Path, hub: LoopbackHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 83: `load` goes on to the next remote, and says why."""
+    """Row 59: `load` goes on to the next remote, and says why."""
     use_one_process(monkeypatch)
     for name, value in {
         "ANSWER_SECONDS": "0.8",
@@ -117,7 +117,7 @@ def test_the_next_source_is_asked(
 def test_a_slow_bucket_is_left(
     tmp_path: Path, dataset: Path, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 83: its client is left alone where it hangs; so is asking."""
+    """Row 59: its client is left alone where it hangs; so is asking."""
     remote = BucketRemote("memory://slow/prefix", backoff=backoff, pace=HASTY)
     remote.publish(dataset, ID)
     release = remote.find(ID)
@@ -143,7 +143,7 @@ def test_a_slow_bucket_is_left(
 def test_a_slow_hub_is_left(
     hub: LoopbackHub, dataset: Path, backoff: Backoff, tmp_path: Path, beside: Path
 ) -> None:
-    """Row 83: the same of `hf://`."""
+    """Row 59: the same of `hf://`."""
     release = HubRemote("hf://org", backoff=backoff).publish(dataset, ID, beside)
     remote = HubRemote("hf://org", backoff=backoff, pace=HASTY)
     hub.faults = [slow_headers("GET .*/revision/")]
@@ -181,7 +181,7 @@ def interrupted(server: FaultyServer, pattern: str, *arguments: str) -> tuple[in
 def test_ctrl_c_ends_a_pull_from_a_slow_server(
     host: StaticHost, tmp_path: Path, fault: type[Fault], file: str
 ) -> None:
-    """Row 84: within two seconds, wherever it hangs, with one line."""
+    """Row 60: within two seconds, wherever it hangs, with one line."""
     host.faults = [fault(f"GET .*{file}")]
     code, seconds, words = interrupted(
         host, file, "pull", ID, "--from", host.url, "--out", str(tmp_path / "d" / ID)
@@ -197,7 +197,7 @@ def test_ctrl_c_ends_a_pull_from_a_slow_server(
 def test_ctrl_c_ends_a_pull_from_a_slow_hub(
     hub: LoopbackHub, dataset: Path, backoff: Backoff, tmp_path: Path, file: str
 ) -> None:
-    """Row 84: the same of `hf://`, whose client cannot be interrupted."""
+    """Row 60: the same of `hf://`, whose client cannot be interrupted."""
     HubRemote("hf://org", backoff=backoff).publish(dataset, ID)
     hub.log.clear()
     hub.faults = [slow_body(f"GET .*{file}")]

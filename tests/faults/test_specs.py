@@ -205,7 +205,7 @@ PRODUCTS = {
 
 @pytest.mark.parametrize("name", BOMBS)
 def test_text_that_is_no_document_is_refused_with_its_place(name: str, each: Prober) -> None:
-    """Row 61: whatever the parser stumbles over, within 10 s and 1 GB."""
+    """Row 49: whatever the parser stumbles over, within 10 s and 1 GB."""
     text, message = BOMBS[name]
     found = each.outcome(text)
     assert found.startswith("refused: SpecError: "), found
@@ -214,7 +214,7 @@ def test_text_that_is_no_document_is_refused_with_its_place(name: str, each: Pro
 
 @pytest.mark.parametrize("name", PRODUCTS)
 def test_what_costs_too_much_is_refused_with_the_estimate(name: str, each: Prober) -> None:
-    """Row 62: single counts and products of them, before anything of that size is made."""
+    """Row 50: single counts and products of them, before anything of that size is made."""
     text, message = PRODUCTS[name]
     found = each.outcome(text)
     assert found.startswith("refused: SpecError: "), found
@@ -223,7 +223,7 @@ def test_what_costs_too_much_is_refused_with_the_estimate(name: str, each: Probe
 
 
 def test_large_worlds_that_research_needs_are_worlds(each: Prober) -> None:
-    """Row 62: the bounds are not in the way."""
+    """Row 50: the bounds are not in the way."""
     arena = "arena: {width: 40, height: 40}"
     for text in (
         f"{{team: [{{count: 256}}], {arena}, horizon: 40}}",
@@ -238,7 +238,7 @@ def test_large_worlds_that_research_needs_are_worlds(each: Prober) -> None:
 
 @pytest.mark.parametrize("task", ["coop_nav", "transport"])
 def test_an_arena_too_large_to_be_mapped_is_refused_by_those_who_plan(task: str) -> None:
-    """Row 62: the world is fine, a planner's maps of it are not."""
+    """Row 50: the world is fine, a planner's maps of it are not."""
     spec = preset(task).with_updates(arena={"width": 1000, "height": 1000})
     step = make_env(spec).reset(np.array([3], np.uint64))
     assert np.isfinite(step.states).all()
@@ -249,13 +249,13 @@ def test_an_arena_too_large_to_be_mapped_is_refused_by_those_who_plan(task: str)
 
 @pytest.mark.parametrize("value", ["1e308", "1e39", "1e7", "-1", "'x'"])
 def test_weights_that_make_rewards_infinite_are_refused(value: str) -> None:
-    """Row 63: what could overflow float32 in an episode."""
+    """Row 51: what could overflow float32 in an episode."""
     with pytest.raises(SpecError, match=r"rules\.coop_nav\.rewards\.progress: .*(to|number)"):
         TaskSpec.from_text(f"rules: {{task: coop_nav, rewards: {{progress: {value}}}}}")
 
 
 def test_the_largest_weights_make_finite_returns() -> None:
-    """Row 63: a whole episode's sum and its square, in float32."""
+    """Row 51: a whole episode's sum and its square, in float32."""
     rewards = dict.fromkeys(NavigationRewards.model_fields, 1e6) | {"team_share": 1.0}
     spec = TaskSpec.parse({"rules": {"task": "coop_nav", "rewards": rewards}, "horizon": 20})
     env = make_env(spec, 4)
@@ -277,7 +277,7 @@ BAD_NAMES = [
 
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_strange_names_are_refused_wherever_they_would_be_used(name: str) -> None:
-    """Row 60: names of roles and agents, labels, policies, tiers, checkpoints."""
+    """Row 48: names of roles and agents, labels, policies, tiers, checkpoints."""
     policy = {"label": "a", "name": "random"}
     recipe = {"id": "coop_nav-a-v0", "tier": "a", "spec": {}, "policies": [policy]}
     box = {"kind": "box", "shape": [1], "dtype": "float32"}
@@ -305,7 +305,7 @@ def test_strange_names_are_refused_wherever_they_would_be_used(name: str) -> Non
 
 
 def test_strange_names_in_the_data_of_others_are_errors_of_ours(tmp_path: Path) -> None:
-    """Row 60: labels given to a recorder, agents of an environment, folders of other formats."""
+    """Row 48: labels given to a recorder, agents of an environment, folders of other formats."""
     with pytest.raises(SpecError, match="is no label"):
         Recorder(Counting(), id="counting_v1-a-v0", path=tmp_path / "a", policies=("a\nb",))
     env = Counting()
@@ -319,7 +319,7 @@ def test_strange_names_in_the_data_of_others_are_errors_of_ours(tmp_path: Path) 
 
 
 def test_robots_of_two_roles_have_different_names() -> None:
-    """Row 60: a dictionary of robots loses none of them."""
+    """Row 48: a dictionary of robots loses none of them."""
     for names in (("robot", "robot"), ("robot", "Robot")):
         with pytest.raises(SpecError, match="several roles named robot, expected a `name` of its"):
             TaskSpec.parse({"team": [{"name": name, "count": 2} for name in names]})
@@ -328,7 +328,7 @@ def test_robots_of_two_roles_have_different_names() -> None:
 
 
 def test_hashes_of_everything_published_stay_what_they_are(update_golden: bool) -> None:
-    """Row 64: bounds refuse, and change nothing that is allowed."""
+    """Row 52: bounds refuse, and change nothing that is allowed."""
     hashes = {name: preset(name).hash() for name in preset_names()}
     file = ROOT / "tests" / "golden" / "presets.json"
     if update_golden:
@@ -341,13 +341,13 @@ def test_hashes_of_everything_published_stay_what_they_are(update_golden: bool) 
 
 
 def test_mutated_specs_are_refused_or_finite_worlds(each: Prober) -> None:
-    """Row 65: every preset, changed in a few places."""
+    """Row 53: every preset, changed in a few places."""
     kinds = probe(each, 74, seed=1)
     assert min(kinds["refused"], kinds["world"]) > 10
 
 
 def test_mutated_recipes_recordings_edits_and_studies_are_refused_or_read() -> None:
-    """Row 65: what else comes as a document; refused in one sentence, or read as it is written."""
+    """Row 53: what else comes as a document; refused in one sentence, or read as it is written."""
     policy = {"label": "a", "name": "external"}
     common = {"id": "coop_nav-a-v0", "tier": "a", "spec": {"horizon": 9}, "policies": [policy]}
     space = {"kind": "dict", "spaces": {"x": {"kind": "box", "shape": [2], "dtype": "float32"}}}
@@ -382,6 +382,6 @@ def _origin(data: Any) -> Frozen:
 
 @pytest.mark.slow
 def test_three_thousand_mutated_specs_are_refused_or_finite_worlds(each: Prober) -> None:
-    """Row 65: the same, many more."""
+    """Row 53: the same, many more."""
     kinds = probe(each, 3_000, seed=2)
     assert min(kinds["refused"], kinds["world"]) > 500

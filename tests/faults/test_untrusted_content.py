@@ -148,7 +148,7 @@ def shipped_checkpoint() -> tuple[bytes, str]:
     ["/dev/zero", "/etc/passwd", "../x", "a/b.safetensors", "~/x", "", ".", "..", "a\x00b", "a\nb"],
 )
 def test_a_recipe_names_no_path(name: str) -> None:
-    """Row 66: refused when the recipe is read, and again where the file would be."""
+    """Row 54: refused when the recipe is read, and again where the file would be."""
     with pytest.raises(SpecError, match=r"checkpoint: .*is not the name of a file, expected"):
         PolicySource.parse({"label": "a", "name": "learned", "checkpoint": name})
     source = PolicySource(label="a", name="learned", sha256="0" * 64)
@@ -157,7 +157,7 @@ def test_a_recipe_names_no_path(name: str) -> None:
 
 
 def test_a_checkpoint_lies_in_the_package_or_in_the_datasets_folder(tmp_path: Path) -> None:
-    """Row 66: nowhere else, and the package comes first."""
+    """Row 54: nowhere else, and the package comes first."""
     content, digest = shipped_checkpoint()
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "mine.safetensors").write_bytes(content)
@@ -206,7 +206,7 @@ MAKERS: dict[str, tuple[Callable[[Path, bytes], object], str]] = {
 
 @pytest.mark.parametrize("kind", MAKERS)
 def test_a_checkpoint_is_a_regular_file_of_bounded_size(tmp_path: Path, kind: str) -> None:
-    """Row 67: looked at before a byte of it is read; a pipe does not block."""
+    """Row 55: looked at before a byte of it is read; a pipe does not block."""
     content, digest = shipped_checkpoint()
     (tmp_path / "checkpoints").mkdir()
     make, message = MAKERS[kind]
@@ -218,7 +218,7 @@ def test_a_checkpoint_is_a_regular_file_of_bounded_size(tmp_path: Path, kind: st
 
 
 def test_a_folder_of_checkpoints_is_no_link(tmp_path: Path) -> None:
-    """Row 67: it could lead anywhere."""
+    """Row 55: it could lead anywhere."""
     content, digest = shipped_checkpoint()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "x.safetensors").write_bytes(content)
@@ -228,7 +228,7 @@ def test_a_folder_of_checkpoints_is_no_link(tmp_path: Path) -> None:
 
 
 def test_a_device_for_a_checkpoint_of_ones_own_is_refused() -> None:
-    """Row 67: what users name themselves, too."""
+    """Row 55: what users name themselves, too."""
     with pytest.raises(CheckpointError, match="is a device, expected a regular file"):
         read_checkpoint(Path("/dev/zero"), "0" * 64)
 
@@ -279,7 +279,7 @@ def test_code_in_free_text_stays_text_on_a_card(tmp_path: Path) -> None:
 
 
 def test_code_in_labels_and_tiers_is_refused(record: Callable[..., Path], tmp_path: Path) -> None:
-    """Rows 35, 60: in a folder whose manifest is right, too."""
+    """Rows 35, 48: in a folder whose manifest is right, too."""
     folder = record(tmp_path / "d", TaskSpec(horizon=20), ("random",))
     recipe = json.loads((folder / "recipe.json").read_bytes())
     for change in ({"tier": SCRIPT}, {"policies": [{**recipe["policies"][0], "label": SCRIPT}]}):

@@ -191,7 +191,7 @@ def test_settings_out_of_range_are_errors(changes: dict[str, Any]) -> None:
 def test_rewards_that_are_far_too_large_are_an_error(
     reward: float, error: type[Exception], message: str
 ) -> None:
-    """Rows 88, 92: with what was too large, or the update."""
+    """Rows 64, 68: with what was too large, or the update."""
     huge = MemoryDataset(
         [
             replace(each, rewards=np.full_like(each.rewards, reward))

@@ -267,7 +267,7 @@ def test_the_number_of_threads_is_given_back(tmp_path: Path) -> None:
 def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
     algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 88: with the update and the loss; what is on the disk is of before."""
+    """Row 64: with the update and the loss; what is on the disk is of before."""
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     update = kind.update
 
@@ -292,7 +292,7 @@ def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
 
 
 def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> None:
-    """Row 88: for real, and no checkpoint ever holds what is not finite."""
+    """Row 64: for real, and no checkpoint ever holds what is not finite."""
     config = config_of("bc", step_size=1e38)
     with pytest.raises(DivergedError, match="a smaller step_size"):
         run("bc", tmp_path / "d", config=config)
@@ -302,7 +302,7 @@ def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> No
 def test_tensors_that_are_not_finite_are_never_saved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 88: though the losses of the window were."""
+    """Row 64: though the losses of the window were."""
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
     state_dict = kind.state_dict
 

@@ -202,7 +202,7 @@ def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> 
 def test_an_online_run_that_diverges_stops_and_keeps_its_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 88: with the joint steps; what was saved before goes on to the same end."""
+    """Row 64: with the joint steps; what was saved before goes on to the same end."""
     whole = train_run(RUN, tmp_path / "whole")
     update = MAPPO.update
 

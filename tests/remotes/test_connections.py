@@ -200,14 +200,14 @@ def test_every_address_of_a_name_is_tried(host: StaticHost, names: Names) -> Non
 
 @pytest.mark.parametrize("target", ["http://[::1", "http://mirror.example:99999", "http://:x"])
 def test_a_redirect_to_no_address_is_one_error(host: StaticHost, names: Names, target: str) -> None:
-    """Row 94: malformed addresses."""
+    """Row 70: malformed addresses."""
     redirect(host, target)
     with pytest.raises(HubError, match="redirects to an address that is none"):
         remote(names, "http://data.example").find(ID)
 
 
 def test_a_redirect_to_an_unknown_name_is_one_error(host: StaticHost, names: Names) -> None:
-    """Row 94: it may be known later."""
+    """Row 70: it may be known later."""
     resolve = names.resolve
 
     def some(name: str, port: int) -> list[str]:
@@ -241,7 +241,7 @@ def behind_a_proxy(host: StaticHost, names: Names, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy: WebRemote) -> None:
-    """Row 94: its own address is private, and no redirect; what it is asked for is followed."""
+    """Row 70: its own address is private, and no redirect; what it is asked for is followed."""
     redirect(host, "http://mirror.example")
     assert behind_a_proxy.find(ID) is None, "this proxy has nothing"
     path = f"{ID}/manifest.json"
@@ -252,7 +252,7 @@ def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy:
 def test_a_proxy_is_not_sent_into_a_private_network(
     host: StaticHost, behind_a_proxy: WebRemote
 ) -> None:
-    """Row 94: as far as the address says so itself."""
+    """Row 70: as far as the address says so itself."""
     redirect(host, "http://169.254.169.254")
     with pytest.raises(HubError, match="not an address of the public internet"):
         behind_a_proxy.find(ID)

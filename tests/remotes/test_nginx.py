@@ -54,7 +54,7 @@ def remote(server: Nginx, pace: Pace | None = None) -> WebRemote:
 
 
 def test_round_trip(serve: Serve, dataset: Path, tmp_path: Path) -> None:
-    """Row 93: asked, listed, fetched over TLS; what is not there is not there."""
+    """Row 69: asked, listed, fetched over TLS; what is not there is not there."""
     found = remote(serve())
     release = found.find(ID)
     assert release is not None
@@ -66,7 +66,7 @@ def test_round_trip(serve: Serve, dataset: Path, tmp_path: Path) -> None:
 def test_a_pull_that_was_cut_goes_on_with_ranges(
     serve: Serve, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 93: with 206 for the rest, as the server's log says, and not from the beginning."""
+    """Row 69: with 206 for the rest, as the server's log says, and not from the beginning."""
     server = serve()
     scratch = tmp_path / f"{ID}.pull"
     begun = scratch / f"{ARRAY}.arriving.part"
@@ -85,7 +85,7 @@ def test_a_pull_that_was_cut_goes_on_with_ranges(
 def test_a_file_that_is_there_whole_is_asked_for_no_more(
     serve: Serve, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 93: a range behind the end is 416 there; it is begun anew."""
+    """Row 69: a range behind the end is 416 there; it is begun anew."""
     server = serve()
     found, release = remote(server), Release(ID, f"{server.url}/{ID}")
     size = (dataset / ARRAY).stat().st_size
@@ -97,27 +97,27 @@ def test_a_file_that_is_there_whole_is_asked_for_no_more(
 
 
 def test_an_unknown_authority_is_refused(serve: Serve) -> None:
-    """Row 93: with the certificate's problem, and without another attempt."""
+    """Row 69: with the certificate's problem, and without another attempt."""
     with pytest.raises(HubError, match="has no valid certificate"):
         remote(serve(is_trusted=False)).find(ID)
 
 
 def test_a_certificate_of_another_name_is_refused(serve: Serve) -> None:
-    """Row 93: the server is `localhost`, not its address."""
+    """Row 69: the server is `localhost`, not its address."""
     server = serve()
     with pytest.raises(HubError, match="has no valid certificate"):
         WebRemote(f"https://127.0.0.1:{server.port}", backoff=Backoff(attempts=1)).find(ID)
 
 
 def test_plain_http_to_a_port_of_tls(serve: Serve) -> None:
-    """Row 93: one error."""
+    """Row 69: one error."""
     server = serve()
     with pytest.raises(HubError):
         WebRemote(f"http://localhost:{server.port}", backoff=Backoff(attempts=1)).find(ID)
 
 
 def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_path: Path) -> None:
-    """Row 93: `limit_rate 1`, over TLS; what is quicker is not."""
+    """Row 69: `limit_rate 1`, over TLS; what is quicker is not."""
     server = serve("limit_rate 1;")
     started = time.monotonic()
     with pytest.raises(HubError, match=r"fewer than the least rate|did not answer within"):
@@ -133,7 +133,7 @@ def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_pa
 def test_a_server_with_a_higher_limit_is_waited_for(
     serve: Serve, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 93: 20 kB/s are enough for a least rate of 1 kB/s."""
+    """Row 69: 20 kB/s are enough for a least rate of 1 kB/s."""
     server = serve("limit_rate 20k;")
     found = remote(server, pace=Pace(5.0, 1000.0, 1.0))
     release = Release(ID, f"{server.url}/{ID}")
@@ -141,7 +141,7 @@ def test_a_server_with_a_higher_limit_is_waited_for(
 
 
 def test_redirects_of_a_real_server(serve: Serve) -> None:
-    """Row 93: within TLS they are followed, out of it they are not."""
+    """Row 69: within TLS they are followed, out of it they are not."""
     server = serve()
     backoff = Backoff(attempts=1)
     assert WebRemote(f"{server.url}/moved", backoff=backoff).find(ID) is not None
@@ -150,7 +150,7 @@ def test_redirects_of_a_real_server(serve: Serve) -> None:
 
 
 def test_the_client_speaks_a_modern_tls() -> None:
-    """Row 93: nothing before 1.2, whatever the server offers."""
+    """Row 69: nothing before 1.2, whatever the server offers."""
     context = ssl.create_default_context()
     assert context.minimum_version >= ssl.TLSVersion.TLSv1_2
     assert context.verify_mode == ssl.CERT_REQUIRED

@@ -283,7 +283,7 @@ def test_a_full_disk_is_seen_before(
 def test_a_disk_that_fills_on_the_way_is_one_error_and_what_has_arrived_is_kept(
     root: Path, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 80: the next pull goes on there."""
+    """Row 56: the next pull goes on there."""
     remote = Tampered(root)
 
     def fill(file: str, content: bytes) -> bytes:

@@ -80,7 +80,7 @@ def check(env: VecEnv) -> None:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_column_of_every_preset_is_named(name: str) -> None:
-    """Row 50: formation's own columns were "of the task; see its rules", others nothing at all."""
+    """Row 44: formation's own columns were "of the task; see its rules", others nothing at all."""
     check(make_env(preset(name)))
 
 
@@ -216,7 +216,7 @@ def test_every_array_has_a_meaning() -> None:
 
 
 def test_zarr_reads_them(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Row 50: array attributes were empty."""
+    """Row 44: array attributes were empty."""
     use_one_process(monkeypatch)
     folder = make_tiny(tmp_path / "ds", n_steps=160)
     group: Any = zarr.open_group(folder / "data.zarr", mode="r")
