@@ -1,7 +1,7 @@
 """Settings that every test shares."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,24 @@ def cache_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
     monkeypatch.setenv("SWARMDATA_REMOTES", "")
     return folder
+
+
+@pytest.fixture(scope="module")
+def one_process() -> Iterator[None]:
+    """Everything is built in this process."""
+    from tests.one_process import use_one_process
+
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dataset of `tests.tiny.TINY`; to be copied by who changes it."""
+    from tests.tiny import TINY, make_tiny
+
+    return make_tiny(tmp_path_factory.mktemp("tiny") / TINY.id)
 
 
 @pytest.fixture(scope="session")

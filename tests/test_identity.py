@@ -3,7 +3,7 @@
 import json
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -32,24 +32,13 @@ from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.layout import array_file
 from swarmdata.store.reading import Verify
 from swarmdata.store.remaking import remake_manifest
-from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
 ROOT = "data.zarr/zarr.json"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def one_process() -> Iterator[None]:
-    """Everything is built in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        yield
-
-
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_tiny(tmp_path_factory.mktemp("tiny") / TINY.id)
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -35,23 +34,12 @@ from swarmdata.resolving import (
     obtain_foreign,
 )
 from swarmdata.store.scratch import scratch_folder
-from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 
 FOREIGN = "lab-warehouse_run-v3"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def one_process() -> Iterator[None]:
-    """Everything is built in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        yield
-
-
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_tiny(tmp_path_factory.mktemp("tiny") / TINY.id)
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from swarmdata.errors import BuildError
 from swarmdata.recipes import build
 from swarmdata.repairing import examine, repair
 from swarmdata.store import read_manifest
-from tests.one_process import use_one_process
 from tests.tiny import TINY, abandoned, flip, make_tiny
 
 ROOT = Path(__file__).parents[2]
@@ -37,12 +35,7 @@ own_mounts = pytest.mark.skipif(
 )
 
 
-@pytest.fixture(scope="module", autouse=True)
-def one_process() -> Iterator[None]:
-    """Everything is built in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        yield
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,24 +23,13 @@ from swarmdata.resolving import obtain, obtain_release
 from swarmdata.store.atomic import remove_leftovers
 from swarmdata.store.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
-from tests.one_process import use_one_process
-from tests.tiny import TINY, Shelf, abandoned, flip, make_tiny
+from tests.tiny import TINY, Shelf, abandoned, flip
 
 STATES = "data.zarr/states/c.0.0"
 RUNNER = CliRunner()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def one_process() -> Iterator[None]:
-    """Everything is built in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        yield
-
-
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_tiny(tmp_path_factory.mktemp("tiny") / TINY.id)
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
 @pytest.fixture(scope="module")
