@@ -1,4 +1,4 @@
-"""The world as each robot has measured it: where it believes to be, and what it sees about it.
+"""The world as each robot has measured it: where it believes it is, and what it sees around it.
 
 Noise and losses act here, before any feature exists. Every feature is then the same function of the
 measured world as it is of the true one, so none of them can tell what the noise on another hides.
@@ -6,8 +6,8 @@ measured world as it is of the true one, so none of them can tell what the noise
 What is measured:
 
 - a robot's own position, velocity and heading. Points that the task gives in the world's frame
-  (targets, goals, references, maps) are known; how far they are from the robot is known as well as
-  its own position;
+  (targets, goals, references, maps) are known exactly; the robot knows how far away they are as
+  well as it knows its own position;
 - of every other robot, movable body and obstacle: the displacement from the robot, the relative
   velocity, the direction of its axis. In `bearing`, other robots by range and bearing.
 
@@ -54,7 +54,7 @@ class Noise(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """How robots measure what is about them."""
+    """How robots measure what is around them."""
 
     n_agents: int
     noise: Noise
