@@ -33,13 +33,10 @@ class Twin:
     def __init__(self, task: Task, step: Step, robot: int) -> None:
         model = task.spec.observation
         self.noise, self.kind, self.n = model.noise, model.kind, task.spec.n_agents
-        self.robot, self.arms = (
-            robot,
-            [np.hypot(p.half_length, p.half_width) for p in task.movables],
-        )
+        self.robot = robot
         self.arms = [
-            p.half_length if p.shape == "circle" else arm
-            for p, arm in zip(task.movables, self.arms, strict=True)
+            p.half_length if p.shape == "circle" else np.hypot(p.half_length, p.half_width)
+            for p in task.movables
         ]
         self.bits = derive(step.seeds[0], STREAMS["sensor"], step.times[0], robot)
         self.state, self.layout = step.states[0].astype(float), step.layouts[0].astype(float)
