@@ -8,12 +8,22 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from swarmdata.documents import parse_document, read_document
 from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
 
-Positive = Annotated[float, Field(ge=1e-12, le=1e12, allow_inf_nan=False)]
+LEAST_POSITIVE = 1e-12
+"""Below this, products and ratios of a few quantities leave what float32 can hold."""
+
+
+def _not_tiny(value: float) -> float:
+    if value < LEAST_POSITIVE:
+        raise ValueError(f"{value:g} is too small, expected at least {LEAST_POSITIVE:g}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False), AfterValidator(_not_tiny)]
 NonNegative = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 

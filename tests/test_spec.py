@@ -87,6 +87,10 @@ def test_the_hash_of_the_default_is_stable() -> None:
             {"horizon": 0, "rules": {"task": "coop_nav", "rewards": {"time": -1}}},
             "rules.coop_nav.rewards.time: .*; horizon: ",
         ),
+        (
+            {"observation": {"kind": "lidar", "range": 1e-20}},
+            "observation.lidar.range: 1e-20 is too small, expected at least 1e-12",
+        ),
     ],
 )
 def test_errors_name_the_path(data: dict[str, object], message: str) -> None:
