@@ -200,14 +200,14 @@ def next_corner(
     """The point to drive to next: the target, or the middle of a crossing on the way to it.
 
     Args:
-        x: m.
-        y: m.
+        x: m; a robot may believe it is outside of the arena.
+        y: m; the same. Beyond the last aisle counts as there.
         target: m; in a corridor.
         lanes: of the plan, [L, 2].
         rows: of the plan, [3].
         middles: of the plan, [aisles + 1].
     """
-    here, there = corridor(y, rows), corridor(target[1], rows)
+    here, there = min(corridor(y, rows), middles.shape[0] - 1), corridor(target[1], rows)
     if here == there:
         return target
     k = best_lane(x, target[0], lanes)

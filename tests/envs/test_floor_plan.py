@@ -175,6 +175,18 @@ def test_corners_lead_to_the_target_around_shelves(
         assert driven <= most
 
 
+@given(planned=plans(), x=st.floats(-1e4, 1e4), y=st.floats(-1e4, 1e4))
+def test_a_robot_that_believes_it_is_outside_is_led_back_in(
+    planned: tuple[TaskSpec, FloorPlan], x: float, y: float
+) -> None:
+    """Noise may put a robot beyond the last aisle: memory behind the aisles was read for it."""
+    _, plan = planned
+    for target in plan.places:
+        corner = next_corner(x, y, tuple(target), plan.lanes, plan.rows, plan.middles)
+        middles = [*plan.middles, target[1]]
+        assert min(abs(corner[1] - middle) for middle in middles) < 1e-9
+
+
 @pytest.mark.parametrize(
     ("rules", "message"),
     [

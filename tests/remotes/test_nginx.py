@@ -15,6 +15,7 @@ from swarmdata.remotes.interface import Release
 from swarmdata.remotes.pace import Pace
 from swarmdata.remotes.pulling import pull
 from swarmdata.remotes.web import WebRemote
+from swarmdata.store.scratch import scratch_folder
 from tests.remotes import nginx
 from tests.remotes.conftest import ID, same_files
 from tests.remotes.nginx import Nginx
@@ -68,7 +69,7 @@ def test_a_pull_that_was_cut_goes_on_with_ranges(
 ) -> None:
     """Row 69: with 206 for the rest, as the server's log says, and not from the beginning."""
     server = serve()
-    scratch = tmp_path / f"{ID}.pull"
+    scratch = scratch_folder(tmp_path / ID, "pull")
     begun = scratch / f"{ARRAY}.arriving.part"
     found = remote(server)
     (scratch / "incoming").mkdir(parents=True)

@@ -162,8 +162,8 @@ layouts = rng.uniform(0.05, 0.4, (300, 6, 8)).astype(np.float32)
 layouts[..., 0], layouts[..., 3:5] = (0, 0, 1, 2, 3, 3), (0.28, 0.96)
 layouts[..., 1:3] = rng.uniform(-1.9, 1.9, (300, 6, 2))
 out = np.zeros((300, 4, 5 + 4 * 33), dtype=np.float32)
-scan(states, layouts, np.full(4, 0.12), np.full(4, np.inf), np.full(2, 2.0), np.zeros((0, 3)),
-     ray_blocks(33), (33, 2.0, 5.5), np.ones(300, dtype=bool), out)
+scan(states, layouts, states, np.full(4, 0.12), np.full(4, np.inf), np.full(2, 2.0),
+     np.zeros((0, 3)), ray_blocks(33), (33, 2.0, 5.5), (0, 4), np.ones(300, dtype=bool), out)
 print(hashlib.sha256(out.tobytes()).hexdigest())
 """
 
