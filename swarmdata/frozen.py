@@ -136,6 +136,9 @@ def _kind_of(data: Any, kinds: Mapping[str, type[M]], what: str, where: str) -> 
 MAX_PROBLEMS = 20
 """That one message lists."""
 
+MAX_LISTED = 2_000
+"""Characters after which a message lists no further problem."""
+
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 
@@ -145,9 +148,12 @@ def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
     # a sequence whose only items are wrong is said to be too short, which is no news
     wrong = {problem["loc"][:k] for problem in every for k in range(len(problem["loc"]))}
     found = [each for each in every if each["type"] != "too_short" or each["loc"] not in wrong]
-    listed = "; ".join(_explain(model, problem) for problem in found[:MAX_PROBLEMS])
-    left = len(found) - MAX_PROBLEMS
-    return f"{listed}; and {left} more" if left > 0 else listed
+    listed = ""
+    for n, problem in enumerate(found):
+        if n == MAX_PROBLEMS or len(listed) > MAX_LISTED:
+            return f"{listed}; and {len(found) - n} more"
+        listed += ("; " if listed else "") + _explain(model, problem)
+    return listed
 
 
 def _explain(model: type[BaseModel], problem: Any) -> str:

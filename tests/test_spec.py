@@ -126,3 +126,11 @@ def test_small_and_large_numbers_survive_json_inside_free_tables(value: float) -
     table = Table(values={"x": value, "name": "5e-05x"})
     assert Table.from_text(table.to_json()) == table
     assert Table.from_text(table.to_yaml()) == table
+
+
+def test_a_message_stays_readable_however_much_is_wrong() -> None:
+    """Every role with the same long key was told of, each with all the keys that are known."""
+    roles = [{"name": f"role_{k}", "robot": {"x" * 200: 1}} for k in range(20)]
+    with pytest.raises(SpecError, match=r"; and [0-9]+ more$") as caught:
+        TaskSpec.parse({"team": roles})
+    assert len(str(caught.value)) < 4000
