@@ -30,7 +30,7 @@ _RESERVED = re.compile(r"(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\..*)?", re.IGN
 
 
 def _checked_name(text: str) -> str:
-    if len(text) > MAX_NAME or not _NAME.fullmatch(text) or _is_unsafe(text):
+    if not _is_plain(text, _NAME, MAX_NAME):
         raise ValueError(
             f"{text!r:.100} is no name, expected at most {MAX_NAME} of the characters A-Z a-z 0-9 "
             "space and _ - . : +, a letter or digit first, no two dots in a row and no name that "
@@ -45,19 +45,21 @@ def checked_label(text: str) -> str:
     Raises:
         ValueError: it is not.
     """
-    if len(text) > MAX_LABEL or not _LABEL.fullmatch(text) or _is_unsafe(text):
+    if not _is_plain(text, _LABEL, MAX_LABEL):
         raise ValueError(
             f"{text!r:.100} is no label, expected at most {MAX_LABEL} of the characters A-Z a-z "
-            "0-9 space and _ - . , : ; = + * @ # % ( ) / [ ], a letter or digit first, no two dots "
-            "in a row, no empty part between slashes and no name that Windows reserves, such as "
-            "expert-0"
+            "0-9 space and _ - . , : ; = + * @ # % ( ) / [ ], a letter, a digit or _ first, no two "
+            "dots in a row, no empty part between slashes and no name that Windows reserves, such "
+            "as expert-0"
         )
     return text
 
 
-def _is_unsafe(text: str) -> bool:
-    parts = text.split("/")
-    return ".." in text or any(not part.strip() or _RESERVED.fullmatch(part) for part in parts)
+def _is_plain(text: str, pattern: re.Pattern[str], most: int) -> bool:
+    """Whether a text has the form and the length, leads nowhere, and names no device."""
+    if len(text) > most or not pattern.fullmatch(text) or ".." in text:
+        return False
+    return all(part.strip() and not _RESERVED.fullmatch(part) for part in text.split("/"))
 
 
 def _checked_text(text: str) -> str:
@@ -90,10 +92,11 @@ def checked_file_name(text: str) -> str:
     Raises:
         ValueError: it is not.
     """
-    if len(text) > MAX_FILE_NAME or not _FILE_NAME.fullmatch(text) or _is_unsafe(text):
+    if not _is_plain(text, _FILE_NAME, MAX_FILE_NAME):
         raise ValueError(
             f"{text!r:.100} is not the name of a file, expected at most {MAX_FILE_NAME} of the "
-            "characters A-Z a-z 0-9 _ - . +, a letter or digit first, without a folder, such as "
+            "characters A-Z a-z 0-9 _ - . +, a letter or digit first and last, no two dots in a "
+            "row, no folder and no name that Windows reserves, such as "
             "coop_nav-expert-0.safetensors"
         )
     return text
