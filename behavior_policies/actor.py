@@ -27,7 +27,7 @@ from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.frames import Frame, in_world
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
 from swarmdata.types import Double, Float
 
 GRID = 2.0**12  # steps per unit of weights and activations

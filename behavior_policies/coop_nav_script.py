@@ -12,11 +12,11 @@ from swarmdata.assignment import assign, assignment_work
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.compiling import kernel
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.rules import Doorway, NavigationRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.budget import in_bytes
-from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
 

@@ -13,12 +13,12 @@ import numpy as np
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.compiling import kernel
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.formation import Formation
 from swarmdata.envs.reference import write_pose
 from swarmdata.envs.slots import slot_velocity
 from swarmdata.geometry import clearance
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY
 from swarmdata.types import Double, Float, Int, Step

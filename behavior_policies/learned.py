@@ -11,7 +11,7 @@ from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import CheckpointError
 from swarmdata.naming import checked_file_name
-from swarmdata.regular_files import read_regular
+from swarmdata.runtime.regular_files import read_regular
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Float, Int, Step
 

@@ -26,10 +26,10 @@ from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.tracking import command_of
-from swarmdata.compiling import kernel
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry import make_task
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
 PARALLEL = 1e-9

@@ -12,8 +12,8 @@ from swarmdata.behavior_policies.distance_field import (
     nearest_node,
     weights_of,
 )
-from swarmdata.compiling import kernel
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Int
 
 LOOKAHEAD = 40

@@ -10,9 +10,9 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 from swarmdata.behavior_policies.planner import free_distance
-from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float
 
 MAX_SLOTS = 16

@@ -6,9 +6,9 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import numpy as np
 
 from swarmdata.behavior_policies.way_around import crosses
-from swarmdata.compiling import kernel
 from swarmdata.envs.payload import Shape
 from swarmdata.geometry import CIRCLE
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int
 
 DETOUR = 1.0

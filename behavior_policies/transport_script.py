@@ -50,13 +50,13 @@ from swarmdata.behavior_policies.pushing import (
     stands,
 )
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
-from swarmdata.compiling import kernel
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
 from swarmdata.registry import make_task
 from swarmdata.rules import Payload, TransportRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step

@@ -10,10 +10,10 @@ leaves by the next lane in the aisle's direction, and goes from lane to lane thr
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.floor_plan import STANDOFF, best_lane, corridor
 from swarmdata.errors import SpecError
 from swarmdata.rules import WarehouseRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double
 

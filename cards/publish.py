@@ -5,8 +5,8 @@ from pathlib import Path
 from swarmdata.cards.pictures import draw_card
 from swarmdata.cards.render import card_of
 from swarmdata.dataset import Dataset
+from swarmdata.runtime.atomic import staged
 from swarmdata.store import write_file
-from swarmdata.store.atomic import staged
 
 
 def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path]:

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple, Protocol
 
-from swarmdata.compiling import kernel
 from swarmdata.rules import Payload
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int

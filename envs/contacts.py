@@ -8,8 +8,8 @@ pressed (`python -m tests.benchmarks.bench_contacts`).
 
 import math
 
-from swarmdata.compiling import kernel
 from swarmdata.geometry import nearest, outer_radius, wall_gap
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import SEPARATION, Bool, Counts, Double, Float
 
 SKIP = 0.25

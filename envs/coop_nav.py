@@ -37,7 +37,6 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.assignment import assignment_work
-from swarmdata.compiling import kernel
 from swarmdata.envs.arrangements import arrange
 from swarmdata.envs.coverage import (
     goal_features,
@@ -49,6 +48,7 @@ from swarmdata.envs.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
 from swarmdata.rules import NavigationRules, Payload
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, X, Y, pair, robots_of
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term

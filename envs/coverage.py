@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from swarmdata.assignment import assign
-from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
+from swarmdata.runtime.kernels import kernel
 from swarmdata.states import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 

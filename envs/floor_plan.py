@@ -29,10 +29,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
 from swarmdata.rules import WarehouseRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Double, Float
 

@@ -44,7 +44,6 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.assignment import assignment_work
-from swarmdata.compiling import kernel
 from swarmdata.envs.formation_spawn import draw_episodes, plan_episodes
 from swarmdata.envs.shapes import check_slots, slot_offsets
 from swarmdata.envs.slots import (
@@ -59,6 +58,7 @@ from swarmdata.envs.slots import (
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.rules import FormationRules, Payload
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term

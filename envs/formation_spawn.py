@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.reference import PathPlan, draw_path, write_pose
 from swarmdata.envs.shapes import reach_of
 from swarmdata.envs.spawn import (
@@ -33,6 +32,7 @@ from swarmdata.envs.spawn import (
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance, nearest
 from swarmdata.rules import FormationRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds

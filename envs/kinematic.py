@@ -6,9 +6,9 @@ Movable bodies stay where they are.
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.dynamics import drive, limits_of
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 

@@ -10,12 +10,12 @@ import math
 import numpy as np
 import pymunk
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.geometry import CIRCLE
 from swarmdata.rules import Payload
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.spawn import next_uniform
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Seeds
 
 SIXTH = 1.0 / 6.0

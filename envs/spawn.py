@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
+from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
 from swarmdata.spec import TaskSpec
 from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y

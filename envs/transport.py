@@ -56,7 +56,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.envs.payload import (
     Shape,
     count_contacts,
@@ -71,6 +70,7 @@ from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import BOX, nearest, nearest_of
 from swarmdata.rules import Payload, TransportRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term

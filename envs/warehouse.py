@@ -33,7 +33,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
@@ -41,6 +40,7 @@ from swarmdata.envs.spawn import check_fixed_layout, draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.features import Feature, vector
 from swarmdata.rules import Payload, WarehouseRules
+from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, UX, X, Y, robots_of

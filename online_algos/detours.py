@@ -20,9 +20,9 @@ from swarmdata.behavior_policies.distance_field import (
     grid_shape,
     nearest_node,
 )
-from swarmdata.compiling import kernel
 from swarmdata.envs.payload import payload_radius
 from swarmdata.errors import SpecError
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import N_COLUMNS, TX, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step

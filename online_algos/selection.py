@@ -24,12 +24,12 @@ from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
 from swarmdata.learn.run import CONFIG, CURVE, read_table
-from swarmdata.locking import updating
 from swarmdata.online_algos.exporting import exact_error, export
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
 from swarmdata.online_algos.training import measure, read_online_run
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.locking import updating
 from swarmdata.spec import TaskSpec
-from swarmdata.store.atomic import write_file
 
 N_REPLAY = 5
 """Policies that stand for the way of one seed to its medium."""

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int
 
 _SHIFT, _LIFT, _PATH, _IS_SETTLED = range(4)

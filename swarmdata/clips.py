@@ -13,9 +13,9 @@ from swarmdata.errors import SchemaError
 from swarmdata.observing import features_of
 from swarmdata.registry import make_task
 from swarmdata.reobserve import attempted_links
+from swarmdata.runtime.atomic import staged
 from swarmdata.sensing.scans import scan_of
 from swarmdata.spec import TaskSpec
-from swarmdata.store.atomic import staged
 from swarmdata.types import END_REASONS, Episode
 
 CLIPS = (*SUFFIXES, ".png")

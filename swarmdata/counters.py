@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
 from swarmdata.types import Double
 

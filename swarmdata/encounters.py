@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SchemaError
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import VX, VY, robots_of
 from swarmdata.types import Double, Float

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.store.atomic import staged
+from swarmdata.runtime.atomic import staged
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; the same as of the robots."""

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Int
 
 HEARING = 1.25

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Self, TypeVar
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from swarmdata.documents import parse_document, read_document
 from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
+from swarmdata.runtime.documents import parse_document, read_document
 
 LEAST_POSITIVE = 1e-12
 """Below this, products and ratios of a few quantities leave what float32 can hold."""

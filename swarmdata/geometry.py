@@ -7,7 +7,7 @@ bits are the same on every platform. No fast-math, no library transcendental fun
 
 import math
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Column, Double, Float
 
 CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0

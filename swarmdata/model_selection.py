@@ -17,7 +17,6 @@ import numpy as np
 from swarmdata import __version__, metrics
 from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
-from swarmdata.documents import parse_json
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
@@ -37,6 +36,7 @@ from swarmdata.ranking_record import (
 )
 from swarmdata.ranking_scores import Scores, read_scores, simulate
 from swarmdata.run_files import run_hash
+from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
 
 SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")

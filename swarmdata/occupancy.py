@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import clearance
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import X, Y, robots_of
 from swarmdata.types import Bool, Double, Float, Int

@@ -17,7 +17,7 @@ from swarmdata.metrics import bootstrap, mean
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import SPEED, read_online_run
 from swarmdata.presets import name_of
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
 
 GOAL = 0.9
 """Team success that counts as having learned the task."""

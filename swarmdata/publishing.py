@@ -13,8 +13,8 @@ from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_r
 from swarmdata.cards.schema import Published, changed_versions, publication, published
 from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.locking import updating
 from swarmdata.recipes import build, is_finished
+from swarmdata.runtime.locking import updating
 from swarmdata.spec import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmdata.frozen import Frozen
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
 
 Criterion = Literal["fqe", "imitation_error", "weighted_imitation_error", "td_error"]
 

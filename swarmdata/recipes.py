@@ -20,9 +20,10 @@ from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.locking import locked
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.workers import Crew, Job, Report, serve
 from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import (
@@ -40,7 +41,6 @@ from swarmdata.store import (
 from swarmdata.store.cache import note_build
 from swarmdata.store.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.types import Episode, Int, Seeds
-from swarmdata.workers import Crew, Job, Report, serve
 
 N_COPIES = 64
 """Copies of the task that a worker steps together; episodes are the same for any number."""

@@ -16,10 +16,11 @@ from swarmdata.cards import side_files
 from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import changed_versions
 from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
-from swarmdata.locking import locked
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
 from swarmdata.restoring import MADE_AGAIN, Sources, recipe_of, restore_manifest
+from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.locking import locked
 from swarmdata.store import (
     Damage,
     Manifest,
@@ -28,7 +29,6 @@ from swarmdata.store import (
     remove_leftovers,
     write_file,
 )
-from swarmdata.store.atomic import sync
 from swarmdata.store.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.store.scratch import remove_scratch, scratch_folder

@@ -22,8 +22,8 @@ from swarmdata.report import Table
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles, plot_scores
 from swarmdata.results import Case, ResultSet, read
 from swarmdata.rollout import rollout
+from swarmdata.runtime.atomic import write_file
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.store.atomic import write_file
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
 from swarmdata.targets import find_target
 from swarmdata.types import Episode

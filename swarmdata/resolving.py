@@ -20,16 +20,16 @@ from swarmdata.errors import (
     SwarmdataError,
 )
 from swarmdata.identity import judge
-from swarmdata.locking import locked
 from swarmdata.recipes import finish, is_finished, remove_parts
 from swarmdata.remotes.addresses import Address, open_remote, parse_address
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate
 from swarmdata.remotes.names import is_id
 from swarmdata.remotes.pulling import Refusal, pull, refuse_current_folder
+from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.locking import locked
 from swarmdata.spec import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
-from swarmdata.store.atomic import sync
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 

@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmdata.documents import read_document
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.metrics import metrics_of
@@ -23,8 +22,9 @@ from swarmdata.models import with_models
 from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.presets import preset, preset_names
 from swarmdata.provenance import Provenance, file_name
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.documents import read_document
 from swarmdata.spec import TaskSpec
-from swarmdata.store.atomic import write_file
 from swarmdata.types import Double, EvalResult
 
 FORMAT = "swarmdata-evaluation"

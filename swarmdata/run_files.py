@@ -6,7 +6,7 @@ Needs no torch: whoever reads results can tell whether the run beside them is st
 import hashlib
 from pathlib import Path
 
-from swarmdata.documents import read_document
+from swarmdata.runtime.documents import read_document
 
 CONFIG, CHECKPOINT, POLICIES = "config.json", "checkpoint.safetensors", "policies"
 """As `learn.run` and `online_algos.run_folder` write them."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.catalog import load
-from swarmdata.documents import read_document
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.frames import Frame, find_frame, natural_anchor
@@ -21,6 +20,7 @@ from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.origins import RecordedSpec
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
+from swarmdata.runtime.documents import read_document
 from swarmdata.spec import TaskSpec
 
 CURVE_EPISODES = 64

@@ -6,8 +6,8 @@ seed, the step, a purpose, the sender and the receiver, so that no link depends 
 
 import math
 
-from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_uniform
+from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS
 from swarmdata.states import N_COLUMNS, X, Y
 from swarmdata.types import Bool, Counts, Double, Float, Int

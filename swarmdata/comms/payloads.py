@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SpecError
 from swarmdata.features import Feature, numbered, vector
+from swarmdata.runtime.kernels import kernel
 from swarmdata.senses import Broadcast
 from swarmdata.spec import Robot, TaskSpec
 from swarmdata.states import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
 from swarmdata.comms.payloads import compose, write_slots
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
 
 OLDEST = NEVER - 1

@@ -5,7 +5,7 @@ from pathlib import Path
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.formats import FORMATS, find_format
-from swarmdata.store.atomic import remove_leftovers, staged
+from swarmdata.runtime.atomic import remove_leftovers, staged
 
 
 def export_dataset(dataset: Dataset, path: Path | str, *, format: str) -> Path:

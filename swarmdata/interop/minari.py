@@ -27,8 +27,8 @@ from swarmdata.interop.formats import Format
 from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
 from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.origins import RecordedAgent, RecordedSpec
+from swarmdata.runtime.atomic import require_space
 from swarmdata.spaces import DictSpace, width
-from swarmdata.store.atomic import require_space
 from swarmdata.types import Episode
 
 NOTE = "swarmdata"

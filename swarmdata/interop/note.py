@@ -11,11 +11,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from swarmdata.dataset import Dataset
-from swarmdata.documents import parse_json
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.naming import Sha256
 from swarmdata.origins import AnySpec, Id
+from swarmdata.runtime.documents import parse_json
 from swarmdata.spec import PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Counts

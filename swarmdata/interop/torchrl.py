@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
-from swarmdata.documents import read_document
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.ahead import Ahead
 from swarmdata.interop.choices import Choices
@@ -29,6 +28,7 @@ from swarmdata.interop.incoming import Incoming
 from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.interop.noted import noted
 from swarmdata.interop.torchrl_foreign import unnoted_rows
+from swarmdata.runtime.documents import read_document
 from swarmdata.spaces import DiscreteSpace
 
 NOTE = "swarmdata.json"

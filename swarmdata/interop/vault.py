@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
-from swarmdata.documents import read_document
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.ahead import Ahead
 from swarmdata.interop.choices import Choices
@@ -30,6 +29,7 @@ from swarmdata.interop.formats import Format
 from swarmdata.interop.incoming import Incoming, Shapes
 from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.interop.noted import noted
+from swarmdata.runtime.documents import read_document
 
 NOTE = "swarmdata"
 

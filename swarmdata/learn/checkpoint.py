@@ -17,8 +17,8 @@ from safetensors.torch import save as serialize
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError
-from swarmdata.regular_files import read_regular
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.regular_files import read_regular
 
 FORMAT = "swarmdata-checkpoint-1"
 

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.learn.sizes import Sizes
-from swarmdata.store.atomic import staged
+from swarmdata.runtime.atomic import staged
 from swarmdata.types import Batch
 
 FILE = "replay.f32"

@@ -31,8 +31,8 @@ from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.scaling import choices_of
-from swarmdata.store.atomic import disk_full_explained, write_file
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",

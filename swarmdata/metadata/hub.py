@@ -10,10 +10,10 @@ from typing import Any
 import yaml
 
 from swarmdata.dataset import Dataset
-from swarmdata.documents import parse_yaml
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.metadata.croissant import CROISSANT, croissant, license_of
 from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
+from swarmdata.runtime.documents import parse_yaml
 from swarmdata.store import SPLITS, write_file
 
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))

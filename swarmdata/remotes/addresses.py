@@ -10,16 +10,16 @@ from urllib.parse import urlsplit
 import yaml
 from platformdirs import user_config_path
 
-from swarmdata.documents import read_document
 from swarmdata.errors import AddressError, SpecError, UnknownNameError
-from swarmdata.locking import updating
 from swarmdata.remotes.buckets import BucketRemote
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.hugging_face import HubRemote
 from swarmdata.remotes.interface import Remote
 from swarmdata.remotes.names import MAX_ID, is_id
 from swarmdata.remotes.web import WebRemote
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.locking import updating
 
 HUB, FOLDER, WEB = ("hf",), ("file",), ("http", "https")
 BUCKETS = ("s3", "gs", "gcs", "az", "abfs", "abfss", "memory")

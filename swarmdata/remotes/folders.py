@@ -12,7 +12,7 @@ from swarmdata.remotes.contents import files_to_publish
 from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import ID_PATTERN, is_id, split_id
-from swarmdata.store.atomic import new_folder, remove_leftovers, write_file
+from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
 from swarmdata.store.layout import MANIFEST
 
 

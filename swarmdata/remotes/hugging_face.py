@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from swarmdata.documents import read_document
 from swarmdata.errors import (
     AbsentFileError,
     ConflictError,
@@ -20,6 +19,7 @@ from swarmdata.remotes.hub_calls import HubCalls, Listed, quiet
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
 from swarmdata.remotes.pace import Pace
+from swarmdata.runtime.documents import read_document
 from swarmdata.store.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder

@@ -2,9 +2,9 @@
 
 import json
 
-from swarmdata.documents import parse_json
 from swarmdata.errors import HubError, SpecError
 from swarmdata.remotes.names import is_id
+from swarmdata.runtime.documents import parse_json
 
 INDEX = "index.json"
 """Its name, beside the folders of the datasets."""

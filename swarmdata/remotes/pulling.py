@@ -21,7 +21,7 @@ from swarmdata.errors import (
 from swarmdata.remotes.contents import MAX_SMALL, SIDE_FILES, contradictions
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.threads import bytes_in, run_all
-from swarmdata.store.atomic import disk_full_explained, sync, sync_tree
+from swarmdata.runtime.atomic import disk_full_explained, sync, sync_tree
 from swarmdata.store.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import CIRCLE, bounding_radius
+from swarmdata.runtime.kernels import kernel
 from swarmdata.senses import BearingModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import NO_ECHOES

@@ -26,10 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.counters import absorb, to_normal, to_uniform
 from swarmdata.geometry import bounding_radius
 from swarmdata.interfaces import Task
+from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS, normal_table
 from swarmdata.sensing.scene import N_BODY, Scene
 from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered
 from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.runtime.kernels import kernel
 from swarmdata.senses import OccupancyModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import echoes_of

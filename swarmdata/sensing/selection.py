@@ -6,7 +6,7 @@ is that of the floats have a minimum that the compiler finds many at a time.
 
 import numpy as np
 
-from swarmdata.compiling import kernel
+from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Int
 
 TAKEN = np.int64(np.iinfo(np.int64).max)

@@ -4,10 +4,10 @@ from typing import Protocol
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.errors import SchemaError
 from swarmdata.features import Feature
 from swarmdata.interfaces import Task
+from swarmdata.runtime.kernels import kernel
 from swarmdata.senses import BearingModel, LidarModel, ObservationModel, OccupancyModel, StateModel
 from swarmdata.sensing.bearing import Bearing
 from swarmdata.sensing.lidar import Lidar

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from swarmdata.compiling import kernel
 from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest_of
+from swarmdata.runtime.kernels import kernel
 from swarmdata.senses import StateModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import NO_ECHOES

@@ -4,8 +4,8 @@ Nothing here imports zarr to read; zarr-python writes the metadata, so that `zar
 same bits.
 """
 
+from swarmdata.runtime.atomic import remove_leftovers, write_file
 from swarmdata.store.assembly import assemble, write_dataset
-from swarmdata.store.atomic import remove_leftovers, write_file
 from swarmdata.store.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
 from swarmdata.store.order import MergeOrder, merge_order, split_codes

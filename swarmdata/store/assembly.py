@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.origins import Origin, split_rule
+from swarmdata.runtime.atomic import new_folder
 from swarmdata.spec import Recipe
-from swarmdata.store.atomic import new_folder
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,

@@ -8,7 +8,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from swarmdata.errors import DatasetNotFoundError
-from swarmdata.store.atomic import write_file
+from swarmdata.runtime.atomic import write_file
 from swarmdata.store.manifest import Manifest
 
 

@@ -13,7 +13,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.errors import (
     ChecksumError,
     DatasetNotFoundError,
@@ -24,7 +23,8 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.origins import Origin, parse_origin
-from swarmdata.regular_files import read_regular
+from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
+from swarmdata.runtime.regular_files import read_regular
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,

@@ -14,11 +14,11 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.learn.run import LOSSES
-from swarmdata.locking import locked
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.workers import Crew, Job
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Cost
 from swarmdata.study.working import COST, ERROR, claimed_by_other, is_done, run_of
-from swarmdata.workers import Crew, Job
 
 WORKER = "swarmdata.study.working:work"
 

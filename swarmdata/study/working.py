@@ -29,7 +29,6 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
 from swarmdata.learn.run import CHECKPOINT
 from swarmdata.learn.trainer import Schedule, train
-from swarmdata.locking import locked
 from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
@@ -38,6 +37,8 @@ from swarmdata.presets import find_spec
 from swarmdata.provenance import file_name
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.run_files import CONFIG, run_folders
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.workers import Report, serve
 from swarmdata.spec import TaskSpec
 from swarmdata.store import write_file
 from swarmdata.study.cells import Cell
@@ -45,7 +46,6 @@ from swarmdata.study.costs import Meter
 from swarmdata.study.data import Facts, open_data
 from swarmdata.targets import Target, evaluate_target, find_target
 from swarmdata.training import frame_of
-from swarmdata.workers import Report, serve
 
 CELL, DATA, RESULTS, COST, ERROR, DONE = (
     "cell.json", "data.json", "results", "cost.json", "error.txt", "done.json",

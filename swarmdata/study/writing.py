@@ -6,9 +6,9 @@ from pathlib import Path
 
 from swarmdata import __version__
 from swarmdata.aggregate import complete
-from swarmdata.locking import updating
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.results import ResultSet
+from swarmdata.runtime.locking import updating
 from swarmdata.store import write_file
 from swarmdata.study import text
 from swarmdata.study.board import Board, board_of, quantity_of, short

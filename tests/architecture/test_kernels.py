@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.compiling import PACKAGE
+from swarmdata.runtime.kernels import PACKAGE
 
 FILES = sorted(PACKAGE.glob("**/*.py")) + sorted(
     file for folder in PACKAGE.iterdir() if folder.is_symlink() for file in folder.rglob("*.py")

@@ -63,7 +63,9 @@ def forge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Forge:
     Returns follow the rewards, as if somebody had converted wrong data with care.
     """
 
-    monkeypatch.setattr("swarmdata.store.atomic.sync_tree", lambda _: None)  # many, and short-lived
+    monkeypatch.setattr(
+        "swarmdata.runtime.atomic.sync_tree", lambda _: None
+    )  # many, and short-lived
 
     def write(
         source: Path, change: Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None],

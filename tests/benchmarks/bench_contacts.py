@@ -23,7 +23,6 @@ import numpy as np
 
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.catalog import load
-from swarmdata.compiling import kernel
 from swarmdata.envs import munk
 from swarmdata.envs.backend import Plan
 from swarmdata.envs.dynamics import drive, limits_of
@@ -34,6 +33,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.rollout import rollout
+from swarmdata.runtime.kernels import kernel
 from swarmdata.spec import TaskSpec
 from swarmdata.states import BODY, N_COLUMNS, VX, VY, robots_of
 from swarmdata.types import Double, Episode, Float

@@ -16,7 +16,7 @@ import pytest
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ChecksumError
-from swarmdata.locking import locked
+from swarmdata.runtime.locking import locked
 from swarmdata.spec import TaskSpec
 
 ROOT = Path(__file__).parents[2]

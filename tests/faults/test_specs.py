@@ -16,7 +16,6 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.schema import published
-from swarmdata.documents import parse_document
 from swarmdata.errors import SpecError
 from swarmdata.frozen import Frozen
 from swarmdata.interop.choices import Choices
@@ -26,6 +25,7 @@ from swarmdata.presets import preset, preset_names
 from swarmdata.record import Recorder
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rules import NavigationRewards
+from swarmdata.runtime.documents import parse_document
 from swarmdata.spec import Recipe, TaskSpec
 from swarmdata.study.plan import Study
 from tests.faults.spec_mutations import cases, mutated

@@ -16,7 +16,7 @@ from swarmdata.learn.checkpoint import (  # noqa: E402
     part,
     save_checkpoint,
 )
-from swarmdata.store.atomic import write_file  # noqa: E402
+from swarmdata.runtime.atomic import write_file  # noqa: E402
 
 TENSORS = {
     "a.x": torch.randn(3, 2),

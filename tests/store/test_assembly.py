@@ -17,6 +17,7 @@ from swarmdata.errors import (
     SchemaError,
     TruncatedFileError,
 )
+from swarmdata.runtime.atomic import new_folder, write_file
 from swarmdata.store import (
     assemble,
     merge_order,
@@ -26,7 +27,6 @@ from swarmdata.store import (
     split_codes,
     write_part,
 )
-from swarmdata.store.atomic import new_folder, write_file
 from swarmdata.testing.synthetic import (
     N_FEATURES,
     N,

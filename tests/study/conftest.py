@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("torch", reason="a study needs the torch extra")
 
 from swarmdata.errors import BuildError
+from swarmdata.runtime.workers import Job, Report
 from swarmdata.study import running
 from swarmdata.study.plan import Study
 from swarmdata.study.working import _handle
-from swarmdata.workers import Job, Report
 from tests.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import BuildError
-from swarmdata.locking import updating
+from swarmdata.runtime.locking import updating
 
 
 def start(code: str, *arguments: str | Path) -> "subprocess.Popen[str]":
@@ -30,7 +30,7 @@ def start(code: str, *arguments: str | Path) -> "subprocess.Popen[str]":
 
 COUNT = """
 from pathlib import Path
-from swarmdata.locking import updating
+from swarmdata.runtime.locking import updating
 path = Path(sys.argv[1])
 for _ in range(50):
     with updating(path):
@@ -41,7 +41,7 @@ for _ in range(50):
 HOLD = """
 import time
 from pathlib import Path
-from swarmdata.locking import updating
+from swarmdata.runtime.locking import updating
 with updating(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.regular_files import read_regular
+from swarmdata.runtime.regular_files import read_regular
 
 
 def test_a_file_is_read_up_to_the_bound(tmp_path: Path) -> None:

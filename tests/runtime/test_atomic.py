@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import CheckpointError, DiskFullError
-from swarmdata.store.atomic import (
+from swarmdata.runtime.atomic import (
     MARKER,
     new_folder,
     remove_leftovers,
@@ -29,7 +29,7 @@ HEX = "0" * 32
 WRITER = """
 import sys, time
 from pathlib import Path
-from swarmdata.store.atomic import staged
+from swarmdata.runtime.atomic import staged
 with staged(Path(sys.argv[1])) as target:
     target.mkdir()
     (target / "half").write_text("x")
@@ -220,7 +220,7 @@ def test_without_locks_nothing_is_removed_and_everything_written(
 def test_many_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from pathlib import Path; from swarmdata.store.atomic import write_file\n"
+        "from pathlib import Path; from swarmdata.runtime.atomic import write_file\n"
         "for k in range(30): write_file(Path(sys.argv[1]), sys.argv[2].encode() * 1000)"
     )
     path = tmp_path / "x"

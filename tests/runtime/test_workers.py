@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import BuildError
-from swarmdata.workers import ATTEMPTS, Crew, Job
+from swarmdata.runtime.workers import ATTEMPTS, Crew, Job
 
 HANDLER = """
 import os, signal, sys, time
 from pathlib import Path
 from swarmdata.errors import SpecError
-from swarmdata.workers import serve
+from swarmdata.runtime.workers import serve
 
 def handle(payload, report):
     action, note = payload["action"], Path(payload["note"])
@@ -114,7 +114,7 @@ def test_crew_needs_a_worker() -> None:
 def test_workers_end_when_the_supervisor_is_killed(tmp_path: Path, entry: str) -> None:
     script = textwrap.dedent(f"""
         import sys; sys.path[:] = {sys.path!r}
-        from swarmdata.workers import Crew, Job
+        from swarmdata.runtime.workers import Crew, Job
         with Crew({entry!r}, 1) as crew:
             crew.run([Job("long", {{"action": "forever", "note": {str(tmp_path / "long")!r}}})])
     """)

@@ -10,8 +10,8 @@ import pytest
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
-from swarmdata import compiling
-from swarmdata.compiling import cache_folder, digest_of, kernel
+from swarmdata.runtime import kernels
+from swarmdata.runtime.kernels import cache_folder, digest_of, kernel
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "b.py").write_text("def g():\n    import swarmdata.deep.c\n")
     (tmp_path / "deep" / "c.py").write_text("from swarmdata.a import cycle\n")
     (tmp_path / "other.py").write_text("")
-    monkeypatch.setattr(compiling, "PACKAGE", tmp_path)
+    monkeypatch.setattr(kernels, "PACKAGE", tmp_path)
     forget()
     yield tmp_path
     monkeypatch.undo()
@@ -31,7 +31,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def forget() -> None:
-    for function in (compiling.digest_of, compiling._imports_of, compiling._source_of):
+    for function in (kernels.digest_of, kernels._imports_of, kernels._source_of):
         function.cache_clear()
 
 
@@ -53,9 +53,9 @@ def test_other_modules_do_not_matter(package: Path) -> None:
 
 
 def test_the_engine_depends_on_geometry() -> None:
-    source = compiling.PACKAGE / "geometry.py"
-    assert "swarmdata.geometry" in compiling._imports_of("swarmdata.envs.contacts")
-    assert compiling._source_of("swarmdata.geometry") == source.read_bytes()
+    source = kernels.PACKAGE / "geometry.py"
+    assert "swarmdata.geometry" in kernels._imports_of("swarmdata.envs.contacts")
+    assert kernels._source_of("swarmdata.geometry") == source.read_bytes()
 
 
 def test_kernels_compute_and_are_kept_on_disk(
@@ -83,7 +83,7 @@ def test_the_first_compilation_is_announced_once(caplog: pytest.LogCaptureFixtur
             function = type("F", (), {"__module__": module})
             self.data = {"dispatcher": type("D", (), {"py_func": function})}
 
-    announcer = compiling._Announcer()
+    announcer = kernels._Announcer()
     with caplog.at_level(logging.WARNING, "swarmdata"):
         announcer.on_start(Event("somebody.elses"))
         assert not caplog.records
@@ -94,7 +94,7 @@ def test_the_first_compilation_is_announced_once(caplog: pytest.LogCaptureFixtur
     ]
 
 
-def kernels() -> list[Callable[[float], float]]:
+def compiled_twice() -> list[Callable[[float], float]]:
     """Two kernels as two processes would make them, one after the other."""
 
     def halve(x: float) -> float:
@@ -107,7 +107,7 @@ def kernels() -> list[Callable[[float], float]]:
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder for kernels, and nothing said yet."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "kernels"))
-    monkeypatch.setattr(compiling, "_said", set())
+    monkeypatch.setattr(kernels, "_said", set())
     return tmp_path / "kernels"
 
 
@@ -131,7 +131,7 @@ def test_a_damaged_file_is_compiled_again_and_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, kind: str, damage: Callable[[Path], None]
 ) -> None:
     """Row 61: a truncated file was an EOFError without a name, a flipped bit other code."""
-    first, second = kernels()
+    first, second = compiled_twice()
     assert first(3.0) == 1.5
     (file,) = cache.rglob(kind)
     whole = file.read_bytes()
@@ -139,11 +139,11 @@ def test_a_damaged_file_is_compiled_again_and_said_once(
     with caplog.at_level(logging.WARNING, "swarmdata"):
         assert second(3.0) == 1.5
         damage(file)
-        assert kernels()[0](5.0) == 2.5
+        assert compiled_twice()[0](5.0) == 2.5
     (said,) = [each.message for each in caplog.records if "damaged" in each.message]
     assert str(file.parent) in said
     assert "compiled again" in said
-    third = kernels()[0]
+    third = compiled_twice()[0]
     assert third(3.0) == 1.5
     assert sum(third.stats.cache_hits.values()) == 1, "the file was replaced"  # type: ignore[attr-defined]
     assert len(file.read_bytes()) == len(whole)
@@ -160,7 +160,7 @@ def test_a_cache_that_cannot_be_written_is_said_once(
 
     monkeypatch.setattr(IndexDataCacheFile, "_open_for_write", refuse)
     with caplog.at_level(logging.WARNING, "swarmdata"):
-        assert [each(3.0) for each in kernels()] == [1.5, 1.5]
+        assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
     (said,) = [each.message for each in caplog.records if "cannot be kept" in each.message]
     assert os.strerror(number) in said
     assert "SWARMDATA_CACHE" in said

@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from swarmdata.errors import SpecError
-from swarmdata.regular_files import read_regular
+from swarmdata.runtime.regular_files import read_regular
 
 MAX_YAML_BYTES = 1 << 18
 """Of a text in YAML: reading them takes some seconds."""

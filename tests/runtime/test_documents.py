@@ -9,7 +9,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.documents import (
+from swarmdata.errors import SpecError
+from swarmdata.runtime.documents import (
     MAX_DEPTH,
     MAX_JSON_BYTES,
     MAX_VALUES,
@@ -19,7 +20,6 @@ from swarmdata.documents import (
     parse_yaml,
     read_document,
 )
-from swarmdata.errors import SpecError
 
 VALUES = st.recursive(
     st.none()
