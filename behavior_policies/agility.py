@@ -13,7 +13,7 @@ Float64 `+ - * /` only, so that the bits are the same on every platform.
 
 import numpy as np
 
-from swarmdata.spec import Robot, TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 
 REFERENCE = Robot()

@@ -15,10 +15,10 @@ from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
-from swarmdata.rules import Doorway, NavigationRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.rules import Doorway, NavigationRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 

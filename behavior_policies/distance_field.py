@@ -10,11 +10,11 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.budget import in_bytes
 from swarmdata.errors import SpecError
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.budget import in_bytes
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
 Int32 = NDArray[np.int32]

@@ -19,8 +19,8 @@ from swarmdata.envs.reference import write_pose
 from swarmdata.envs.slots import slot_velocity
 from swarmdata.geometry import clearance
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 MARGIN = 0.02

@@ -10,9 +10,9 @@ from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor,
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import CheckpointError
-from swarmdata.naming import checked_file_name
 from swarmdata.runtime.regular_files import read_regular
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.plain_names import checked_file_name
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Step
 
 __all__ = [

@@ -30,8 +30,8 @@ from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry import make_task
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 CLOSE = 1.0

@@ -9,8 +9,8 @@ from swarmdata.density import noisy_log_probs, uniform_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import uniform
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, UX, UY, VX, VY, Y, robots_of
+from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 APPROACH_RATE = 2.0

@@ -17,9 +17,9 @@ from typing import Annotated
 from pydantic import Field, RootModel
 
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.frozen import Frozen, NonNegative, Positive
 from swarmdata.presets import preset
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.frozen import Frozen, NonNegative, Positive
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 VERSION = 0
 """Version of the ids without one: the newest."""

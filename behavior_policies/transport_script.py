@@ -55,10 +55,10 @@ from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.geometry import CIRCLE
 from swarmdata.registry import make_task
-from swarmdata.rules import Payload, TransportRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
+from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 SIDE_ROOM = 0.15

@@ -12,9 +12,9 @@ import numpy as np
 
 from swarmdata.envs.floor_plan import STANDOFF, best_lane, corridor
 from swarmdata.errors import SpecError
-from swarmdata.rules import WarehouseRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.rules import WarehouseRules
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 AHEAD = 0.4

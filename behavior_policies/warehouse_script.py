@@ -36,8 +36,8 @@ from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.envs.floor_plan import FloorPlan
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 HORIZON = 0.8

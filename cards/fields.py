@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 
 from swarmdata.errors import SpecError
-from swarmdata.features import UNITS
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
-from swarmdata.states import N_COLUMNS, ROBOT
+from swarmdata.specs.features import UNITS
+from swarmdata.specs.state_layout import N_COLUMNS, ROBOT
 from swarmdata.store.columns import state_columns
 from swarmdata.types import Column
 

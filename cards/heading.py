@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import yaml
 
 from swarmdata.cards.origin import license_of
-from swarmdata.origins import Origin
+from swarmdata.specs.origins import Origin
 from swarmdata.store import Manifest
 
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))

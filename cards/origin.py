@@ -4,8 +4,8 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER
-from swarmdata.origins import Edit, Origin, RecordedSpec, Recording, split_rule
-from swarmdata.spec import Recipe
+from swarmdata.specs.origins import Edit, Origin, RecordedSpec, Recording, split_rule
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
 OURS = "cc-by-4.0"

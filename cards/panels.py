@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.figures import COLORS, FAINT, GRAY, INK, thousands
 from swarmdata.occupancy import Occupancy
-from swarmdata.origins import Origin
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import Origin
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Float
 

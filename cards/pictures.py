@@ -13,7 +13,7 @@ from swarmdata.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
 from swarmdata.figures import GRAY, figure
-from swarmdata.origins import RecordedSpec, task_of
+from swarmdata.specs.origins import RecordedSpec, task_of
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
 from swarmdata.cards.markdown import plain, table
 from swarmdata.errors import SchemaError
-from swarmdata.frozen import Frozen
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
-from swarmdata.spec import TaskSpec
-from swarmdata.states import state_size
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.state_layout import state_size
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
 from swarmdata.store.attributes import FRAMES
 

@@ -16,8 +16,8 @@ from swarmdata.cards.origin import (
 from swarmdata.cards.problem import OFFSETS
 from swarmdata.cards.statistics import histogram, percent
 from swarmdata.errors import SpecError
-from swarmdata.origins import Origin, RecordedSpec
-from swarmdata.spaces import (
+from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.spaces import (
     Bound,
     BoxSpace,
     DictSpace,

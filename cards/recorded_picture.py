@@ -9,8 +9,8 @@ from swarmdata.cards.panels import draw_returns, draw_rows, finish, stack_length
 from swarmdata.coverage import sample_steps
 from swarmdata.dataset import Dataset
 from swarmdata.figures import GRAY, figure
-from swarmdata.origins import RecordedSpec
-from swarmdata.spaces import bounds
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.spaces import bounds
 from swarmdata.types import Bool, Double, Float
 
 WIDTH, HEIGHT = 10.0, 3.6

@@ -8,7 +8,7 @@ import json
 
 from swarmdata.cards.schema import references_of
 from swarmdata.metrics import metrics_of
-from swarmdata.origins import AnySpec, RecordedSpec
+from swarmdata.specs.origins import AnySpec, RecordedSpec
 
 FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
 """The score of a mean team return R."""

@@ -27,10 +27,10 @@ from swarmdata.cards.statistics import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import EPISODE_METRICS
-from swarmdata.origins import RecordedSpec, task_of
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import Recipe
+from swarmdata.specs.origins import RecordedSpec, task_of
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS

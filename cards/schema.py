@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from swarmdata.frozen import Frozen, Probability
+from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Bool
 

@@ -9,7 +9,7 @@ from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entro
 from swarmdata.encounters import NEAR, REACH
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import wilson_interval
-from swarmdata.spec import PolicySource, Recipe
+from swarmdata.specs.task_spec import PolicySource, Recipe
 from swarmdata.store import EpisodeTable
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 

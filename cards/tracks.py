@@ -10,9 +10,9 @@ from swarmdata.envs.render.canvas import WALL_SHOWN
 from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
 from swarmdata.envs.render.scene import n_bodies
 from swarmdata.figures import GRAY
-from swarmdata.origins import Origin, task_of
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, X, Y, robots_of
+from swarmdata.specs.origins import Origin, task_of
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode
 

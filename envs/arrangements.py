@@ -20,10 +20,10 @@ import numpy as np
 from swarmdata.envs.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
-from swarmdata.rules import Corridor, Doorway, NavigationRules, Swap
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
+from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 PASSABLE = 0.1

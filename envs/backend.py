@@ -2,10 +2,10 @@
 
 from typing import NamedTuple, Protocol
 
-from swarmdata.rules import Payload
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 

@@ -46,11 +46,11 @@ from swarmdata.envs.coverage import (
 )
 from swarmdata.envs.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
-from swarmdata.features import Feature
-from swarmdata.rules import NavigationRules, Payload
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y, pair, robots_of
+from swarmdata.specs.features import Feature
+from swarmdata.specs.rules import NavigationRules, Payload
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 

@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from swarmdata.assignment import assign
-from swarmdata.features import Feature, numbered, vector
 from swarmdata.runtime.kernels import kernel
-from swarmdata.states import N_COLUMNS, TX, TY
+from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
 GOAL = (

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)

@@ -31,9 +31,9 @@ import numpy as np
 
 from swarmdata.errors import SpecError
 from swarmdata.geometry import BOX
-from swarmdata.rules import WarehouseRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.rules import WarehouseRules
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
 STANDOFF = 0.05

@@ -56,11 +56,11 @@ from swarmdata.envs.slots import (
     slot_velocity,
 )
 from swarmdata.errors import SpecError
-from swarmdata.features import Feature, vector
-from swarmdata.rules import FormationRules, Payload
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.rules import FormationRules, Payload
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 

@@ -31,10 +31,10 @@ from swarmdata.envs.spawn import (
 )
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance, nearest
-from swarmdata.rules import FormationRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.rules import FormationRules
+from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 STRIDE = 4

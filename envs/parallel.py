@@ -12,7 +12,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.sensing.scans import scan_of
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
 RENDER_MODES = ("rgb_array",)

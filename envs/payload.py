@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from swarmdata.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
-from swarmdata.rules import Payload
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.rules import Payload
 from swarmdata.types import Double, Float
 
 Shape = tuple[float, float, float]

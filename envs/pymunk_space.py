@@ -14,9 +14,9 @@ from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.geometry import CIRCLE
-from swarmdata.rules import Payload
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SLOP = 0.002

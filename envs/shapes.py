@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.rules import FormationRules
+from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
 _GRID = 2.0**20

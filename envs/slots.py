@@ -7,7 +7,7 @@ the reference comes first and the control points of its path last.
 from swarmdata.assignment import assign
 from swarmdata.envs.reference import write_motion, write_pose
 from swarmdata.runtime.kernels import kernel
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int
 
 HELD, PREVIEW = 7, 8

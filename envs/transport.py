@@ -67,12 +67,12 @@ from swarmdata.envs.payload import (
 from swarmdata.envs.spawn import SpawnPlan
 from swarmdata.envs.transport_spawn import draw_episodes
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import BOX, nearest, nearest_of
-from swarmdata.rules import Payload, TransportRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
+from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 N_AROUND = 2

@@ -11,7 +11,7 @@ from swarmdata.envs.spawn import place_obstacles, place_points
 from swarmdata.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 _LAYOUT = STREAMS["layout"]

@@ -38,12 +38,12 @@ from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
 from swarmdata.envs.spawn import check_fixed_layout, draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.features import Feature, vector
-from swarmdata.rules import Payload, WarehouseRules
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, UX, X, Y, robots_of
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.rules import Payload, WarehouseRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 OWN = (

@@ -11,7 +11,7 @@ from swarmdata.envs.munk import MunkBackend, load_addresses
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
 PROXIMITY = 0.1

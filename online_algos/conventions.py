@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmdata.encounters import MOVING, OPPOSED, REACH
-from swarmdata.states import VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.types import Float, Step
 
 

@@ -23,8 +23,8 @@ from swarmdata.behavior_policies.distance_field import (
 from swarmdata.envs.payload import payload_radius
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
 SLACK = 0.02

@@ -14,7 +14,7 @@ from swarmdata.learn.policy_file import load_policy
 from swarmdata.online_algos.training import SELECTION_OFFSET
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 MAX_SCALE = 20.0

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from swarmdata.learn.team import Parameters, by_network
 from swarmdata.online_algos.worlds import Worlds
-from swarmdata.states import N_COLUMNS, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Int, Step
 
 

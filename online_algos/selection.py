@@ -29,7 +29,7 @@ from swarmdata.online_algos.run_folder import last_policy_path, policy_path, sav
 from swarmdata.online_algos.training import measure, read_online_run
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 N_REPLAY = 5
 """Policies that stand for the way of one seed to its medium."""

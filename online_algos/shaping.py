@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.online_algos.conventions import oncoming
-from swarmdata.rules import Rewards
+from swarmdata.specs.rules import Rewards
 from swarmdata.types import Float, Step
 
 

@@ -29,7 +29,6 @@ from tensorboardX import SummaryWriter
 from tqdm import tqdm
 
 from swarmdata.errors import BuildError, SpecError, SwarmdataError
-from swarmdata.frozen import Frozen
 from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.divergence import check_finite
@@ -42,7 +41,8 @@ from swarmdata.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.task_spec import TaskSpec
 
 SPEED = "speed.csv"
 REPLAY = "replay"

@@ -13,7 +13,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.sizes import Sizes
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE, derive
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 

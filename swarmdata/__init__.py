@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from swarmdata.function_policy import FunctionPolicy
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry import make_env
-    from swarmdata.spec import Recipe, TaskSpec
+    from swarmdata.specs.task_spec import Recipe, TaskSpec
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
 __version__ = "0.1.0"
@@ -48,11 +48,11 @@ _HOMES = {
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "FunctionPolicy": "swarmdata.function_policy",
-    "Recipe": "swarmdata.spec",
+    "Recipe": "swarmdata.specs.task_spec",
     "Recorder": "swarmdata.record.recorder",
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",
-    "TaskSpec": "swarmdata.spec",
+    "TaskSpec": "swarmdata.specs.task_spec",
     "list_datasets": "swarmdata.catalog",
     "load": "swarmdata.catalog",
     "make_env": "swarmdata.registry",

@@ -19,8 +19,6 @@ from swarmdata.dataset import Dataset
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.identity import judge
 from swarmdata.metrics import Reference
-from swarmdata.models import Source, with_models
-from swarmdata.origins import RecordedSpec
 from swarmdata.remotes.addresses import configured_remotes, is_address
 from swarmdata.remotes.names import is_folder
 from swarmdata.reobserve import check_messages
@@ -32,7 +30,9 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.reading import Verify, check_widths
 

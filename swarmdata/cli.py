@@ -172,7 +172,7 @@ def generate(
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.catalog import dataset_folder
     from swarmdata.recipes import build
-    from swarmdata.spec import Recipe
+    from swarmdata.specs.task_spec import Recipe
     from swarmdata.store import read_manifest
 
     is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")

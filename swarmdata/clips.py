@@ -15,7 +15,7 @@ from swarmdata.registry import make_task
 from swarmdata.reobserve import attempted_links
 from swarmdata.runtime.atomic import staged
 from swarmdata.sensing.scans import scan_of
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 
 CLIPS = (*SUFFIXES, ".png")

@@ -9,11 +9,11 @@ import numpy as np
 from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
-from swarmdata.frozen import differences
-from swarmdata.origins import Edit, Parent
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
-from swarmdata.spec import MOST_POLICIES, PolicySource
+from swarmdata.specs.frozen import differences
+from swarmdata.specs.origins import Edit, Parent
+from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
 from swarmdata.store.layout import CARD
 from swarmdata.types import Int

@@ -22,10 +22,10 @@ from swarmdata.information import (
     mutual_information,
 )
 from swarmdata.occupancy import Occupancy, occupancy
-from swarmdata.origins import task_of
 from swarmdata.seeding import derive, uniform
-from swarmdata.spec import TaskSpec
-from swarmdata.states import VX, VY, X, Y, robots_of
+from swarmdata.specs.origins import task_of
+from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Double, Float, Int
 

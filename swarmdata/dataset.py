@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.metrics import Reference, normalized_score
-from swarmdata.models import Source, describe, with_models
-from swarmdata.origins import Origin, RecordedSpec, task_of
 from swarmdata.registry import make_env
 from swarmdata.sampling import Rows, Sampler, gather_transitions
 from swarmdata.scaling import action_scale, has_choices
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import Source, describe, with_models
+from swarmdata.specs.origins import Origin, RecordedSpec, task_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD

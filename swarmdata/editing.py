@@ -15,8 +15,8 @@ import numpy as np
 from swarmdata.combining import describe, write_edit
 from swarmdata.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
-from swarmdata.frozen import differences
-from swarmdata.origins import Edit
+from swarmdata.specs.frozen import differences
+from swarmdata.specs.origins import Edit
 from swarmdata.subsampling import BINS, matched, sized
 
 TIER = "edited"

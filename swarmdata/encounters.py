@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from swarmdata.errors import SchemaError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import VX, VY, robots_of
+from swarmdata.specs.state_layout import VX, VY, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
 REACH = 1.0

@@ -11,7 +11,7 @@ from swarmdata.metrics import episode_metrics, metrics_of
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 
 

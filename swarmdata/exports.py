@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarmdata import metrics
-from swarmdata.origins import RecordedSpec
 from swarmdata.result_files import Result
 from swarmdata.results import Case, ResultSet
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double
 
 _WHO = ("label", "dataset", "task", "index", "seed", "algorithm", "updates", "frames", "episodes")

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.features import Feature
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature
 from swarmdata.types import Double, Float, Int
 
 HEARING = 1.25

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
-from swarmdata.features import Feature
-from swarmdata.rules import Payload
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.features import Feature
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import (
     Batch,
     Bool,

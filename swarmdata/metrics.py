@@ -15,8 +15,8 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.registry import TASKS, resolve
-from swarmdata.spec import TaskSpec
-from swarmdata.states import Y, robots_of
+from swarmdata.specs.state_layout import Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Double, Episode, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))

@@ -3,10 +3,10 @@
 import numpy as np
 
 from swarmdata.comms import Channel
-from swarmdata.features import Feature
 from swarmdata.interfaces import Task
-from swarmdata.senses import Broadcast
 from swarmdata.sensing import Sensor
+from swarmdata.specs.features import Feature
+from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Step
 
 

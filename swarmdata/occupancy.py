@@ -8,8 +8,8 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import clearance
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import X, Y, robots_of
+from swarmdata.specs.state_layout import X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
 CELL = 0.1

@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 FOLDER = "presets"
 

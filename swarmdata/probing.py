@@ -8,7 +8,7 @@ from swarmdata.errors import SpawnError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
 N_LAYOUTS = 8

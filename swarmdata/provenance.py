@@ -6,8 +6,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field
 
 from swarmdata import __version__
-from swarmdata.frozen import Frozen
-from swarmdata.naming import Sha256, checked_label
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.plain_names import Sha256, checked_label
 
 FilePart = Annotated[
     str, Field(pattern=r"^[^/\\\s.][^/\\\n]*$", max_length=96), AfterValidator(checked_label)

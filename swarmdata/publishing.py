@@ -15,7 +15,7 @@ from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.recipes import build, is_finished
 from swarmdata.runtime.locking import updating
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.scratch import remove_scratch, scratch_folder

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarmdata.frozen import Frozen
 from swarmdata.runtime.atomic import write_file
+from swarmdata.specs.frozen import Frozen
 
 Criterion = Literal["fqe", "imitation_error", "weighted_imitation_error", "td_error"]
 

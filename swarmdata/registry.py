@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from swarmdata.budget import copies_excess
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.budget import copies_excess
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term
 
 TASKS = {

@@ -15,12 +15,12 @@ from tqdm import tqdm
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
-from swarmdata.models import describe, models_json
 from swarmdata.observing import Observer
-from swarmdata.origins import task_of
 from swarmdata.registry import make_task
-from swarmdata.senses import Broadcast
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import describe, models_json
+from swarmdata.specs.origins import task_of
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.statistics import Moments
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step

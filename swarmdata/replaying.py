@@ -16,7 +16,7 @@ from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 

@@ -15,7 +15,7 @@ from swarmdata.recipes import build
 from swarmdata.remotes.addresses import open_remote
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.resolving import skip
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.layout import MANIFEST, RECIPE, array_file
 from swarmdata.store.manifest import MAX_BYTES, parse_manifest

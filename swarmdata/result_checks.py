@@ -13,12 +13,12 @@ from typing import TypeVar
 
 from swarmdata.cards.schema import published
 from swarmdata.errors import ResultsError
-from swarmdata.frozen import Frozen
-from swarmdata.models import describe, is_same_world
-from swarmdata.origins import RecordedSpec
 from swarmdata.result_files import Result
 from swarmdata.run_files import CONFIG, run_hash
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import describe, is_same_world
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 Key = TypeVar("Key", bound=Hashable)
 

@@ -16,15 +16,15 @@ import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
-from swarmdata.frozen import Frozen
 from swarmdata.metrics import metrics_of
-from swarmdata.models import with_models
-from swarmdata.origins import AnySpec, RecordedSpec
 from swarmdata.presets import preset, preset_names
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, EvalResult
 
 FORMAT = "swarmdata-evaluation"

@@ -16,11 +16,11 @@ from swarmdata.cards.schema import Figures, TaskReferences, figures_of, publishe
 from swarmdata.catalog import find_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.metrics import Reference, normalized_score
-from swarmdata.models import is_same_world
-from swarmdata.origins import RecordedSpec
 from swarmdata.result_checks import check_results
 from swarmdata.result_files import Result, load
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import is_same_world
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.types import Double
 

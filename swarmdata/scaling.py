@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.origins import RecordedSpec
-from swarmdata.spaces import (
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
     DiscreteSpace,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.origins import Origin
+from swarmdata.specs.origins import Origin
 from swarmdata.store import SPLITS, EpisodeTable
 from swarmdata.types import Bool
 

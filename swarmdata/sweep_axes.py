@@ -13,12 +13,12 @@ from fractions import Fraction
 from typing import Any, Literal, get_args
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.features import Feature
-from swarmdata.frozen import Frozen
-from swarmdata.models import check_senses, describe
 from swarmdata.observing import features_of
 from swarmdata.registry import make_task
-from swarmdata.senses import (
+from swarmdata.specs.features import Feature
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import check_senses, describe
+from swarmdata.specs.sensing_models import (
     BearingModel,
     Broadcast,
     LidarModel,
@@ -26,7 +26,7 @@ from swarmdata.senses import (
     SensorNoise,
     StateModel,
 )
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 Part = Literal["communication", "observation"]
 

@@ -9,7 +9,7 @@ from swarmdata.metrics import Estimate, Reference, normalized_score
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.results import Case, reference_of
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.tables import case_table
 
 

@@ -19,12 +19,12 @@ from tqdm import tqdm
 
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import SpecError
-from swarmdata.models import is_same_world
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import is_same_world
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.sweep_axes import Axis, Course, course_of
 from swarmdata.sweep_estimates import estimates_of
 from swarmdata.sweep_plots import plot_degradation

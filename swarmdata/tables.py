@@ -20,11 +20,11 @@ from swarmdata.aggregate import (
 )
 from swarmdata.errors import UnknownNameError
 from swarmdata.metrics import Estimate
-from swarmdata.models import describe
-from swarmdata.origins import RecordedSpec
 from swarmdata.report import Column, Row, Table
 from swarmdata.results import Case, ResultSet
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import describe
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)

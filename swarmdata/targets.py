@@ -18,7 +18,6 @@ from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
-from swarmdata.models import Source, check_senses, with_models
 from swarmdata.observing import features_of
 from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
@@ -28,7 +27,8 @@ from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
 from swarmdata.run_files import run_folders
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import Source, check_senses, with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 
 REFERENCES = ("idle", "random", "straight", "scripted", "medium", "expert")

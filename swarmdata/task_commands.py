@@ -59,10 +59,10 @@ def validate(name: NameOrFile) -> None:
     All wrong keys and values are named at once, with their paths and what is allowed; then
     what is wrong between them; then what is wrong with the world.
     """
-    from swarmdata.budget import demand_of, describe_demand, size_of
-    from swarmdata.models import describe
     from swarmdata.presets import find_spec
     from swarmdata.probing import probe
+    from swarmdata.specs.budget import demand_of, describe_demand, size_of
+    from swarmdata.specs.model_choice import describe
 
     spec = find_spec(name)
     env = probe(spec)

@@ -14,14 +14,14 @@ from swarmdata.frames import Frame, find_frame, natural_anchor
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Evaluate, Schedule, train
-from swarmdata.models import Source, with_models
 from swarmdata.observing import features_of
 from swarmdata.online_algos.training import describe_run, train_run
-from swarmdata.origins import RecordedSpec
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.runtime.documents import read_document
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
 """Evaluation episodes of each point of a learning curve."""

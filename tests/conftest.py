@@ -10,7 +10,7 @@ from hypothesis import settings
 from platformdirs import user_cache_path
 
 if TYPE_CHECKING:
-    from swarmdata.spec import TaskSpec
+    from swarmdata.specs.task_spec import TaskSpec
 
 # Before NumPy or torch start their thread pools: tests run small arrays, often several at once.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -67,7 +67,7 @@ def record() -> Callable[..., Path]:
     """Writes a small dataset of policies without checkpoints, in this process."""
     from swarmdata.recipes import make_part
     from swarmdata.registry import make_env
-    from swarmdata.spec import PolicySource, Recipe
+    from swarmdata.specs.task_spec import PolicySource, Recipe
     from swarmdata.store import assemble, merge_order, write_part
 
     def write(out: Path, spec: "TaskSpec", policies: tuple[str, ...], tier: str = "small") -> Path:

@@ -10,7 +10,7 @@ from swarmdata import recipes
 from swarmdata.recipes import make_part
 from swarmdata.registry import make_env
 from swarmdata.runtime.workers import Job
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import write_part
 
 

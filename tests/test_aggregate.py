@@ -22,7 +22,7 @@ from swarmdata.aggregate import (
 )
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.results import gather
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 from tests.measured import EXPERT, MEDIUM, grid, result
 

@@ -10,7 +10,7 @@ from swarmdata import catalog, identity
 from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
 from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
     id="coop_nav-tiny-v0",

@@ -14,7 +14,7 @@ from swarmdata import __version__
 from swarmdata.cli import app
 from swarmdata.presets import preset, preset_names
 from swarmdata.recipes import build_folder
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 COMMAND = [
     sys.executable,

@@ -8,11 +8,11 @@ import pytest
 from swarmdata import reporting
 from swarmdata.clips import write_clip
 from swarmdata.errors import SchemaError
-from swarmdata.models import with_models
 from swarmdata.registry import make_env, make_policy
 from swarmdata.reporting import draw_target
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode
 
 pil = pytest.importorskip("PIL.Image", reason="Pillow draws")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from swarmdata.audit import audit
 from swarmdata.cli import app
 from swarmdata.dataset import Dataset
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
 
 

@@ -18,7 +18,7 @@ from swarmdata.coverage import (
     spread,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.spec import Role, TaskSpec
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 
 Record = Callable[..., Path]

@@ -13,7 +13,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Episode, Float, Step
 
 MEAN = st.floats(-1.5, 1.5)

@@ -23,9 +23,9 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.origins import Edit
 from swarmdata.presets import preset
-from swarmdata.spec import PolicySource, TaskSpec
+from swarmdata.specs.origins import Edit
+from swarmdata.specs.task_spec import PolicySource, TaskSpec
 from swarmdata.store import assemble, merge_order, write_part
 from swarmdata.testing.dataset import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe

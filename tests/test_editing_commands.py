@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from swarmdata.cli import app
 from swarmdata.dataset import Dataset
 from swarmdata.editing import filter_dataset
-from swarmdata.origins import Edit
+from swarmdata.specs.origins import Edit
 from swarmdata.testing.synthetic import make_dataset
 
 RUNNER = CliRunner()

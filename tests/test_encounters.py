@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from swarmdata.encounters import Passings, passings, total
 from swarmdata.errors import SchemaError
-from swarmdata.spec import Role, TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
 
 TWO = TaskSpec(team=(Role(count=2),))

@@ -11,7 +11,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluate import check_comparable, evaluate
 from swarmdata.metrics import metrics_of
 from swarmdata.seeding import EVALUATION_BASE, evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Float, Int, Step
 
 METRICS = metrics_of("coop_nav")

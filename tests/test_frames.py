@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
 from swarmdata.frames import HEARING, Frame, find_frame, natural_anchor
-from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
 
 FEATURES = make_env(preset("coop_nav"), 1).features

@@ -11,7 +11,7 @@ from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
 SPEC = TaskSpec(horizon=5)

@@ -26,7 +26,7 @@ from swarmdata.recipes import build
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.repairing import examine
 from swarmdata.resolving import obtain_address
-from swarmdata.spec import Recipe, Role, TaskSpec
+from swarmdata.specs.task_spec import Recipe, Role, TaskSpec
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.layout import array_file

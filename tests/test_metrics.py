@@ -15,8 +15,8 @@ from swarmdata import metrics
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import Reference, bootstrap, episode_metrics, metrics_of
 from swarmdata.registry import make_task
-from swarmdata.spec import Role, TaskSpec
-from swarmdata.states import N_COLUMNS, TX
+from swarmdata.specs.state_layout import N_COLUMNS, TX
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import END_REASONS, Double, Episode, no_messages
 
 SPEC = TaskSpec(team=(Role(count=2),))  # radius 0.12 m, goal radius 0.15 m, dt 0.1 s

@@ -20,7 +20,7 @@ from swarmdata.learn.trainer import Schedule, train
 from swarmdata.model_selection import rank
 from swarmdata.ranking_record import Ranking
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
-from swarmdata.spec import Splits
+from swarmdata.specs.task_spec import Splits
 from swarmdata.targets import evaluate_target, find_target
 from tests.tiny import make_tiny
 

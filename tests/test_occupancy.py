@@ -11,8 +11,8 @@ from swarmdata.errors import SchemaError
 from swarmdata.geometry import BOX
 from swarmdata.occupancy import occupancy
 from swarmdata.presets import preset
-from swarmdata.spec import Arena, Role, TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import Arena, Role, TaskSpec
 from swarmdata.types import Float
 
 EMPTY = np.zeros((1, 0, 8), np.float32)

@@ -7,7 +7,7 @@ import pytest
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.presets import find_spec, name_of, preset, preset_names, preset_summary
 from swarmdata.registry import TASKS
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -25,7 +25,7 @@ from swarmdata.publishing import (
     report,
 )
 from swarmdata.recipes import build
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store.scratch import scratch_folder
 
 TINY = Recipe(

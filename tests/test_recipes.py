@@ -19,7 +19,7 @@ from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.recipes import build, build_folder, episode_seeds, make_part
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import read_manifest
 from tests.one_process import OneProcessCrew
 
@@ -28,7 +28,7 @@ import sys
 from pathlib import Path
 sys.path[:] = {path!r}
 from swarmdata.recipes import build
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 build(Recipe.from_file(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)
 """
 

@@ -11,7 +11,7 @@ from swarmdata.behavior_policies import tiers
 from swarmdata.cards import schema
 from swarmdata.cards.schema import Published
 from swarmdata.cli import app
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",

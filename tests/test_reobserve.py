@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.metrics import Reference
-from swarmdata.models import with_models
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.reobserve import (
@@ -24,7 +23,8 @@ from swarmdata.reobserve import (
     seen_again,
 )
 from swarmdata.rollout import rollout
-from swarmdata.spec import PolicySource, Recipe, Splits, TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import PolicySource, Recipe, Splits, TaskSpec
 from swarmdata.store import assemble, merge_order
 from swarmdata.testing import dataset as contract
 from swarmdata.testing.synthetic import write_streams

@@ -11,7 +11,7 @@ import pytest
 from swarmdata import replaying
 from swarmdata.dataset import Dataset
 from swarmdata.replaying import replay
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode
 
 

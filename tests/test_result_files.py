@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from swarmdata import __version__
 from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
-from swarmdata.models import models_of, with_models
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.result_files import Result, load, relabel, save
+from swarmdata.specs.model_choice import models_of, with_models
 from tests.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
 
 

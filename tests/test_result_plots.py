@@ -14,7 +14,7 @@ from swarmdata.result_plots import (
     plot_scores,
 )
 from swarmdata.results import gather
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from tests.measured import EXPERT, MEDIUM, grid, result
 
 pytest.importorskip("matplotlib", reason="figures need the plots extra")

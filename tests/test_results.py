@@ -14,12 +14,12 @@ from swarmdata.errors import (
     SchemaError,
     UnknownNameError,
 )
-from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.result_files import Result, save
 from swarmdata.results import gather, read, reference_of
 from swarmdata.run_files import run_hash
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 from tests.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
 from tests.tiny import make_tiny

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.features import Feature
 from swarmdata.interfaces import Task
 from swarmdata.registry import make_task
 from swarmdata.rollout import rollout
 from swarmdata.seeding import derive
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.features import Feature
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, no_messages
 
 HORIZON = 7

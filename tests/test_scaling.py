@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.scaling import action_scale, choices_of, has_choices, is_continuous
-from swarmdata.spaces import (
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
     DiscreteSpace,

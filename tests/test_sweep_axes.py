@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
-from swarmdata.frozen import differences
-from swarmdata.models import with_models
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.senses import SensorNoise
-from swarmdata.spec import Robot, Role, TaskSpec
+from swarmdata.specs.frozen import differences
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.sensing_models import SensorNoise
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.sweep_axes import Axis, Part, Place, changed, course_of, parameters, parse_axis
 
 KINDS = ("state", "lidar", "bearing", "occupancy")

@@ -19,10 +19,10 @@ from swarmdata.errors import CheckpointError, ResultsError, SpecError
 from swarmdata.evaluate import evaluate
 from swarmdata.learn.run import read_run
 from swarmdata.metrics import Reference
-from swarmdata.models import with_models
 from swarmdata.result_files import Result
 from swarmdata.results import Case, read, reference_of
-from swarmdata.spec import Robot, Role, TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.sweep_axes import Axis, parse_axis
 from swarmdata.sweep_estimates import change_of, estimates_of
 from swarmdata.sweep_tables import Degradation

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.dataset import Dataset
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_large_dataset
 
 

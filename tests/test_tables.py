@@ -9,10 +9,10 @@ from swarmdata import metrics
 from swarmdata.cards.schema import published
 from swarmdata.errors import UnknownNameError
 from swarmdata.metrics import Estimate
-from swarmdata.models import with_models
 from swarmdata.report import Table
 from swarmdata.results import gather
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
 from tests.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 

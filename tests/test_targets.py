@@ -10,12 +10,12 @@ from swarmdata import __version__, catalog, targets
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
-from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.provenance import file_name
 from swarmdata.result_checks import check_results
 from swarmdata.results import gather
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.tables import case_table
 from swarmdata.targets import evaluate_target, find_target, kept_result
 

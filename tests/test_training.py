@@ -17,7 +17,6 @@ from swarmdata.cli import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.frames import find_frame
 from swarmdata.learn.config import override
-from swarmdata.models import with_models
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.shaping import Shaping
@@ -26,7 +25,8 @@ from swarmdata.presets import preset
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.result_files import load
 from swarmdata.run_files import run_hash
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.targets import evaluate_target, find_target
 from swarmdata.training import read_settings, train_online
 

@@ -11,7 +11,7 @@ from swarmdata.recipes import build
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.runtime.atomic import MARKER, TEMPORARY
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store.manifest import _ZEROS, _digest
 
 TINY = Recipe(

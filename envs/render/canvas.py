@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.envs.render.colors import INK, WHITE, Color, Ink
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.spec import Arena
+from swarmdata.specs.task_spec import Arena
 from swarmdata.types import Double
 
 Image = NDArray[np.uint8]  # [H, W, 3]

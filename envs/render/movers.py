@@ -15,8 +15,8 @@ from swarmdata.envs.render.colors import (
 )
 from swarmdata.envs.render.scene import Scene
 from swarmdata.envs.render.targets import payload_outline
-from swarmdata.rules import TransportRules
-from swarmdata.states import X, Y
+from swarmdata.specs.rules import TransportRules
+from swarmdata.specs.state_layout import X, Y
 from swarmdata.types import Double
 
 _WEDGE = np.array([(0.75, 0.0), (-0.4, 0.5), (-0.15, 0.0), (-0.4, -0.5)])

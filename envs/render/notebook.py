@@ -10,7 +10,7 @@ from typing import Any, Literal
 from swarmdata.envs.render.picture import draw, save_png
 from swarmdata.envs.render.video import animate
 from swarmdata.runtime.atomic import write_file
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode, Float
 
 

@@ -17,7 +17,7 @@ from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.signals import draw_fans, draw_hits, draw_messages
 from swarmdata.envs.render.targets import draw_targets
 from swarmdata.geometry import CIRCLE
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Counts, Float
 
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.geometry import OBSTACLE
-from swarmdata.rules import TransportRules
-from swarmdata.senses import LidarModel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
+from swarmdata.specs.rules import TransportRules
+from swarmdata.specs.sensing_models import LidarModel
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Bool, Counts, Double, Float
 
 Messages = tuple[Bool, Bool | None]

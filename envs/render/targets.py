@@ -15,8 +15,14 @@ from swarmdata.envs.render.colors import (
     tint,
 )
 from swarmdata.envs.render.scene import Scene
-from swarmdata.rules import FormationRules, NavigationRules, Payload, TransportRules, WarehouseRules
-from swarmdata.states import TX, TY, X, Y
+from swarmdata.specs.rules import (
+    FormationRules,
+    NavigationRules,
+    Payload,
+    TransportRules,
+    WarehouseRules,
+)
+from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.types import Double
 
 _LINE = 0.022  # m

@@ -31,7 +31,7 @@ from swarmdata.envs.render.colors import (
 from swarmdata.envs.render.picture import backdrop, paint
 from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
 from swarmdata.errors import ProgramError, SchemaError
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Episode, Float
 
 SUFFIXES = (".gif", ".mp4")

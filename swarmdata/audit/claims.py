@@ -17,7 +17,7 @@ from swarmdata.cards.schema import (
     references_of,
 )
 from swarmdata.errors import SwarmdataError
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.attributes import attributes_of
 from swarmdata.store.layout import CARD, REFERENCES, metadata_file
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from swarmdata.audit.episodes import repeated
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import BLOCK_ROWS, Subject, blocks, some
-from swarmdata.states import X, Y, robots_of
+from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.types import Bool, Float, Int, Seeds
 
 SHORT = 4

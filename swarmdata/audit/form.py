@@ -5,7 +5,7 @@ import numpy as np
 from swarmdata.audit.findings import Remarks, problem
 from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
-from swarmdata.spaces import DiscreteSpace, bounds, width
+from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
 from swarmdata.store.row_shapes import contradictions
 from swarmdata.types import Bool, Float, Int

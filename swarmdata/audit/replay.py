@@ -20,10 +20,10 @@ from swarmdata.cards.schema import changed_versions
 from swarmdata.coverage import spread
 from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.origins import Recording
 from swarmdata.recipes import make_source_policy
 from swarmdata.registry import make_env
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.specs.origins import Recording
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
 N_COPIES = 64

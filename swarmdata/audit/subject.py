@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.origins import Origin, RecordedSpec
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 from swarmdata.store.layout import ALL_FIELDS
 from swarmdata.types import Int

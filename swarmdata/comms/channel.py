@@ -14,10 +14,10 @@ from swarmdata.comms.payloads import (
 )
 from swarmdata.comms.transmission import Constants, Memory, transmit_all
 from swarmdata.errors import SchemaError
-from swarmdata.features import Feature
-from swarmdata.senses import Broadcast
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, TY, X, Y
+from swarmdata.specs.features import Feature
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.state_layout import TX, TY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import NEVER, Bool, Double, Float, Int, Step
 
 

@@ -9,7 +9,7 @@ import math
 from swarmdata.counters import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS
-from swarmdata.states import N_COLUMNS, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 FULL, NEAREST, RING, STAR = range(4)

@@ -8,11 +8,11 @@ import math
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.features import Feature, numbered, vector
 from swarmdata.runtime.kernels import kernel
-from swarmdata.senses import Broadcast
-from swarmdata.spec import Robot, TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int
 
 COLUMNS = {

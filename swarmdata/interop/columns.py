@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.origins import AnySpec, RecordedAgent, RecordedSpec
-from swarmdata.spaces import (
+from swarmdata.specs.origins import AnySpec, RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import (
     LARGEST_WHOLE,
     BoxSpace,
     DictSpace,

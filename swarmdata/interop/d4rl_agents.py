@@ -16,7 +16,7 @@ from swarmdata.interop.columns import agents_of
 from swarmdata.interop.fields import FACTS, NEXT, Arrays, blocks
 from swarmdata.interop.formats import Format
 from swarmdata.interop.hdf5 import created
-from swarmdata.spaces import width
+from swarmdata.specs.spaces import width
 
 KEPT = {
     "observations": "observations",

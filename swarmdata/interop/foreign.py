@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.cutting import Span, Timeline, pieces, spans_of
 from swarmdata.interop.incoming import UNKNOWN, Incoming, Shapes, episode_of, measured_spec
-from swarmdata.spec import PolicySource
+from swarmdata.specs.task_spec import PolicySource
 from swarmdata.types import Bool, Episode, Float
 
 

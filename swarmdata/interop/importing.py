@@ -13,10 +13,10 @@ from swarmdata.interop.choices import Choices
 from swarmdata.interop.fields import BLOCK_BYTES
 from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.interop.incoming import Incoming
-from swarmdata.origins import Recording
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
-from swarmdata.spec import Splits
+from swarmdata.specs.origins import Recording
+from swarmdata.specs.task_spec import Splits
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode

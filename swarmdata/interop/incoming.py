@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
-from swarmdata.origins import AnySpec, RecordedSpec
-from swarmdata.spaces import BoxSpace, DiscreteSpace, Space
-from swarmdata.spec import PolicySource
+from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, Space
+from swarmdata.specs.task_spec import PolicySource
 from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
 
 UNKNOWN = (PolicySource(label="unknown", name="external"),)

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.columns import agents_of, join_rows, split_rows
 from swarmdata.interop.fields import STATE_ARRAYS, TIME_ARRAYS, present
 from swarmdata.interop.formats import Format
 from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
 from swarmdata.interop.note import Note, note_of, parse_note
-from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.runtime.atomic import require_space
-from swarmdata.spaces import DictSpace, width
+from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import DictSpace, width
 from swarmdata.types import Episode
 
 NOTE = "swarmdata"

@@ -12,11 +12,11 @@ from pydantic import Field, model_validator
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.frozen import Frozen
-from swarmdata.naming import Sha256
-from swarmdata.origins import AnySpec, Id
 from swarmdata.runtime.documents import parse_json
-from swarmdata.spec import PolicySource
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import AnySpec, Id
+from swarmdata.specs.plain_names import Sha256
+from swarmdata.specs.task_spec import PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Counts
 

@@ -24,7 +24,7 @@ from swarmdata.interop.cutting import Timeline
 from swarmdata.interop.foreign import unnoted
 from swarmdata.interop.formats import Format
 from swarmdata.interop.incoming import Incoming, Shapes, stacked
-from swarmdata.spec import PolicySource
+from swarmdata.specs.task_spec import PolicySource
 
 QUANTITIES = ("obs", "acs", "rews", "next_obs", "dones")
 STATES = ("states", "next_states")

@@ -29,7 +29,7 @@ from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.interop.noted import noted
 from swarmdata.interop.torchrl_foreign import unnoted_rows
 from swarmdata.runtime.documents import read_document
-from swarmdata.spaces import DiscreteSpace
+from swarmdata.specs.spaces import DiscreteSpace
 
 NOTE = "swarmdata.json"
 

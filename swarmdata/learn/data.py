@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from swarmdata.learn.statistics import Episodes
-from swarmdata.origins import RecordedSpec
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Int
 
 

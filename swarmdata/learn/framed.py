@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.frames import Frame
 from swarmdata.learn.data import Data, Sampler
-from swarmdata.origins import RecordedSpec
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Episode, Float, Int
 
 N_MEASURED = 20_000

@@ -40,11 +40,11 @@ from swarmdata.learn.run import (
 )
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
-from swarmdata.origins import RecordedSpec
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.scaling import choices_of, has_choices
+from swarmdata.specs.origins import RecordedSpec
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""

@@ -15,8 +15,8 @@ from swarmdata.learn.data import Data
 from swarmdata.learn.normalizer import Normalizer
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics, returns_to_go
-from swarmdata.origins import RecordedSpec
 from swarmdata.scaling import action_scale
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double, Episode, Float
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from swarmdata.dataset import Dataset
 from swarmdata.metadata.episodes import COLUMNS, FILE
-from swarmdata.origins import Edit, Recording
+from swarmdata.specs.origins import Edit, Recording
 from swarmdata.store import SPLITS
 from swarmdata.store.layout import MANIFEST
 

@@ -6,11 +6,11 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.record.foreign import agents_of, horizon_of, library_of, task_name
 from swarmdata.record.reading import Reader
-from swarmdata.spaces import width
-from swarmdata.spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.spaces import width
+from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
 
 StateSource = Literal["environment", "observations"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.gymnasium_spaces import space_of
-from swarmdata.origins import RecordedAgent
-from swarmdata.spaces import DictSpace, Space
+from swarmdata.specs.gymnasium_spaces import space_of
+from swarmdata.specs.origins import RecordedAgent
+from swarmdata.specs.spaces import DictSpace, Space
 
 MASK = "action_mask"
 """Key of a mask in an agent's info or observation (PettingZoo, "Action Masking")."""

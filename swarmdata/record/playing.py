@@ -7,12 +7,12 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.origins import RecordedSpec
 from swarmdata.record.describing import state_source
 from swarmdata.record.foreign import agents_of
 from swarmdata.record.reading import Reader
 from swarmdata.scaling import ActionScale, action_scale, choices_of
-from swarmdata.spaces import unflatten
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.spaces import unflatten
 from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages
 
 METRICS = ("return", "length", "success")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.origins import RecordedAgent
 from swarmdata.record.foreign import MASK
 from swarmdata.record.tape import Outcome
-from swarmdata.spaces import DiscreteSpace, MultiDiscreteSpace, Space, flatten, width
+from swarmdata.specs.origins import RecordedAgent
+from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace, Space, flatten, width
 from swarmdata.types import Bool, Float
 
 SUCCESS = ("success", "is_success")

@@ -19,7 +19,7 @@ from swarmdata.record.rows import Rows
 from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.record.tape import StepRow, Tape
-from swarmdata.spec import PolicySource, Splits
+from swarmdata.specs.task_spec import PolicySource, Splits
 
 
 class UnfinishedEpisodeWarning(UserWarning):

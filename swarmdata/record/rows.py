@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.origins import RecordedSpec
 from swarmdata.record.describing import StateSource
 from swarmdata.record.reading import Reader
 from swarmdata.record.tape import StateRow
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Float, no_messages
 
 

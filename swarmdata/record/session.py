@@ -17,10 +17,10 @@ from filelock import FileLock, Timeout
 from swarmdata.cards.render import write_card
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
-from swarmdata.frozen import Frozen, differences
-from swarmdata.origins import Recording
 from swarmdata.record.tape import n_bytes
-from swarmdata.spec import Splits
+from swarmdata.specs.frozen import Frozen, differences
+from swarmdata.specs.origins import Recording
+from swarmdata.specs.task_spec import Splits
 from swarmdata.store import (
     SPLITS,
     Manifest,

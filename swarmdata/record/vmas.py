@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
-from swarmdata.gymnasium_spaces import space_of
-from swarmdata.origins import RecordedAgent, RecordedSpec
 from swarmdata.record.describing import foreign_spec, recording_of
 from swarmdata.record.foreign import clean_name, library_version
 from swarmdata.record.reading import SUCCESS
 from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.record.tape import Outcome, StateRow, StepRow, Tape
-from swarmdata.spaces import width
-from swarmdata.spec import PolicySource, Splits
+from swarmdata.specs.gymnasium_spaces import space_of
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import width
+from swarmdata.specs.task_spec import PolicySource, Splits
 from swarmdata.types import Bool, Float, no_messages
 
 Policy = Callable[[Any], Any]

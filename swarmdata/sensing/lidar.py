@@ -13,14 +13,14 @@ import math
 
 import numpy as np
 
-from swarmdata.features import Feature, numbered
 from swarmdata.geometry import CIRCLE, bounding_radius
 from swarmdata.runtime.kernels import kernel
-from swarmdata.senses import LidarModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import echoes_of
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
-from swarmdata.states import N_COLUMNS, UX, UY, X, Y
+from swarmdata.specs.features import Feature, numbered
+from swarmdata.specs.sensing_models import LidarModel
+from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
 LANES = 16

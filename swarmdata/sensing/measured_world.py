@@ -32,7 +32,7 @@ from swarmdata.interfaces import Task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS, normal_table
 from swarmdata.sensing.scene import N_BODY, Scene
-from swarmdata.states import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["sensor"]

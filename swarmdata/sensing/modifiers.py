@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from swarmdata.counters import absorb, to_normal, to_uniform
-from swarmdata.features import Feature
 from swarmdata.runtime.kernels import kernel
 from swarmdata.seeding import STREAMS, normal_table
-from swarmdata.senses import LidarModel, ObservationModel
+from swarmdata.specs.features import Feature
+from swarmdata.specs.sensing_models import LidarModel, ObservationModel
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["sensor"]

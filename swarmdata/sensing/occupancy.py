@@ -7,14 +7,14 @@ import math
 
 import numpy as np
 
-from swarmdata.features import Feature, numbered
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.senses import OccupancyModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import echoes_of
 from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, gather, write_polar
-from swarmdata.states import N_COLUMNS, UX, UY, X, Y
+from swarmdata.specs.features import Feature, numbered
+from swarmdata.specs.sensing_models import OccupancyModel
+from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
 CHANNELS = ("robot", "static", "payload")

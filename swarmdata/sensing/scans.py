@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.features import Feature
+from swarmdata.specs.features import Feature
 from swarmdata.types import Float
 
 _BEAM = re.compile(r"beam_(\d+)\.distance")  # of the newest frame: older ones end with their age

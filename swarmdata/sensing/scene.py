@@ -6,11 +6,11 @@ from typing import Self
 
 import numpy as np
 
-from swarmdata.features import Feature, vector
 from swarmdata.geometry import BOX, CIRCLE
 from swarmdata.interfaces import Task
 from swarmdata.runtime.kernels import kernel
-from swarmdata.states import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Double, Float
 
 N_BODY = len(BODY)

@@ -5,10 +5,8 @@ from typing import Protocol
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.features import Feature
 from swarmdata.interfaces import Task
 from swarmdata.runtime.kernels import kernel
-from swarmdata.senses import BearingModel, LidarModel, ObservationModel, OccupancyModel, StateModel
 from swarmdata.sensing.bearing import Bearing
 from swarmdata.sensing.lidar import Lidar
 from swarmdata.sensing.measured_world import MeasuredWorld, World
@@ -16,8 +14,16 @@ from swarmdata.sensing.modifiers import Echoes, History
 from swarmdata.sensing.occupancy import Occupancy
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.state import State
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, UX, UY
+from swarmdata.specs.features import Feature
+from swarmdata.specs.sensing_models import (
+    BearingModel,
+    LidarModel,
+    ObservationModel,
+    OccupancyModel,
+    StateModel,
+)
+from swarmdata.specs.state_layout import N_COLUMNS, UX, UY
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
 

@@ -7,15 +7,15 @@ import math
 
 import numpy as np
 
-from swarmdata.features import Feature, numbered, vector
 from swarmdata.geometry import bounding_radius, nearest_of
 from swarmdata.runtime.kernels import kernel
-from swarmdata.senses import StateModel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import NO_ECHOES
 from swarmdata.sensing.scene import Scene
 from swarmdata.sensing.selection import order_keys, take_smallest
-from swarmdata.states import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
+from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.sensing_models import StateModel
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int
 
 _TO_TARGET = "target minus own position"

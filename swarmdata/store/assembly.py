@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
-from swarmdata.origins import Origin, split_rule
 from swarmdata.runtime.atomic import new_folder
-from swarmdata.spec import Recipe
+from swarmdata.specs.origins import Origin, split_rule
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,

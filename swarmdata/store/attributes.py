@@ -10,10 +10,10 @@ from typing import Any
 
 from swarmdata.geometry import SHAPES
 from swarmdata.interfaces import Task
-from swarmdata.origins import Origin, RecordedSpec
 from swarmdata.registry import make_task, reward_terms
-from swarmdata.spaces import width
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.spaces import width
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.store.columns import action_columns, task_columns
 from swarmdata.store.layout import ALL_FIELDS, ROWS, Field
 from swarmdata.store.table import SPLITS

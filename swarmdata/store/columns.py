@@ -1,13 +1,13 @@
 """What each column of each array means in a dataset of one of our tasks."""
 
 from swarmdata.comms.payloads import COLUMNS
-from swarmdata.features import UNITS, Feature
 from swarmdata.geometry import OBSTACLE_COLUMNS
 from swarmdata.interfaces import Task
 from swarmdata.observing import features_of
-from swarmdata.senses import Broadcast
-from swarmdata.spec import Robot, TaskSpec
-from swarmdata.states import body_columns, pair, robot_columns
+from swarmdata.specs.features import UNITS, Feature
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.state_layout import body_columns, pair, robot_columns
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import EVENT_COLUMNS, Column
 
 

@@ -11,9 +11,9 @@ from fractions import Fraction
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.origins import Edit, Origin, split_rule
 from swarmdata.seeding import STREAMS, derive
-from swarmdata.spec import Recipe, Splits
+from swarmdata.specs.origins import Edit, Origin, split_rule
+from swarmdata.specs.task_spec import Recipe, Splits
 from swarmdata.store.table import SPLITS
 from swarmdata.types import Counts, Int
 

@@ -22,9 +22,9 @@ from swarmdata.errors import (
     SpecError,
     TruncatedFileError,
 )
-from swarmdata.origins import Origin, parse_origin
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.runtime.regular_files import read_regular
+from swarmdata.specs.origins import Origin, parse_origin
 from swarmdata.store.layout import (
     ALL_FIELDS,
     FIELDS,

@@ -15,7 +15,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, ManifestError
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.layout import (
     FIELDS,
     FORMAT_VERSION,

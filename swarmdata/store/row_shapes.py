@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping
 
-from swarmdata.origins import Origin, RecordedSpec
-from swarmdata.spec import Recipe, TaskSpec
-from swarmdata.states import state_size
+from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.state_layout import state_size
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.types import EVENTS
 
 Shape = tuple[int | None, ...]

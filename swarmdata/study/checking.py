@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.frozen import Frozen
 from swarmdata.learn.run import LOSSES, read_table
 from swarmdata.result_files import load
+from swarmdata.specs.frozen import Frozen
 from swarmdata.study.running import run_cells
 from swarmdata.study.working import DONE, RESULTS, read_cell, run_of
 from swarmdata.types import Double

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from swarmdata.frozen import Frozen, NonNegative
+from swarmdata.specs.frozen import Frozen, NonNegative
 from swarmdata.store import write_file
 
 EVERY = 10.0

@@ -15,7 +15,7 @@ from swarmdata.catalog import load
 from swarmdata.dataset import Dataset
 from swarmdata.editing import filter_dataset
 from swarmdata.errors import SchemaError
-from swarmdata.frozen import Frozen
+from swarmdata.specs.frozen import Frozen
 from swarmdata.store.cache import cache_folder
 from swarmdata.study.plan import Size
 

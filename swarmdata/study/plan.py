@@ -4,8 +4,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from swarmdata.frozen import Frozen, Positive
-from swarmdata.naming import Text
+from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.plain_names import Text
 
 Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
 Count = Annotated[int, Field(ge=1, le=10**12)]

@@ -24,7 +24,6 @@ import numpy as np
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluate import evaluate
-from swarmdata.frozen import differences
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
 from swarmdata.learn.run import CHECKPOINT
@@ -32,14 +31,15 @@ from swarmdata.learn.trainer import Schedule, train
 from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
-from swarmdata.origins import Edit
 from swarmdata.presets import find_spec
 from swarmdata.provenance import file_name
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Report, serve
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.frozen import differences
+from swarmdata.specs.origins import Edit
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import write_file
 from swarmdata.study.cells import Cell
 from swarmdata.study.costs import Meter

@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.origins import split_rule
 from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.specs.origins import split_rule
 from swarmdata.store import SPLITS, EpisodeTable, split_codes
 from swarmdata.store.table import measure
 from swarmdata.types import END_REASONS, Episode

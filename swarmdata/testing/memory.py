@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
 from swarmdata.seeding import derive, uniform
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Episode, Int
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.rollout import rollout
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode, Float, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]

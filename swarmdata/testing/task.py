@@ -10,8 +10,8 @@ from swarmdata.geometry import clearance
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry import reward_terms
 from swarmdata.seeding import derive, uniform
-from swarmdata.spec import TaskSpec
-from swarmdata.states import UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.columns import state_columns
 from swarmdata.types import Bool, Double, Seeds, Step
 

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmdata.cards.render import write_card
-from swarmdata.origins import Origin, RecordedAgent, RecordedSpec, Recording
 from swarmdata.presets import preset
 from swarmdata.recipes import make_part
 from swarmdata.registry import make_env
-from swarmdata.spaces import BoxSpace, DiscreteSpace
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import (
     EpisodeTable,
     assemble,

@@ -18,7 +18,7 @@ from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
 from swarmdata.presets import preset
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.shards import file_digest

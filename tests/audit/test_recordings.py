@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.audit import Audit, audit
-from swarmdata.origins import RecordedSpec
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import EpisodeTable, open_store
 from swarmdata.types import END_REASONS
 

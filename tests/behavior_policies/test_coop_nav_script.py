@@ -10,9 +10,9 @@ from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SpecError
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy
-from swarmdata.rules import NavigationRules, WarehouseRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.rules import NavigationRules, WarehouseRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Step
 

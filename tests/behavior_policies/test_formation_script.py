@@ -18,8 +18,8 @@ from swarmdata.geometry import CIRCLE, clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Double, Step
 

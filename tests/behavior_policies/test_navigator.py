@@ -9,8 +9,8 @@ from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.errors import SchemaError
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.spec import Robot, Role, TaskSpec
-from swarmdata.states import TX, TY, X, Y, robots_of
+from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, Step
 
 EASY = preset("coop_nav-easy")

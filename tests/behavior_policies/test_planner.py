@@ -27,7 +27,7 @@ from swarmdata.behavior_policies.planner import (
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, clearance, nearest
 from swarmdata.registry import make_env, make_task
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
 SPEC = TaskSpec()

@@ -12,7 +12,7 @@ from swarmdata.geometry import CIRCLE, POCKET, clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import Obstacles, Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
 from swarmdata.types import Double, Float, Step, no_messages
 
 HALF = np.array([2.0, 2.0])

@@ -5,8 +5,8 @@ import pytest
 
 from swarmdata.registry import make_env, make_policy
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, robots_of
+from swarmdata.specs.state_layout import TX, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
 SPEC = TaskSpec()

@@ -13,8 +13,8 @@ from swarmdata.envs.dynamics import GRIP, limits_of
 from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.registry import make_task
-from swarmdata.spec import TaskSpec
-from swarmdata.states import UX, UY, VX, VY, robots_of
+from swarmdata.specs.state_layout import UX, UY, VX, VY, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 NOTHING = np.empty((0, 4))

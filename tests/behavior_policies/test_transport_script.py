@@ -11,7 +11,7 @@ from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Episode
 

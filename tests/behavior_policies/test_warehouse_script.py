@@ -27,8 +27,8 @@ from swarmdata.evaluate import evaluate
 from swarmdata.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, Y, robots_of
+from swarmdata.specs.state_layout import TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Double, Float, Int, Seeds
 

@@ -34,8 +34,8 @@ from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.rollout import rollout
 from swarmdata.runtime.kernels import kernel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, VX, VY, robots_of
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Episode, Float
 from tests.benchmarks.engines import Run, swarm
 from tests.benchmarks.measuring import Rate, table, write_section

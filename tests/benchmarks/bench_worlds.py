@@ -16,8 +16,8 @@ from collections.abc import Callable
 from importlib.util import find_spec
 
 from swarmdata.presets import preset, preset_names
-from swarmdata.senses import Broadcast, LidarModel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.sensing_models import Broadcast, LidarModel
+from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
 from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
 from tests.benchmarks.processes import measure_processes

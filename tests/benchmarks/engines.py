@@ -26,7 +26,7 @@ from swarmdata.envs.munk import (
 )
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.registry import make_env, make_task
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Int
 
 Run = Callable[[float], float]

@@ -4,7 +4,7 @@ import multiprocessing
 from multiprocessing.synchronize import Barrier
 from typing import Any
 
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, swarm, timed
 
 N_COPIES = 64

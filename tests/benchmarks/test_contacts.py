@@ -5,7 +5,7 @@ import pytest
 
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
-from swarmdata.states import robots_of
+from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Episode
 from tests.benchmarks import bench_contacts as bench
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.cards.findings import LOG_PROBS, measure
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
 
 

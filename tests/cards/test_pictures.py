@@ -18,7 +18,7 @@ from swarmdata.cards.tracks import N_TRACKS, choose_episodes
 from swarmdata.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.presets import preset
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import EpisodeTable
 
 pytest.importorskip("matplotlib")

@@ -14,9 +14,9 @@ from swarmdata.cards.recorded import describe, render_recorded
 from swarmdata.cards.render import card_of, checked
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SpecError
-from swarmdata.origins import Edit, Parent, RecordedSpec, Recording
 from swarmdata.record import Recorder
-from swarmdata.spaces import (
+from swarmdata.specs.origins import Edit, Parent, RecordedSpec, Recording
+from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -25,7 +25,7 @@ from swarmdata.spaces import (
     Space,
     TupleSpace,
 )
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, open_store, write_part
 from tests.record.worlds import Choosing, Counting, play, steady
 

@@ -9,9 +9,9 @@ from swarmdata.behavior_policies.tiers import FAMILIES, SPECS
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.schema import references
 from swarmdata.metrics import metrics_of
-from swarmdata.origins import RecordedAgent, RecordedSpec
-from swarmdata.spaces import DiscreteSpace
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import DiscreteSpace
+from swarmdata.specs.task_spec import TaskSpec
 
 
 @pytest.mark.parametrize("family", FAMILIES)

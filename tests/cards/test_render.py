@@ -14,17 +14,17 @@ from swarmdata.cards.findings import Findings, LogProbabilities
 from swarmdata.cards.render import check, render
 from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.cards.statistics import histogram
-from swarmdata.communication_names import communication_model
 from swarmdata.coverage import Coverage, Dependence, Entropies
 from swarmdata.encounters import Passings
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.features import Feature
 from swarmdata.metrics import EPISODE_METRICS
-from swarmdata.observation_names import observation_model
 from swarmdata.occupancy import Occupancy
 from swarmdata.registry import make_task
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.features import Feature
+from swarmdata.specs.observation_names import observation_model
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry
 

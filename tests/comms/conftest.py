@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from swarmdata.comms import Channel
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Float, Seeds, Step
 
 GUARD = 3

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from swarmdata.comms import Channel
 from swarmdata.comms.payloads import quantizer
-from swarmdata.communication_names import communication_model
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.senses import Broadcast
-from swarmdata.spec import TaskSpec
-from swarmdata.states import robots_of
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.state_layout import robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import NEVER, Seeds
 
 NAMES = (

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.seeding import STREAMS, derive, uniform
-from swarmdata.senses import Broadcast
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
 
 DROP, BURST, TIME_SLOT = 0, 1, 2

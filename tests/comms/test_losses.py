@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.communication_names import communication_model
+from swarmdata.specs.communication_names import communication_model
 from swarmdata.types import Bool
 
 N, T, E = 4, 600, 16

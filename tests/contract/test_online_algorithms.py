@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.online import check_online_algorithm
 
 SPEC = TaskSpec.parse({"horizon": 12, "team": [{"count": 3}]})

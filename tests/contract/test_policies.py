@@ -10,7 +10,7 @@ from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED, Checkpoint, che
 from swarmdata.interfaces import Policy
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Float, Int, Step
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from swarmdata.dataset import Dataset
-from swarmdata.origins import RecordedSpec
 from swarmdata.record import Recorder
-from swarmdata.spaces import flatten
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.spaces import flatten
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pygame, which these environments import
 

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from swarmdata.communication_names import communication_model
-from swarmdata.observation_names import observation_model
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env
-from swarmdata.spec import Role, TaskSpec
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.observation_names import observation_model
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.testing.task import check_task
 
 OBSERVATIONS = (

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from swarmdata.envs.render import ROBOT_COLORS, Image
-from swarmdata.spec import Role, TaskSpec
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
 
 SPEC = TaskSpec(team=(Role(count=2),), horizon=20)

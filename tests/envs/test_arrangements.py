@@ -12,8 +12,8 @@ from swarmdata.errors import SpecError
 from swarmdata.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_task
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, UX, X, Y, robots_of
+from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
 
 EMPTY = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}

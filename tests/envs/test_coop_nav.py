@@ -17,9 +17,9 @@ from swarmdata.metrics import episode_metrics
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.rollout import rollout
-from swarmdata.rules import WarehouseRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.rules import WarehouseRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task
 from swarmdata.types import Bool, Double, Float, Seeds, Step
 

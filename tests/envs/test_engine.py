@@ -15,9 +15,9 @@ from swarmdata.errors import SchemaError
 from swarmdata.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_task
-from swarmdata.rules import NavigationRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import TX, UX, UY, VX, VY, Y, robots_of
+from swarmdata.specs.rules import NavigationRules
+from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Seeds, Step
 
 UNICYCLES = {"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]}

@@ -12,7 +12,7 @@ from swarmdata.envs.floor_plan import STANDOFF, FloorPlan, corridor, next_corner
 from swarmdata.errors import SpecError
 from swarmdata.geometry import clearance
 from swarmdata.presets import preset, preset_names
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]

@@ -14,9 +14,9 @@ from swarmdata.metrics import episode_metrics
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.rollout import rollout
-from swarmdata.rules import FormationRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
+from swarmdata.specs.rules import FormationRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task
 from swarmdata.types import Double, Float, Seeds, Step
 

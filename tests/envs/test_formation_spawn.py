@@ -12,9 +12,9 @@ from swarmdata.envs.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.presets import preset
-from swarmdata.rules import FormationRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import UX, UY, VX, VY, X, Y, robots_of, state_size
+from swarmdata.specs.rules import FormationRules
+from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of, state_size
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Seeds
 
 NAMES = ("formation", "formation-n3", "formation-n8", "formation-n16", "formation-easy",

@@ -8,10 +8,10 @@ import pytest
 from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.world import make_backend
-from swarmdata.rules import Payload
 from swarmdata.seeding import derive, uniform
-from swarmdata.spec import Arena, Role, TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import Arena, Role, TaskSpec
 from swarmdata.types import Double, Float
 
 RADIUS = 0.12

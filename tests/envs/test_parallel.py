@@ -7,10 +7,10 @@ import pytest
 
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.models import with_models
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 
 with warnings.catch_warnings():
     # pettingzoo.test imports its classic games through an interface that it deprecated itself

@@ -20,7 +20,7 @@ from swarmdata.envs.payload import (
     shape_of,
 )
 from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, nearest, wall_gap
-from swarmdata.rules import Payload
+from swarmdata.specs.rules import Payload
 from swarmdata.types import Double, Float
 
 HALF = np.array([2.0, 1.5])

@@ -14,9 +14,15 @@ from swarmdata.envs.render import ROBOT_COLORS, Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.geometry import BOX, CIRCLE, POCKET
-from swarmdata.rules import FormationRules, NavigationRules, Payload, TransportRules, WarehouseRules
-from swarmdata.senses import LidarModel
-from swarmdata.spec import Arena, Robot, Role, TaskSpec
+from swarmdata.specs.rules import (
+    FormationRules,
+    NavigationRules,
+    Payload,
+    TransportRules,
+    WarehouseRules,
+)
+from swarmdata.specs.sensing_models import LidarModel
+from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
 from tests.envs.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
 
 pytest.importorskip("PIL.Image")

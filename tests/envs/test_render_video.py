@@ -11,8 +11,8 @@ import pytest
 from swarmdata.envs.render import Picture, animate, draw, play, save_png, show
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import ProgramError, SchemaError
-from swarmdata.senses import LidarModel
-from swarmdata.spec import Role, TaskSpec
+from swarmdata.specs.sensing_models import LidarModel
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Episode
 
 PIL = pytest.importorskip("PIL.Image")

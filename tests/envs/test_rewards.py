@@ -13,7 +13,7 @@ import pytest
 from swarmdata.interfaces import Task
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, reward_terms
-from swarmdata.rules import Payload, TransportRewards, TransportRules
+from swarmdata.specs.rules import Payload, TransportRewards, TransportRules
 from swarmdata.types import EVENTS, Step
 from tests.examples.read_with_zarr import gap
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.shapes import check_slots, reach_of, slot_offsets
 from swarmdata.errors import SpecError
-from swarmdata.rules import FormationRules
+from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
 SHAPES = ("line", "circle", "wedge", "column")

@@ -6,9 +6,9 @@ import pytest
 from swarmdata.geometry import bounding_radius, clearance
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env
-from swarmdata.rules import NavigationRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, robots_of
+from swarmdata.specs.rules import NavigationRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.envs.steps import BLOCK_STEPS, LASTING, WRITTEN, StepMaker, keep_ended
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step, copy_step
 
 TALKING = TaskSpec(communication={"kind": "broadcast"})  # type: ignore[arg-type]  # parsed

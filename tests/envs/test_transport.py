@@ -19,9 +19,9 @@ from swarmdata.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
-from swarmdata.rules import NavigationRules, TransportRules
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, TX, X, Y, robots_of
+from swarmdata.specs.rules import NavigationRules, TransportRules
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task
 from swarmdata.types import Double, Episode, Float, Int, Seeds, Step
 

@@ -20,8 +20,8 @@ from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.rollout import rollout
 from swarmdata.seeding import STREAMS, derive, uniform
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task
 from swarmdata.types import (
     STATE_FIELDS,

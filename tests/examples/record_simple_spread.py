@@ -17,8 +17,8 @@ import numpy as np
 
 import swarmdata
 from swarmdata.interfaces import Policy
-from swarmdata.origins import RecordedSpec
 from swarmdata.record import evaluate_parallel, foreign_evaluation_seeds
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.training import train_offline
 
 ID = "simple_spread_v3-mixed-v0"

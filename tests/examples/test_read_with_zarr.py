@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import zarr
 
-from swarmdata.rules import NavigationRewards, NavigationRules
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.rules import NavigationRewards, NavigationRules
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from tests.one_process import use_one_process
 from tests.tiny import TINY, make_tiny

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.origins import RecordedSpec
+from swarmdata.specs.origins import RecordedSpec
 from tests.examples import record_simple_spread as example
 
 pytest.importorskip("mpe2")

@@ -30,7 +30,7 @@ from swarmdata.recipes import build_folder
 from swarmdata.registry import make_env, make_policy
 from swarmdata.repairing import examine
 from swarmdata.rollout import rollout
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, read_manifest, write_file
 from swarmdata.testing.synthetic import make_dataset
 from tests.one_process import OneProcessCrew, use_one_process

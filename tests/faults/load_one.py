@@ -15,7 +15,7 @@ import pytest
 
 import swarmdata
 from swarmdata import catalog, recipes
-from swarmdata.spec import Recipe
+from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest
 from tests.one_process import use_one_process
 from tests.tiny import TINY

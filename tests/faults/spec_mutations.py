@@ -160,7 +160,7 @@ def _garble(draw: random.Random, text: str) -> str:
 def outcome(text: str) -> str:
     """What becomes of a spec: "refused: ...", "world: ...", or "broken: ..."."""
     from swarmdata.errors import SwarmdataError
-    from swarmdata.spec import TaskSpec
+    from swarmdata.specs.task_spec import TaskSpec
 
     try:
         spec = TaskSpec.from_text(text, "the case")

@@ -17,7 +17,7 @@ from swarmdata.errors import FormatVersionError
 from swarmdata.registry import make_env
 from swarmdata.repairing import examine
 from swarmdata.replaying import replay
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import find_damage
 from tests.tiny import sign
 

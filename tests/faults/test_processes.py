@@ -17,7 +17,7 @@ import pytest
 from swarmdata.dataset import Dataset
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 ROOT = Path(__file__).parents[2]
 

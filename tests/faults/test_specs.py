@@ -17,16 +17,16 @@ import pytest
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.schema import published
 from swarmdata.errors import SpecError
-from swarmdata.frozen import Frozen
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.incoming import Shapes, measured_spec
-from swarmdata.origins import RecordedSpec, parse_origin
 from swarmdata.presets import preset, preset_names
 from swarmdata.record import Recorder
 from swarmdata.registry import make_env, make_policy
-from swarmdata.rules import NavigationRewards
 from swarmdata.runtime.documents import parse_document
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import RecordedSpec, parse_origin
+from swarmdata.specs.rules import NavigationRewards
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.study.plan import Study
 from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting

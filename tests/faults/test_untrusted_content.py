@@ -36,7 +36,7 @@ from swarmdata.errors import (
 from swarmdata.presets import preset
 from swarmdata.recipes import make_source_policy
 from swarmdata.record import Recorder
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import open_store, read_part_table, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from tests.faults.test_damaged_datasets import list_again

@@ -14,9 +14,9 @@ from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.fields import FACTS, TIME_ARRAYS
 from swarmdata.interop.formats import find_format
 from swarmdata.interop.importing import import_dataset
-from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
-from swarmdata.spaces import BoxSpace, DiscreteSpace
-from swarmdata.spec import PolicySource
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
+from swarmdata.specs.task_spec import PolicySource
 from swarmdata.store import assemble, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import ConversionError
-from swarmdata.gymnasium_spaces import to_gymnasium
 from swarmdata.interop.columns import join_rows, split_rows
-from swarmdata.spaces import (
+from swarmdata.specs.gymnasium_spaces import to_gymnasium
+from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
     DiscreteSpace,

@@ -13,8 +13,8 @@ from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.sizes import Sizes  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.learn.transitions import Transitions, actions_of  # noqa: E402
-from swarmdata.origins import RecordedAgent, RecordedSpec  # noqa: E402
-from swarmdata.spaces import BoxSpace  # noqa: E402
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec  # noqa: E402
+from swarmdata.specs.spaces import BoxSpace  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
 from tests.learn.chain import N_AGENTS, Constant, chain, episode  # noqa: E402

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.features import Feature
 from swarmdata.metrics import episode_metrics
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.features import Feature
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds, Step, no_messages
 
 N_AGENTS = 2

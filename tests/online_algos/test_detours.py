@@ -13,8 +13,8 @@ from swarmdata.online_algos.detours import Detours
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Step
 
 SPEC = preset("transport")

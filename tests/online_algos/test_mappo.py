@@ -13,7 +13,7 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluate import evaluate
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
 SMALL = MAPPOConfig(n_frames=1024, n_copies=4, n_steps=16, hidden=16, minibatch=64)

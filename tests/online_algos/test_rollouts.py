@@ -18,7 +18,7 @@ from swarmdata.online_algos.rollouts import (
     sample_rows,
 )
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 
 def test_each_robot_sees_its_own_state_first() -> None:

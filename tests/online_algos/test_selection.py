@@ -26,7 +26,7 @@ from swarmdata.online_algos.selection import (
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)

@@ -14,7 +14,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.shaping import Shaping
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
 SPEC = TaskSpec()

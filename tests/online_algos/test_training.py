@@ -24,7 +24,7 @@ from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry import make_env
 from swarmdata.seeding import evaluation_seeds
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)

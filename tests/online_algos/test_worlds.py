@@ -10,7 +10,7 @@ from swarmdata.frames import find_frame
 from swarmdata.online_algos.worlds import Worlds, reweighted
 from swarmdata.registry import make_env
 from swarmdata.seeding import EVALUATION_BASE
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=6)
 

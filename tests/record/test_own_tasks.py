@@ -7,11 +7,11 @@ import pytest
 
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.models import with_models
 from swarmdata.presets import preset
 from swarmdata.record import Recorder
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
+from swarmdata.specs.model_choice import with_models
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS
 
 SPEC = with_models(preset("coop_nav"), "lidar", "lossy-30")

@@ -9,7 +9,6 @@ import pytest
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.origins import RecordedSpec
 from swarmdata.record import (
     Recorder,
     evaluate_parallel,
@@ -18,6 +17,7 @@ from swarmdata.record import (
     step_of,
 )
 from swarmdata.result_files import Result, load, save
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Float, Int, Step
 from tests.record.worlds import Choosing, Counting, play, steady
 

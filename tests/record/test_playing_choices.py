@@ -10,8 +10,8 @@ from pettingzoo import ParallelEnv
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.origins import RecordedSpec
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds, policy_actions
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Bool, Float, Int, Step
 from tests.record.worlds import Choosing, play
 

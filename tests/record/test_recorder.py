@@ -18,11 +18,11 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.origins import RecordedSpec, Recording
 from swarmdata.record import Limits, Recorder, UnfinishedEpisodeWarning, recover
 from swarmdata.record.session import look, recording_folder
-from swarmdata.spaces import unflatten
-from swarmdata.spec import PolicySource, Splits, TaskSpec
+from swarmdata.specs.origins import RecordedSpec, Recording
+from swarmdata.specs.spaces import unflatten
+from swarmdata.specs.task_spec import PolicySource, Splits, TaskSpec
 from swarmdata.store import split_codes
 from swarmdata.types import END_REASONS
 from tests.record.worlds import Choosing, Counting, play, steady

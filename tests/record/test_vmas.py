@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import BuildError, SchemaError, SpecError
-from swarmdata.origins import RecordedSpec
 from swarmdata.record import Limits, record_vmas
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import END_REASONS
 
 ID = "halving-mine-v0"

@@ -7,11 +7,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from swarmdata.features import Feature
 from swarmdata.interfaces import Task
-from swarmdata.rules import Payload
-from swarmdata.spec import TaskSpec
-from swarmdata.states import BODY, N_COLUMNS, robots_of
+from swarmdata.specs.features import Feature
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Step
 
 KINDS = (0, 0, 1, 2, 3, 3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
 from swarmdata.sensing import Sensor
-from swarmdata.states import robots_of
+from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 
 

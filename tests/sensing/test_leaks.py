@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.features import Feature, vector
 from swarmdata.interfaces import Task
 from swarmdata.observing import Observer
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.spec import TaskSpec
-from swarmdata.states import N_COLUMNS
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
 
 STD = 0.2

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from swarmdata.interfaces import Task
 from swarmdata.sensing import Sensor
 from swarmdata.sensing.lidar import ray_blocks
-from swarmdata.states import robots_of
+from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 
 NOTHING, ROBOT, OBSTACLE, WALL, PAYLOAD = range(5)

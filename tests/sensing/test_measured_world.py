@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.interfaces import Task
 from swarmdata.seeding import STREAMS, derive, normal, uniform
 from swarmdata.sensing import Sensor
-from swarmdata.states import BODY, N_COLUMNS
+from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.types import Double, Float, Seeds, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.features import Feature, numbered, vector
 from swarmdata.interfaces import Task
 from swarmdata.seeding import STREAMS, derive, normal, uniform
 from swarmdata.sensing import Sensor
 from swarmdata.sensing.modifiers import History, echoes_of
+from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.types import Float, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")

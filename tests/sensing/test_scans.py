@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from swarmdata.models import with_models
 from swarmdata.registry import make_env
 from swarmdata.sensing.scans import scan_of
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
 
 
 @pytest.mark.parametrize(

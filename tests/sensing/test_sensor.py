@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.sensing import Sensor
-from swarmdata.states import N_COLUMNS, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Float, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.interfaces import Task
 from swarmdata.sensing import Sensor
-from swarmdata.states import robots_of
+from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 
 

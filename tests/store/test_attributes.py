@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import zarr
 
-from swarmdata.communication_names import communication_model
 from swarmdata.interfaces import VecEnv
-from swarmdata.observation_names import observation_model
-from swarmdata.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env, make_task, reward_terms
-from swarmdata.spaces import BoxSpace, DiscreteSpace
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.observation_names import observation_model
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store.attributes import FRAMES, attributes_of
 from swarmdata.store.layout import ALL_FIELDS, FIELDS
 from swarmdata.types import EVENTS, Step

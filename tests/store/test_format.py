@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zarr
 
-from swarmdata.spec import Obstacles
+from swarmdata.specs.task_spec import Obstacles
 from swarmdata.store import assemble, merge_order, open_store, write_part
 from swarmdata.store import layout as layout_module
 from swarmdata.store.layout import FIELDS, array_file, crc32c, plan_shard

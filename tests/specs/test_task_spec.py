@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.frozen import Frozen
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmdata.features import Feature, numbered, vector
+from swarmdata.specs.features import Feature, numbered, vector
 
 
 @pytest.mark.parametrize(

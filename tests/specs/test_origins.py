@@ -9,7 +9,7 @@ import pytest
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.origins import (
+from swarmdata.specs.origins import (
     Edit,
     Parent,
     RecordedAgent,
@@ -19,8 +19,8 @@ from swarmdata.origins import (
     split_rule,
     task_of,
 )
-from swarmdata.spaces import BoxSpace, DiscreteSpace
-from swarmdata.spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode

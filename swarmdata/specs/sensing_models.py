@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmdata.frozen import Frozen, NonNegative, Positive, Probability
+from swarmdata.specs.frozen import Frozen, NonNegative, Positive, Probability
 
 
 class SensorNoise(Frozen):

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.frozen import is_file, is_inline, read_tagged
-from swarmdata.senses import (
+from swarmdata.specs.frozen import is_file, is_inline, read_tagged
+from swarmdata.specs.sensing_models import (
     AnyObservationModel,
     BearingModel,
     LidarModel,

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.communication_names import communication_model
 from swarmdata.errors import SchemaError
-from swarmdata.features import Feature
-from swarmdata.frozen import Frozen
-from swarmdata.observation_names import observation_model
-from swarmdata.senses import AnyCommunicationModel, AnyObservationModel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.features import Feature
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.observation_names import observation_model
+from swarmdata.specs.sensing_models import AnyCommunicationModel, AnyObservationModel
+from swarmdata.specs.task_spec import TaskSpec
 
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""

@@ -5,8 +5,8 @@ from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 
 from swarmdata.errors import SpecError
-from swarmdata.gymnasium_spaces import space_of, to_gymnasium
-from swarmdata.spaces import Space
+from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
+from swarmdata.specs.spaces import Space
 from tests.interop.test_columns import Spaces
 
 

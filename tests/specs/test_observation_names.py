@@ -6,8 +6,14 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.observation_names import observation_model
-from swarmdata.senses import BearingModel, LidarModel, OccupancyModel, SensorNoise, StateModel
+from swarmdata.specs.observation_names import observation_model
+from swarmdata.specs.sensing_models import (
+    BearingModel,
+    LidarModel,
+    OccupancyModel,
+    SensorNoise,
+    StateModel,
+)
 
 NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
 

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.models import (
+from swarmdata.observing import features_of
+from swarmdata.registry import make_task
+from swarmdata.specs.model_choice import (
     check_senses,
     describe,
     is_same_world,
@@ -15,10 +17,8 @@ from swarmdata.models import (
     models_of,
     with_models,
 )
-from swarmdata.observing import features_of
-from swarmdata.registry import make_task
-from swarmdata.senses import Broadcast, LidarModel
-from swarmdata.spec import TaskSpec
+from swarmdata.specs.sensing_models import Broadcast, LidarModel
+from swarmdata.specs.task_spec import TaskSpec
 
 OBSERVATIONS = st.sampled_from(
     ["state", "lidar-8", "bearing", "occupancy+delay-1", "lidar+stack-2"]

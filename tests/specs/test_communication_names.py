@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.communication_names import communication_model
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.senses import Broadcast, Bursts, NoCommunication
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.sensing_models import Broadcast, Bursts, NoCommunication
 
 PARTS: dict[str, dict[str, Any]] = {
     "goal": {"payload": "pose_and_goal"},

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from swarmdata.frozen import Frozen, Probability
-from swarmdata.quantities import (
+from swarmdata.specs.frozen import Frozen, Probability
+from swarmdata.specs.quantities import (
     Angle,
     Count,
     Distance,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SpecError
-from swarmdata.spaces import (
+from swarmdata.specs.spaces import (
     Bound,
     BoxSpace,
     DictSpace,

@@ -4,13 +4,13 @@ The limits leave room for large research (256 robots; 1,024 rays; 64 frames) and
 fill the memory or never end. Single counts are bounded, and so are the products that matter: the
 memory of one copy and of one recorded episode, the time of one control step and of drawing one
 layout. The estimates are of the right order, rather too large than too small:
-`tests/test_budget.py` holds them to what worlds take.
+`tests/specs/test_budget.py` holds them to what worlds take.
 """
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
-from swarmdata.rules import (
+from swarmdata.specs.rules import (
     Corridor,
     Doorway,
     FormationRules,
@@ -18,10 +18,16 @@ from swarmdata.rules import (
     RandomArrangement,
     WarehouseRules,
 )
-from swarmdata.senses import BearingModel, Broadcast, LidarModel, OccupancyModel, StateModel
+from swarmdata.specs.sensing_models import (
+    BearingModel,
+    Broadcast,
+    LidarModel,
+    OccupancyModel,
+    StateModel,
+)
 
 if TYPE_CHECKING:
-    from swarmdata.spec import TaskSpec
+    from swarmdata.specs.task_spec import TaskSpec
 
 MAX_ROBOTS = 1_024
 MAX_OBSTACLES = 1_024

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from swarmdata.budget import excesses, part_excess
-from swarmdata.frozen import Frozen, Positive
-from swarmdata.naming import FileName, Label, Name, Sha256, repeated
-from swarmdata.quantities import (
+from swarmdata.specs.budget import excesses, part_excess
+from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.plain_names import FileName, Label, Name, Sha256, repeated
+from swarmdata.specs.quantities import (
     Acceleration,
     Count,
     CountOrNone,
@@ -24,8 +24,8 @@ from swarmdata.quantities import (
     Speed,
     TurnRate,
 )
-from swarmdata.rules import NavigationRules, Rules
-from swarmdata.senses import (
+from swarmdata.specs.rules import NavigationRules, Rules
+from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
     AnyObservationModel,
     Broadcast,

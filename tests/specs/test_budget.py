@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.budget import (
+from swarmdata.errors import SpecError
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import make_env
+from swarmdata.specs.budget import (
     MAX_TOTAL_BYTES,
     copies_excess,
     demand_of,
@@ -15,11 +18,8 @@ from swarmdata.budget import (
     in_seconds,
     size_of,
 )
-from swarmdata.errors import SpecError
-from swarmdata.models import with_models
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import make_env
-from swarmdata.spec import Recipe, TaskSpec
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import Recipe, TaskSpec
 
 MODELS = [
     ("state", "none"),

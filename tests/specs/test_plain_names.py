@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.tiers import TIERS, shipped_recipes
 from swarmdata.errors import SpecError
-from swarmdata.frozen import Frozen
-from swarmdata.naming import FileName, Label, Name, Text, checked_file_name, repeated
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.plain_names import FileName, Label, Name, Text, checked_file_name, repeated
 
 
 class Named(Frozen):

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from swarmdata.errors import SpecError
-from swarmdata.frozen import Frozen
-from swarmdata.naming import Label, Name, Sha256, Text, repeated
-from swarmdata.spaces import Space, width
-from swarmdata.spec import Policies, Recipe, Splits, TaskSpec
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.plain_names import Label, Name, Sha256, Text, repeated
+from swarmdata.specs.spaces import Space, width
+from swarmdata.specs.task_spec import Policies, Recipe, Splits, TaskSpec
 
 Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
 MAX_COLUMNS = 1 << 24

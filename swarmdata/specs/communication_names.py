@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.frozen import is_file, is_inline, read_tagged
-from swarmdata.senses import AnyCommunicationModel, Broadcast, NoCommunication
+from swarmdata.specs.frozen import is_file, is_inline, read_tagged
+from swarmdata.specs.sensing_models import AnyCommunicationModel, Broadcast, NoCommunication
 
 MEAN_BURST = 4
 """Steps that a burst of `bursty-<percent>` lasts on average."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmdata.errors import SchemaError
-from swarmdata.frozen import Frozen
+from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double, Float
 
 Count = Annotated[int, Field(ge=1)]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.spaces import (
+from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
     DiscreteSpace,

@@ -1,0 +1,1 @@
+"""Specs as frozen data: tasks, rules, sensors, radios, spaces, and what datasets are made from."""
