@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SpecError
-from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.budget import in_bytes
 from swarmdata.specs.task_spec import TaskSpec

@@ -17,7 +17,7 @@ from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.formation import Formation
 from swarmdata.envs.reference import write_pose
 from swarmdata.envs.slots import slot_velocity
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.specs.task_spec import TaskSpec

@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.seeding import STREAMS, derive, normal
+from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.types import Double, Seeds, Step
 
 

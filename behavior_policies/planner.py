@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.distance_field import (
     nearest_node,
     weights_of,
 )
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET
+from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Int
 

@@ -11,7 +11,7 @@ import math
 
 from swarmdata.behavior_policies.planner import free_distance
 from swarmdata.envs.payload import Shape
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.behavior_policies.way_around import crosses
 from swarmdata.envs.payload import Shape
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int
 

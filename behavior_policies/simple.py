@@ -7,8 +7,8 @@ from swarmdata.behavior_policies.noise import counters
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.density import noisy_log_probs, uniform_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
+from swarmdata.numerics.random import uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import uniform
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step

@@ -13,7 +13,7 @@ import numpy as np
 from swarmdata.behavior_policies.distance_field import MARGIN
 from swarmdata.behavior_policies.planner import free_distance, is_visible
 from swarmdata.envs.payload import Shape
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Float
 

@@ -27,8 +27,8 @@ from swarmdata.cards.statistics import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.metrics import EPISODE_METRICS
+from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry import make_task
-from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.specs.origins import RecordedSpec, task_of
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file

@@ -19,7 +19,7 @@ import numpy as np
 
 from swarmdata.envs.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
 from swarmdata.errors import SpecError
-from swarmdata.geometry import BOX
+from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y

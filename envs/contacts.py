@@ -8,7 +8,7 @@ pressed (`python -m tests.benchmarks.bench_contacts`).
 
 import math
 
-from swarmdata.geometry import nearest, outer_radius, wall_gap
+from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import SEPARATION, Bool, Counts, Double, Float
 

@@ -36,7 +36,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.assignment import assignment_work
 from swarmdata.envs.arrangements import arrange
 from swarmdata.envs.coverage import (
     goal_features,
@@ -46,6 +45,7 @@ from swarmdata.envs.coverage import (
 )
 from swarmdata.envs.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
+from swarmdata.numerics.assignment import assignment_work
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import NavigationRules, Payload

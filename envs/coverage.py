@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from swarmdata.assignment import assign
+from swarmdata.numerics.assignment import assign
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY

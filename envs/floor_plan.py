@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.geometry import BOX
+from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.task_spec import TaskSpec

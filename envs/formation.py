@@ -43,7 +43,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.assignment import assignment_work
 from swarmdata.envs.formation_spawn import draw_episodes, plan_episodes
 from swarmdata.envs.shapes import check_slots, slot_offsets
 from swarmdata.envs.slots import (
@@ -56,6 +55,7 @@ from swarmdata.envs.slots import (
     slot_velocity,
 )
 from swarmdata.errors import SpecError
+from swarmdata.numerics.assignment import assignment_work
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.rules import FormationRules, Payload

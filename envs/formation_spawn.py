@@ -30,7 +30,7 @@ from swarmdata.envs.spawn import (
     size_table,
 )
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import bounding_radius, clearance, nearest
+from swarmdata.numerics.geometry import bounding_radius, clearance, nearest
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y

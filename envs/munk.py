@@ -21,7 +21,7 @@ from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.envs.pymunk_space import bars, build_space, n_static_shapes
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.registry import make_env
-from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.sensing.scans import scan_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step

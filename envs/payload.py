@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from swarmdata.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
+from swarmdata.numerics.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.types import Double, Float

@@ -13,7 +13,7 @@ import pymunk
 from swarmdata.envs.backend import Contacts, Plan, write_state
 from swarmdata.envs.contacts import update_contacts
 from swarmdata.envs.dynamics import drive, limits_of
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec

@@ -4,8 +4,8 @@ These kernels work on one state row: robots, then the extras that `formation` de
 the reference comes first and the control points of its path last.
 """
 
-from swarmdata.assignment import assign
 from swarmdata.envs.reference import write_motion, write_pose
+from swarmdata.numerics.assignment import assign
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int

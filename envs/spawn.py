@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
+from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
+from swarmdata.numerics.random import GOLDEN, MIX_1, MIX_2, STREAMS
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, STREAMS
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds

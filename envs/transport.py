@@ -67,7 +67,7 @@ from swarmdata.envs.payload import (
 from swarmdata.envs.spawn import SpawnPlan
 from swarmdata.envs.transport_spawn import draw_episodes
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import BOX, nearest, nearest_of
+from swarmdata.numerics.geometry import BOX, nearest, nearest_of
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.rules import Payload, TransportRules

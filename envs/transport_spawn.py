@@ -6,11 +6,11 @@ placed as in `spawn`, so every passage is as wide as `obstacles.gap`.
 
 import numpy as np
 
-from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.spawn import place_obstacles, place_points
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import STREAMS
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 

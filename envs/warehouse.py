@@ -33,13 +33,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.counters import absorb, to_uniform
 from swarmdata.envs.deadlocks import count_deadlocks
 from swarmdata.envs.floor_plan import FloorPlan, next_corner, way_length
 from swarmdata.envs.spawn import check_fixed_layout, draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
+from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import STREAMS
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, X, Y, robots_of

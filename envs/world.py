@@ -9,7 +9,7 @@ from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.dynamics import begin_step, limits_of
 from swarmdata.envs.munk import MunkBackend, load_addresses
 from swarmdata.envs.pymunk_space import PublicBackend
-from swarmdata.geometry import nearest, outer_radius, wall_gap
+from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step

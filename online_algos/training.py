@@ -35,12 +35,12 @@ from swarmdata.learn.divergence import check_finite
 from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.metrics import episode_metrics
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.run_folder import policy_path
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -11,8 +11,8 @@ from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.sizes import Sizes
+from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.registry import make_env
-from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 

@@ -21,8 +21,8 @@ from swarmdata.information import (
     knn_entropy,
     mutual_information,
 )
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.occupancy import Occupancy, occupancy
-from swarmdata.seeding import derive, uniform
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

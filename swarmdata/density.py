@@ -21,7 +21,7 @@ platform and in every batch.
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.exact_math import HALF_LOG_TWO_PI, log, log_tail
+from swarmdata.numerics.exact_math import HALF_LOG_TWO_PI, log, log_tail
 from swarmdata.types import Double, Float, Step
 
 LOG_2 = 0.6931471805599453094

@@ -7,8 +7,8 @@ maximum norms. These numbers describe data, so they may differ in the last digit
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import derive, uniform
 from swarmdata.types import Bool, Double, Int
 
 NEIGHBOR = 4

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -19,11 +19,11 @@ from tqdm import tqdm
 from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job, Report, serve
-from swarmdata.seeding import EVALUATION_BASE, derive
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import (

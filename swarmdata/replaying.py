@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from swarmdata.cards.schema import changed_versions
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SpecError
+from swarmdata.numerics.random import derive
 from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
-from swarmdata.seeding import derive
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int

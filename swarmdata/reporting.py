@@ -13,6 +13,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.exports import marl_eval, runs_csv
 from swarmdata.figures import SUFFIXES
 from swarmdata.learning_curves import group_files, plot_learning
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
 from swarmdata.registry import make_env
 from swarmdata.reobserve import seen_again
@@ -21,7 +22,6 @@ from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.results import Case, ResultSet, read
 from swarmdata.rollout import rollout
 from swarmdata.runtime.atomic import write_file
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.scaling import ActionScale
-from swarmdata.seeding import derive, uniform
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Float, Int
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.seeding import derive
+from swarmdata.numerics.random import derive
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Double, Int, Seeds
 

@@ -18,6 +18,7 @@ from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.observing import features_of
 from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
@@ -26,7 +27,6 @@ from swarmdata.registry import POLICIES, make_policy, make_task
 from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
 from swarmdata.run_files import run_folders
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.model_choice import Source, check_senses, with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult

@@ -10,7 +10,7 @@ from swarmdata.density import noisy_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.evaluate import check_comparable, evaluate
 from swarmdata.metrics import metrics_of
-from swarmdata.seeding import EVALUATION_BASE, evaluation_seeds
+from swarmdata.numerics.random import EVALUATION_BASE, evaluation_seeds
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Float, Int, Step
 

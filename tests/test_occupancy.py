@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import BOX
+from swarmdata.numerics.geometry import BOX
 from swarmdata.occupancy import occupancy
 from swarmdata.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS

@@ -16,9 +16,9 @@ import pytest
 from swarmdata import recipes
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
+from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.recipes import build, build_folder, episode_seeds, make_part
 from swarmdata.registry import make_env
-from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import read_manifest
 from tests.one_process import OneProcessCrew

@@ -16,7 +16,7 @@ from swarmdata.envs.render.movers import draw_bodies, draw_robots, draw_trails
 from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.signals import draw_fans, draw_hits, draw_messages
 from swarmdata.envs.render.targets import draw_targets
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Counts, Float
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import OBSTACLE
+from swarmdata.numerics.geometry import OBSTACLE
 from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of

@@ -6,9 +6,9 @@ seed, the step, a purpose, the sender and the receiver, so that no link depends 
 
 import math
 
-from swarmdata.counters import absorb, to_uniform
+from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import STREAMS
 from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.types import Bool, Counts, Double, Float, Int
 

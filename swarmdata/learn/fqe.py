@@ -46,7 +46,7 @@ from swarmdata.learn.data import Data
 from swarmdata.learn.optimizer import cosine
 from swarmdata.learn.targets import td_target
 from swarmdata.learn.transitions import Transitions, actions_of
-from swarmdata.seeding import derive, uniform
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.types import Double, Int
 
 POINTS = 10

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from swarmdata.seeding import derive
+from swarmdata.numerics.random import derive
 
 
 def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn.functional import layer_norm
 
 from swarmdata.errors import CheckpointError
-from swarmdata.seeding import derive
+from swarmdata.numerics.random import derive
 
 Initialization = Literal["uniform", "orthogonal"]
 

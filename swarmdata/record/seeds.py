@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.seeding import EVALUATION_BASE, derive
+from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.types import Seeds
 
 DRAWN_BITS = 31

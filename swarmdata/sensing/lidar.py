@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from swarmdata.geometry import CIRCLE, bounding_radius
+from swarmdata.numerics.geometry import CIRCLE, bounding_radius
 from swarmdata.runtime.kernels import kernel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import echoes_of

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.counters import absorb, to_normal, to_uniform
+from swarmdata.numerics.random import STREAMS, normal_table
+from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import STREAMS, normal_table
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import LidarModel, ObservationModel
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step

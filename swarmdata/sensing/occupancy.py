@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from swarmdata.geometry import bounding_radius, nearest
+from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.runtime.kernels import kernel
 from swarmdata.sensing.measured_world import World
 from swarmdata.sensing.modifiers import echoes_of

@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from swarmdata.geometry import BOX, CIRCLE
 from swarmdata.interfaces import Task
+from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y

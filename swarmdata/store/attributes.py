@@ -8,8 +8,8 @@ not known of a recording is not said.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmdata.geometry import SHAPES
 from swarmdata.interfaces import Task
+from swarmdata.numerics.geometry import SHAPES
 from swarmdata.registry import make_task, reward_terms
 from swarmdata.specs.origins import Origin, RecordedSpec
 from swarmdata.specs.spaces import width

@@ -11,7 +11,7 @@ from fractions import Fraction
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.seeding import STREAMS, derive
+from swarmdata.numerics.random import STREAMS, derive
 from swarmdata.specs.origins import Edit, Origin, split_rule
 from swarmdata.specs.task_spec import Recipe, Splits
 from swarmdata.store.table import SPLITS

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.seeding import EVALUATION_BASE
+from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.specs.origins import split_rule
 from swarmdata.store import SPLITS, EpisodeTable, split_codes
 from swarmdata.store.table import measure

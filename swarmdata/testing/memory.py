@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.seeding import derive, uniform
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Episode, Int
 

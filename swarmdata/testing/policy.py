@@ -12,8 +12,8 @@ from dataclasses import fields
 import numpy as np
 
 from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollout import rollout
-from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode, Float, Seeds, Step
 

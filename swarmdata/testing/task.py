@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import clearance
 from swarmdata.interfaces import VecEnv
+from swarmdata.numerics.geometry import clearance
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry import reward_terms
-from swarmdata.seeding import derive, uniform
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.columns import state_columns

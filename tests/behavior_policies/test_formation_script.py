@@ -14,7 +14,7 @@ from swarmdata.behavior_policies.formation_script import (
 )
 from swarmdata.envs.formation import Formation
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.geometry import CIRCLE, clearance
+from swarmdata.numerics.geometry import CIRCLE, clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.rollout import rollout

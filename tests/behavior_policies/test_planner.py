@@ -24,9 +24,9 @@ from swarmdata.behavior_policies.planner import (
     primitives_of,
     waypoint,
 )
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, clearance, nearest
+from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, clearance, nearest
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry import make_env, make_task
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 

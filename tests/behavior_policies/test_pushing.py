@@ -18,7 +18,7 @@ from swarmdata.behavior_policies.pushing import (
     stands,
 )
 from swarmdata.envs.payload import Shape
-from swarmdata.geometry import BOX, CIRCLE
+from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.types import Double, Float, Int
 
 RADIUS, REACH = 0.12, 0.35

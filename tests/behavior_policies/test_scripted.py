@@ -8,10 +8,10 @@ import pytest
 from swarmdata.behavior_policies.avoidance import gives_way
 from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.geometry import CIRCLE, POCKET, clearance
+from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
 from swarmdata.types import Double, Float, Step, no_messages
 

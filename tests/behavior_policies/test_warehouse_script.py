@@ -24,7 +24,7 @@ from swarmdata.envs.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse import Warehouse
 from swarmdata.errors import SpecError
 from swarmdata.evaluate import evaluate
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
 from swarmdata.specs.state_layout import TX, Y, robots_of

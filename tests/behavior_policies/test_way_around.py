@@ -16,7 +16,7 @@ from swarmdata.behavior_policies.way_around import (
     way_around,
 )
 from swarmdata.envs.payload import Shape, place_row
-from swarmdata.geometry import BOX, CIRCLE, nearest
+from swarmdata.numerics.geometry import BOX, CIRCLE, nearest
 from swarmdata.types import Bool, Double, Float
 
 RADIUS = 0.12

@@ -28,8 +28,8 @@ from swarmdata.envs.backend import Plan
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.envs.payload import place_row, shape_of
 from swarmdata.envs.pymunk_space import ITERATIONS, build_space
-from swarmdata.geometry import clearance, nearest
 from swarmdata.interfaces import Policy
+from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.rollout import rollout

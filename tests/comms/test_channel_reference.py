@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.seeding import STREAMS, derive, uniform
+from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.arrangements import PASSABLE, arrange, unit_circle
 from swarmdata.errors import SpecError
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_task
 from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of

@@ -12,7 +12,7 @@ from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.world import PROXIMITY
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_task
 from swarmdata.specs.rules import NavigationRules

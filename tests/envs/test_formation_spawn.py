@@ -10,7 +10,7 @@ from swarmdata.envs.formation_spawn import STRIDE, TOP_SPEED
 from swarmdata.envs.reference import write_motion
 from swarmdata.envs.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import bounding_radius, clearance
+from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.presets import preset
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of, state_size

@@ -8,7 +8,7 @@ import pytest
 from swarmdata.envs.backend import Backend, Contacts, Plan
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.world import make_backend
-from swarmdata.seeding import derive, uniform
+from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Arena, Role, TaskSpec

@@ -19,7 +19,7 @@ from swarmdata.envs.payload import (
     place_row,
     shape_of,
 )
-from swarmdata.geometry import BOX, CIRCLE, CORNER, POCKET, nearest, wall_gap
+from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, nearest, wall_gap
 from swarmdata.specs.rules import Payload
 from swarmdata.types import Double, Float
 

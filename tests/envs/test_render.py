@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from swarmdata.envs.render import ROBOT_COLORS, Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.geometry import BOX, CIRCLE, POCKET
+from swarmdata.numerics.geometry import BOX, CIRCLE, POCKET
 from swarmdata.specs.rules import (
     FormationRules,
     NavigationRules,

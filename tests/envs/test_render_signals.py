@@ -8,7 +8,7 @@ import pytest
 from swarmdata.envs.render import Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import SchemaError
-from swarmdata.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from tests.envs.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of

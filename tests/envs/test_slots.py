@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.assignment import assignment_work
 from swarmdata.envs.shapes import slot_offsets
 from swarmdata.envs.slots import HELD, PREVIEW, Course, Scratch, place_slots, slot_velocity
+from swarmdata.numerics.assignment import assignment_work
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.geometry import bounding_radius, clearance
+from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env
 from swarmdata.specs.rules import NavigationRules

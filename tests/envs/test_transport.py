@@ -15,7 +15,7 @@ from swarmdata.envs.payload import obstacle_gap, payload_radius, payload_wall_ga
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.transport import Transport
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import clearance, nearest
+from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout

@@ -15,11 +15,11 @@ from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.spawn import SHAPES
 from swarmdata.envs.warehouse import METRICS, OWN, Warehouse
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.geometry import clearance
+from swarmdata.numerics.geometry import clearance
+from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.rollout import rollout
-from swarmdata.seeding import STREAMS, derive, uniform
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from swarmdata.metrics import episode_metrics
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.rollout import rollout
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds, Step, no_messages

@@ -16,6 +16,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.errors import BuildError, DivergedError, SpecError
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.learn.run import read_table
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos import starting, training
 from swarmdata.online_algos.cloning import CloneConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
@@ -23,7 +24,6 @@ from swarmdata.online_algos.run_folder import last_policy_path, policy_path
 from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry import make_env
-from swarmdata.seeding import evaluation_seeds
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)

@@ -7,9 +7,9 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.frames import find_frame
+from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.online_algos.worlds import Worlds, reweighted
 from swarmdata.registry import make_env
-from swarmdata.seeding import EVALUATION_BASE
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=6)

@@ -54,8 +54,8 @@ def test_other_modules_do_not_matter(package: Path) -> None:
 
 def test_the_engine_depends_on_geometry() -> None:
     source = kernels.PACKAGE / "geometry.py"
-    assert "swarmdata.geometry" in kernels._imports_of("swarmdata.envs.contacts")
-    assert kernels._source_of("swarmdata.geometry") == source.read_bytes()
+    assert "swarmdata.numerics.geometry" in kernels._imports_of("swarmdata.envs.contacts")
+    assert kernels._source_of("swarmdata.numerics.geometry") == source.read_bytes()
 
 
 def test_kernels_compute_and_are_kept_on_disk(
@@ -87,8 +87,8 @@ def test_the_first_compilation_is_announced_once(caplog: pytest.LogCaptureFixtur
     with caplog.at_level(logging.WARNING, "swarmdata"):
         announcer.on_start(Event("somebody.elses"))
         assert not caplog.records
-        announcer.on_start(Event("swarmdata.geometry"))
-        announcer.on_start(Event("swarmdata.geometry"))
+        announcer.on_start(Event("swarmdata.numerics.geometry"))
+        announcer.on_start(Event("swarmdata.numerics.geometry"))
     assert [record.message for record in caplog.records] == [
         "compiling kernels, once for this version on this machine: up to a minute"
     ]

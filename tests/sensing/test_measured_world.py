@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.seeding import STREAMS, derive, normal, uniform
+from swarmdata.numerics.random import STREAMS, derive, normal, uniform
 from swarmdata.sensing import Sensor
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.types import Double, Float, Seeds, Step

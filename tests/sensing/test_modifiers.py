@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.seeding import STREAMS, derive, normal, uniform
+from swarmdata.numerics.random import STREAMS, derive, normal, uniform
 from swarmdata.sensing import Sensor
 from swarmdata.sensing.modifiers import History, echoes_of
 from swarmdata.specs.features import Feature, numbered, vector

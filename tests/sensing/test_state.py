@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.geometry import bounding_radius, nearest
 from swarmdata.interfaces import Task
+from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.seeding import (
+from swarmdata.numerics.random import (
     EVALUATION_BASE,
     derive,
     evaluation_seeds,

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.envs.pymunk_space import bars
-from swarmdata.geometry import (
+from swarmdata.numerics.geometry import (
     CIRCLE,
     bounding_radius,
     clearance,

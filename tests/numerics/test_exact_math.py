@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.exact_math import HALF_LOG_TWO_PI, exp, log, log_of_one_plus, log_tail
+from swarmdata.numerics.exact_math import HALF_LOG_TWO_PI, exp, log, log_of_one_plus, log_tail
 
 REAL = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -101,7 +101,7 @@ def test_log_tail_falls_and_is_elementwise(z: list[float]) -> None:
 
 DIGEST = """
 import hashlib, numpy as np
-from swarmdata.exact_math import exp, log, log_of_one_plus, log_tail
+from swarmdata.numerics.exact_math import exp, log, log_of_one_plus, log_tail
 x = np.linspace(-40.0, 40.0, 10007)
 parts = [exp(x), log(np.abs(x) + 1e-9), log_of_one_plus(exp(x)), log_tail(x)]
 print(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest())

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarmdata.assignment import assign, assignment_work
+from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.types import Double
 
 SQUARES = st.integers(1, 5).flatmap(

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.counters import absorb, to_normal, to_uniform
-from swarmdata.seeding import STREAMS, derive, normal, normal_table, uniform
+from swarmdata.numerics.random import STREAMS, derive, normal, normal_table, uniform
+from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 
 
 @settings(deadline=None)

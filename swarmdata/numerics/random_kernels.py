@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from swarmdata.numerics.random import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
 from swarmdata.runtime.kernels import kernel
-from swarmdata.seeding import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
 from swarmdata.types import Double
 
 _GOLDEN, _MIX_1, _MIX_2 = np.uint64(GOLDEN), np.uint64(MIX_1), np.uint64(MIX_2)
