@@ -11,10 +11,10 @@ import numpy as np
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.envs.coverage import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
+from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Doorway, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of

@@ -8,8 +8,8 @@ import numpy as np
 
 from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor, save_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
-from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import CheckpointError
+from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.plain_names import checked_file_name
 from swarmdata.specs.task_spec import TaskSpec

@@ -22,7 +22,7 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigator import Navigator, turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
-from swarmdata.density import LastMeans, noisy_log_probs
+from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 

@@ -5,9 +5,9 @@ import numpy as np
 from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.noise import counters
 from swarmdata.behavior_policies.tracking import command_of
-from swarmdata.density import noisy_log_probs, uniform_log_probs
 from swarmdata.envs.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.numerics.random import uniform
+from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -34,11 +34,11 @@ from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.divergence import check_finite
 from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
-from swarmdata.metrics import episode_metrics
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.run_folder import policy_path
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.episode_metrics import episode_metrics
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.frozen import Frozen

@@ -6,7 +6,7 @@
 
 The names below are loaded when they are first used, so that `import swarmdata` costs nothing: it
 loads neither NumPy, pydantic, zarr, numba, Pymunk nor torch. Error types are in
-`swarmdata.errors`; `swarmdata.evaluate` and `swarmdata.rollout` are modules.
+`swarmdata.errors`; `swarmdata.rollouts.evaluate` and `swarmdata.rollouts.rollout` are modules.
 """
 
 from importlib import import_module
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from swarmdata.catalog import DatasetInfo, list_datasets, load
     from swarmdata.dataset import Dataset
     from swarmdata.errors import SwarmdataError
-    from swarmdata.function_policy import FunctionPolicy
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry import make_env
+    from swarmdata.rollouts.function_policy import FunctionPolicy
     from swarmdata.specs.task_spec import Recipe, TaskSpec
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
@@ -47,7 +47,7 @@ _HOMES = {
     "DatasetInfo": "swarmdata.catalog",
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
-    "FunctionPolicy": "swarmdata.function_policy",
+    "FunctionPolicy": "swarmdata.rollouts.function_policy",
     "Recipe": "swarmdata.specs.task_spec",
     "Recorder": "swarmdata.record.recorder",
     "Step": "swarmdata.types",

@@ -18,7 +18,6 @@ from swarmdata.cards.schema import (
 from swarmdata.dataset import Dataset
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.identity import judge
-from swarmdata.metrics import Reference
 from swarmdata.remotes.addresses import configured_remotes, is_address
 from swarmdata.remotes.names import is_folder
 from swarmdata.reobserve import check_messages
@@ -30,6 +29,7 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
+from swarmdata.rollouts.episode_metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import Recipe, TaskSpec

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
-from swarmdata.metrics import Reference, normalized_score
 from swarmdata.registry import make_env
+from swarmdata.rollouts.episode_metrics import Reference, normalized_score
 from swarmdata.sampling import Rows, Sampler, gather_transitions
 from swarmdata.scaling import action_scale, has_choices
 from swarmdata.specs.model_choice import Source, describe, with_models

@@ -7,9 +7,9 @@ from typing import Literal
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluate import check_comparable, evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.result_files import load
+from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.types import EvalResult
 
 Unit = Literal["score", "return"]

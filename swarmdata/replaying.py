@@ -15,7 +15,7 @@ from swarmdata.errors import SpecError
 from swarmdata.numerics.random import derive
 from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int

@@ -20,7 +20,7 @@ from swarmdata.reobserve import seen_again
 from swarmdata.report import Table
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles, plot_scores
 from swarmdata.results import Case, ResultSet, read
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec

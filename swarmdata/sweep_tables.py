@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.metrics import Estimate
 from swarmdata.report import Column, Row, Table
+from swarmdata.rollouts.episode_metrics import Estimate
 
 HEAD = (
     "part",

@@ -16,7 +16,6 @@ from swarmdata.behavior_policies.tiers import (
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
-from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.observing import features_of
@@ -26,6 +25,7 @@ from swarmdata.recipes import make_source_policy
 from swarmdata.registry import POLICIES, make_policy, make_task
 from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.run_files import run_folders
 from swarmdata.specs.model_choice import Source, check_senses, with_models
 from swarmdata.specs.task_spec import TaskSpec

@@ -60,7 +60,7 @@ def validate(name: NameOrFile) -> None:
     what is wrong between them; then what is wrong with the world.
     """
     from swarmdata.presets import find_spec
-    from swarmdata.probing import probe
+    from swarmdata.rollouts.spec_check import probe
     from swarmdata.specs.budget import demand_of, describe_demand, size_of
     from swarmdata.specs.model_choice import describe
 

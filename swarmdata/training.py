@@ -9,7 +9,6 @@ import numpy as np
 
 from swarmdata.catalog import load
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
-from swarmdata.evaluate import evaluate
 from swarmdata.frames import Frame, find_frame, natural_anchor
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
@@ -18,6 +17,7 @@ from swarmdata.observing import features_of
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec

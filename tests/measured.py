@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from swarmdata.cards.schema import published
-from swarmdata.metrics import metrics_of
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.provenance import Provenance
 from swarmdata.result_files import Result
+from swarmdata.rollouts.episode_metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace
 from swarmdata.specs.task_spec import TaskSpec

@@ -10,7 +10,7 @@ from swarmdata.clips import write_clip
 from swarmdata.errors import SchemaError
 from swarmdata.registry import make_env, make_policy
 from swarmdata.reporting import draw_target
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from swarmdata.exports import episode_values, marl_eval, runs_csv
-from swarmdata.metrics import metrics_of
 from swarmdata.presets import preset
 from swarmdata.results import gather
+from swarmdata.rollouts.episode_metrics import metrics_of
 from tests.measured import EXPERT, MEDIUM, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}

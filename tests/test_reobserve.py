@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.metrics import Reference
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.reobserve import (
@@ -22,7 +21,8 @@ from swarmdata.reobserve import (
     reobserve_episode,
     seen_again,
 )
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.episode_metrics import Reference
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import PolicySource, Recipe, Splits, TaskSpec
 from swarmdata.store import assemble, merge_order

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.metrics import Estimate
 from swarmdata.report import Column, Row, Table, format_estimate, format_number
+from swarmdata.rollouts.episode_metrics import Estimate
 
 TABLE = Table(
     (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.metrics import Estimate
 from swarmdata.report import Column
+from swarmdata.rollouts.episode_metrics import Estimate
 from swarmdata.sweep_tables import HEAD, Degradation, Line, Point, to_csv
 
 COLUMNS = (Column("return", "return", "", 2), Column("success", "success", "%", 1, 100.0))

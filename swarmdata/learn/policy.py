@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.density import LastMeans, certain_log_probs
 from swarmdata.errors import SchemaError
 from swarmdata.frames import Frame, in_world
 from swarmdata.learn.inputs import standardize
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.team import Parameters, answer
+from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Float, Int, Step
 
 

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from swarmdata.metrics import Estimate
 from swarmdata.report import Column
 from swarmdata.results import ResultSet
+from swarmdata.rollouts.episode_metrics import Estimate
 from swarmdata.tables import QUANTITIES, RETURN, SCORE, Quantity, estimate, quantities_of
 
 Estimates = Mapping[str, Estimate]

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.cards import markdown
-from swarmdata.metrics import Estimate
 from swarmdata.report import format_estimate
+from swarmdata.rollouts.episode_metrics import Estimate
 from swarmdata.study.board import Board, board_of, quantity_of
 from swarmdata.study.data import Facts, named, sized
 from swarmdata.study.figures import plot_sizes

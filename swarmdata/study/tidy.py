@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.metrics import censored_times, normalized_score
 from swarmdata.result_files import Result
 from swarmdata.results import Case
+from swarmdata.rollouts.episode_metrics import censored_times, normalized_score
 from swarmdata.study.cells import Cell
 from swarmdata.study.gathering import Findings, by_id
 from swarmdata.study.running import folder_of

@@ -23,7 +23,6 @@ import numpy as np
 
 from swarmdata.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.evaluate import evaluate
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact
 from swarmdata.learn.run import CHECKPOINT
@@ -34,6 +33,7 @@ from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.presets import find_spec
 from swarmdata.provenance import file_name
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Report, serve

@@ -13,7 +13,7 @@ import numpy as np
 
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode, Float, Seeds, Step
 

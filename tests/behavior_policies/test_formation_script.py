@@ -17,7 +17,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE, clearance
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy

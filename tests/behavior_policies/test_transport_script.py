@@ -10,7 +10,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Episode

@@ -32,7 +32,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec

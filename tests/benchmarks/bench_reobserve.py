@@ -17,7 +17,7 @@ import numpy as np
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy, make_task
 from swarmdata.reobserve import Tracks, observe_tracks
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 
 GOAL = 5.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Episode
 from tests.benchmarks import bench_contacts as bench

@@ -7,9 +7,9 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.references import interval, summarize
 from swarmdata.cards.schema import Interval, TaskReferences, published, references, references_of
 from swarmdata.errors import SchemaError
-from swarmdata.metrics import metrics_of
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset, preset_names
+from swarmdata.rollouts.episode_metrics import metrics_of
 from swarmdata.types import EvalResult
 
 METRICS = metrics_of("coop_nav")

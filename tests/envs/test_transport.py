@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.density import noisy_log_probs
 from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.payload import obstacle_gap, payload_radius, payload_wall_gap, place_row
@@ -18,7 +17,8 @@ from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.action_probabilities import noisy_log_probs
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import NavigationRules, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

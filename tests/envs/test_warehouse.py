@@ -19,7 +19,7 @@ from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task import check_task

@@ -13,9 +13,9 @@ from pathlib import Path
 import torch
 
 import swarmdata
-from swarmdata.evaluate import evaluate
 from swarmdata.provenance import Provenance
 from swarmdata.result_files import Result, save
+from swarmdata.rollouts.evaluate import evaluate
 
 
 def perceptron(inputs: int, outputs: int) -> torch.nn.Sequential:

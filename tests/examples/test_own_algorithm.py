@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip("torch")
 
 import swarmdata
-from swarmdata.evaluate import evaluate
 from swarmdata.provenance import Provenance
 from swarmdata.registry import make_policy
 from swarmdata.result_files import Result, save
 from swarmdata.results import read
+from swarmdata.rollouts.evaluate import evaluate
 from tests.examples import own_algorithm as example
 from tests.one_process import use_one_process
 from tests.tiny import TINY, make_tiny

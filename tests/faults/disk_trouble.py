@@ -29,7 +29,7 @@ from swarmdata.interop.exporting import export_dataset
 from swarmdata.recipes import build_folder
 from swarmdata.registry import make_env, make_policy
 from swarmdata.repairing import examine
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, read_manifest, write_file
 from swarmdata.testing.synthetic import make_dataset

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.metrics import episode_metrics
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.episode_metrics import episode_metrics
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds, Step, no_messages

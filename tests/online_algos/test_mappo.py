@@ -10,9 +10,9 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from dataclasses import replace
 
 from swarmdata.errors import SpecError
-from swarmdata.evaluate import evaluate
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry import make_env
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

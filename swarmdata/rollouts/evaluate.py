@@ -7,10 +7,10 @@ from tqdm import tqdm
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.metrics import episode_metrics, metrics_of
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry import make_env
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.episode_metrics import episode_metrics, metrics_of
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 

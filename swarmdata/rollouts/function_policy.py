@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.density import LastMeans, noisy_log_probs
 from swarmdata.errors import SchemaError
+from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.types import Double, Float, Int, Step
 
 Function = Callable[[Float], Any]

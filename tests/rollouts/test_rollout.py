@@ -10,7 +10,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.numerics.random import derive
 from swarmdata.registry import make_task
-from swarmdata.rollout import rollout
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, no_messages

@@ -1,0 +1,1 @@
+"""Policies in worlds: rollouts, evaluation, and what is measured of an episode."""
