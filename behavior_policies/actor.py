@@ -26,7 +26,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
-from swarmdata.frames import Frame, in_world
+from swarmdata.perception.frames import Frame, in_world
 from swarmdata.runtime.atomic import write_file
 from swarmdata.types import Double, Float
 

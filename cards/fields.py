@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
-from swarmdata.observing import Observer
+from swarmdata.perception.observer import Observer
 from swarmdata.specs.features import UNITS
 from swarmdata.specs.state_layout import N_COLUMNS, ROBOT
 from swarmdata.store.columns import state_columns

@@ -8,7 +8,7 @@ from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
 from swarmdata.cards.markdown import plain, table
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.observing import Observer
+from swarmdata.perception.observer import Observer
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec

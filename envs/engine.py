@@ -8,7 +8,7 @@ from swarmdata.envs.steps import StepMaker, keep_ended
 from swarmdata.envs.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.observing import Observer
+from swarmdata.perception.observer import Observer
 from swarmdata.specs.state_layout import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 

@@ -10,8 +10,8 @@ from pettingzoo import ParallelEnv
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE, derive
+from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry import make_env
-from swarmdata.sensing.scans import scan_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.frames import find_frame
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.checkpoint import part
 from swarmdata.learn.inputs import (
@@ -23,6 +22,7 @@ from swarmdata.learn.replay import Replay, Shape
 from swarmdata.learn.sizes import Sizes
 from swarmdata.online_algos.inputs import Moments, measure_moments
 from swarmdata.online_algos.worlds import Worlds
+from swarmdata.perception.frames import find_frame
 from swarmdata.types import Batch
 
 ACTING, DRAWING, MEASURING = 10, 11, 12

@@ -43,7 +43,6 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
-from swarmdata.frames import find_frame
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.checkpoint import part
 from swarmdata.learn.inputs import generators as torch_generators
@@ -71,6 +70,7 @@ from swarmdata.online_algos.rollouts import (
 from swarmdata.online_algos.shaping import Shaping
 from swarmdata.online_algos.starting import start_actors
 from swarmdata.online_algos.worlds import Worlds, reweighted
+from swarmdata.perception.frames import find_frame
 from swarmdata.types import Float, Int, Step, copy_step
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import SUFFIXES
 from swarmdata.errors import SchemaError
-from swarmdata.observing import features_of
+from swarmdata.perception.observer import features_of
+from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry import make_task
 from swarmdata.reobserve import attempted_links
 from swarmdata.runtime.atomic import staged
-from swarmdata.sensing.scans import scan_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
-from swarmdata.observing import Observer
+from swarmdata.perception.observer import Observer
 from swarmdata.registry import make_task
 from swarmdata.specs.model_choice import describe, models_json
 from swarmdata.specs.origins import task_of

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, Literal, get_args
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.observing import features_of
+from swarmdata.perception.observer import features_of
 from swarmdata.registry import make_task
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen

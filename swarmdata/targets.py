@@ -18,7 +18,7 @@ from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.observing import features_of
+from swarmdata.perception.observer import features_of
 from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
 from swarmdata.recipes import make_source_policy

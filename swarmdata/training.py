@@ -9,12 +9,12 @@ import numpy as np
 
 from swarmdata.catalog import load
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
-from swarmdata.frames import Frame, find_frame, natural_anchor
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Evaluate, Schedule, train
-from swarmdata.observing import features_of
 from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.perception.frames import Frame, find_frame, natural_anchor
+from swarmdata.perception.observer import features_of
 from swarmdata.presets import find_spec
 from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.rollouts.evaluate import evaluate

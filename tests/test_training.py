@@ -15,12 +15,12 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
-from swarmdata.frames import find_frame
 from swarmdata.learn.config import override
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.shaping import Shaping
 from swarmdata.online_algos.training import read_online_run
+from swarmdata.perception.frames import find_frame
 from swarmdata.presets import preset
 from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.result_files import load

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.frames import Frame, in_world
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.policy import Memoryless, outputs_of
 from swarmdata.learn.team import Parameters
+from swarmdata.perception.frames import Frame, in_world
 from swarmdata.types import Float
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.frames import Frame, in_world
 from swarmdata.learn.behavior import Rule, behavior_log_probs
 from swarmdata.learn.bins import by_dimension
 from swarmdata.learn.choices import Choices, columns_of
 from swarmdata.learn.networks import Layer, present
 from swarmdata.learn.policy import Memoryless, outputs_of
 from swarmdata.learn.team import Parameters
+from swarmdata.perception.frames import Frame, in_world
 from swarmdata.types import Bool, Float, Step
 
 

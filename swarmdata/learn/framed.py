@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swarmdata.frames import Frame
 from swarmdata.learn.data import Data, Sampler
+from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Episode, Float, Int

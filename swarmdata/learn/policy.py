@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.frames import Frame, in_world
 from swarmdata.learn.inputs import standardize
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.team import Parameters, answer
+from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Float, Int, Step
 

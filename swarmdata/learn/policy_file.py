@@ -8,12 +8,12 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError
-from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
 from swarmdata.learn.bins import BinPolicy
 from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.networks import Layer
 from swarmdata.learn.policy import TorchPolicy
+from swarmdata.perception.frames import Frame
 
 KINDS: dict[str, Callable[..., Policy]] = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
 """Policies that can be kept, by name: dataclasses of layers, tensors, a frame and JSON values."""

@@ -23,11 +23,11 @@ from torch import Tensor
 
 from swarmdata import __version__
 from swarmdata.errors import CheckpointError
-from swarmdata.frames import Frame
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
+from swarmdata.perception.frames import Frame
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.scaling import choices_of

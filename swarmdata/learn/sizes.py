@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from swarmdata.errors import SchemaError
-from swarmdata.frames import Frame
+from swarmdata.perception.frames import Frame
 from swarmdata.types import Batch
 
 

@@ -17,7 +17,6 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.errors import CheckpointError, SchemaError
-from swarmdata.frames import Frame
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
 from swarmdata.learn.data import Data, Sampler, Selective
@@ -40,6 +39,7 @@ from swarmdata.learn.run import (
 )
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
+from swarmdata.perception.frames import Frame
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating

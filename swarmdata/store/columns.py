@@ -1,9 +1,9 @@
 """What each column of each array means in a dataset of one of our tasks."""
 
-from swarmdata.comms.payloads import COLUMNS
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS
-from swarmdata.observing import features_of
+from swarmdata.perception.comms.payloads import COLUMNS
+from swarmdata.perception.observer import features_of
 from swarmdata.specs.features import UNITS, Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import body_columns, pair, robot_columns

@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save_file
 
 from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
 from swarmdata.errors import CheckpointError, SchemaError, SpecError
-from swarmdata.frames import Frame
+from swarmdata.perception.frames import Frame
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step, no_messages
 

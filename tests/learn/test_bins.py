@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.frames import Frame  # noqa: E402
 from swarmdata.learn import bins  # noqa: E402
 from swarmdata.learn.networks import MLPShape  # noqa: E402
 from swarmdata.learn.team import Team  # noqa: E402
+from swarmdata.perception.frames import Frame  # noqa: E402
 
 
 def test_knots_are_even_and_symmetric() -> None:

@@ -10,14 +10,14 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
 from swarmdata.catalog import load  # noqa: E402
 from swarmdata.dataset import Dataset  # noqa: E402
-from swarmdata.frames import Frame, find_frame  # noqa: E402
 from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.framed import framed  # noqa: E402
 from swarmdata.learn.policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.run import load_run, read_run  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.learn.trainer import train  # noqa: E402
-from swarmdata.observing import features_of  # noqa: E402
+from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
+from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry import OFFLINE_ALGORITHMS, make_task  # noqa: E402
 from tests.learn.test_trainer import config_of  # noqa: E402
 from tests.tiny import make_tiny  # noqa: E402

@@ -8,10 +8,10 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.frames import Frame, in_world  # noqa: E402
 from swarmdata.learn.networks import MLPShape, mlp  # noqa: E402
 from swarmdata.learn.policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.team import Team, answer, from_rows, to_rows  # noqa: E402
+from swarmdata.perception.frames import Frame, in_world  # noqa: E402
 
 SHAPE = MLPShape(5, (6,), 2)
 FEATURES = torch.randn(2, 7, 3, 5, generator=torch.Generator().manual_seed(0))

@@ -8,10 +8,10 @@ import pytest
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.frames import find_frame  # noqa: E402
 from swarmdata.learn.inputs import generators  # noqa: E402
 from swarmdata.online_algos.inputs import Moments, measure_moments  # noqa: E402
 from swarmdata.online_algos.worlds import Worlds  # noqa: E402
+from swarmdata.perception.frames import find_frame  # noqa: E402
 from swarmdata.registry import make_env  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 

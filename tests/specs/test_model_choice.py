@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.observing import features_of
+from swarmdata.perception.observer import features_of
 from swarmdata.registry import make_task
 from swarmdata.specs.model_choice import (
     check_senses,

@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 
-from swarmdata.comms.links import NOT_DRAWN, TOPOLOGIES
-from swarmdata.comms.payloads import (
+from swarmdata.errors import SchemaError
+from swarmdata.perception.comms.links import NOT_DRAWN, TOPOLOGIES
+from swarmdata.perception.comms.payloads import (
     COLUMNS,
     broadcast_of,
     message_fields,
     quantizer,
     slot_features,
 )
-from swarmdata.comms.transmission import Constants, Memory, transmit_all
-from swarmdata.errors import SchemaError
+from swarmdata.perception.comms.transmission import Constants, Memory, transmit_all
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import TX, TY, X, Y

@@ -5,8 +5,8 @@ Its parts are inlined: a call with many arrays costs as much as the work of a sm
 
 import numpy as np
 
-from swarmdata.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
-from swarmdata.comms.payloads import compose, write_slots
+from swarmdata.perception.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
+from swarmdata.perception.comms.payloads import compose, write_slots
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
 

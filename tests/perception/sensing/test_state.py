@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import bounding_radius, nearest
-from swarmdata.sensing import Sensor
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.comms import Channel
-from swarmdata.comms.payloads import quantizer
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.perception.comms import Channel
+from swarmdata.perception.comms.payloads import quantizer
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import robots_of

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from swarmdata.comms import Channel
 from swarmdata.interfaces import Task
-from swarmdata.sensing import Sensor
+from swarmdata.perception.comms import Channel
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Step

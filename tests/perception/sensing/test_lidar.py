@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.sensing import Sensor
-from swarmdata.sensing.lidar import ray_blocks
+from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.lidar import ray_blocks
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 
@@ -153,7 +153,7 @@ def test_beams_beyond_a_robots_own_range_read_one(scenes: Any) -> None:
 
 SCRIPT = """
 import hashlib, numpy as np
-from swarmdata.sensing.lidar import ray_blocks, scan
+from swarmdata.perception.sensing.lidar import ray_blocks, scan
 
 rng = np.random.default_rng(0)
 states = rng.uniform(-1.9, 1.9, (300, 32)).astype(np.float32)

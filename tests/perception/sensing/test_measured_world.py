@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
-from swarmdata.sensing import Sensor
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.types import Double, Float, Seeds, Step
 

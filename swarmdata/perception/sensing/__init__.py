@@ -3,6 +3,6 @@
 The live environment and the re-observation of recorded data use the same `Sensor`.
 """
 
-from swarmdata.sensing.sensor import Sensor
+from swarmdata.perception.sensing.sensor import Sensor
 
 __all__ = ["Sensor"]

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from swarmdata.comms import Channel
+from swarmdata.perception.comms import Channel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Float, Seeds, Step

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from swarmdata.interfaces import Task
-from swarmdata.observing import Observer
+from swarmdata.perception.observer import Observer
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.specs.features import Feature, vector

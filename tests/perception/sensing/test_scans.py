@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry import make_env
-from swarmdata.sensing.scans import scan_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -8,10 +8,10 @@ import math
 import numpy as np
 
 from swarmdata.numerics.geometry import bounding_radius, nearest
+from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.modifiers import echoes_of
+from swarmdata.perception.sensing.sensed_scene import N_POLAR, POLAR, Scene, gather, write_polar
 from swarmdata.runtime.kernels import kernel
-from swarmdata.sensing.measured_world import World
-from swarmdata.sensing.modifiers import echoes_of
-from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, gather, write_polar
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import OccupancyModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y

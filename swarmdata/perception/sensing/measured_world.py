@@ -30,8 +30,8 @@ from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import bounding_radius
 from swarmdata.numerics.random import STREAMS, normal_table
 from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
+from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
-from swarmdata.sensing.scene import N_BODY, Scene
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.sensing import Sensor
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Float, Step
 

@@ -9,10 +9,17 @@ import math
 import numpy as np
 
 from swarmdata.numerics.geometry import CIRCLE, bounding_radius
+from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.modifiers import NO_ECHOES
+from swarmdata.perception.sensing.sensed_scene import (
+    N_POLAR,
+    POLAR,
+    Scene,
+    bar_of,
+    gather,
+    write_polar,
+)
 from swarmdata.runtime.kernels import kernel
-from swarmdata.sensing.measured_world import World
-from swarmdata.sensing.modifiers import NO_ECHOES
-from swarmdata.sensing.scene import N_POLAR, POLAR, Scene, bar_of, gather, write_polar
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import BearingModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.sensing import Sensor
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 

@@ -8,11 +8,11 @@ import math
 import numpy as np
 
 from swarmdata.numerics.geometry import bounding_radius, nearest_of
+from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.modifiers import NO_ECHOES
+from swarmdata.perception.sensing.sensed_scene import Scene
+from swarmdata.perception.sensing.smallest import order_keys, take_smallest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.sensing.measured_world import World
-from swarmdata.sensing.modifiers import NO_ECHOES
-from swarmdata.sensing.scene import Scene
-from swarmdata.sensing.selection import order_keys, take_smallest
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import StateModel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, VX, VY, X, Y

@@ -1,5 +1,5 @@
 """Who hears what, and when: a radio channel between the robots of a team."""
 
-from swarmdata.comms.channel import Channel
+from swarmdata.perception.comms.channel import Channel
 
 __all__ = ["Channel"]

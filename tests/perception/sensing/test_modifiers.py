@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
-from swarmdata.sensing import Sensor
-from swarmdata.sensing.modifiers import History, echoes_of
+from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.modifiers import History, echoes_of
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.types import Float, Step
 

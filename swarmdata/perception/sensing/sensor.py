@@ -6,14 +6,14 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
+from swarmdata.perception.sensing.bearing import Bearing
+from swarmdata.perception.sensing.lidar import Lidar
+from swarmdata.perception.sensing.measured_world import MeasuredWorld, World
+from swarmdata.perception.sensing.modifiers import Echoes, History
+from swarmdata.perception.sensing.occupancy import Occupancy
+from swarmdata.perception.sensing.sensed_scene import Scene
+from swarmdata.perception.sensing.state import State
 from swarmdata.runtime.kernels import kernel
-from swarmdata.sensing.bearing import Bearing
-from swarmdata.sensing.lidar import Lidar
-from swarmdata.sensing.measured_world import MeasuredWorld, World
-from swarmdata.sensing.modifiers import Echoes, History
-from swarmdata.sensing.occupancy import Occupancy
-from swarmdata.sensing.scene import Scene
-from swarmdata.sensing.state import State
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import (
     BearingModel,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.frames import HEARING, Frame, find_frame, natural_anchor
+from swarmdata.perception.frames import HEARING, Frame, find_frame, natural_anchor
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
 from swarmdata.specs.model_choice import with_models

@@ -1,0 +1,1 @@
+"""What robots see and hear: sensors, radios, frames, and the pipeline of both."""
