@@ -9,7 +9,7 @@ from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw
 from swarmdata.cards.recorded_picture import draw_recorded
 from swarmdata.cards.tracks import choose_episodes, draw_track
 from swarmdata.coverage import places_of, sample_steps
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
 from swarmdata.figures import GRAY, figure

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.cards.pictures import draw_card
 from swarmdata.cards.render import card_of
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.runtime.atomic import staged
 from swarmdata.store import write_file
 

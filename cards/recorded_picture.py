@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.cards.panels import draw_returns, draw_rows, finish, stack_lengths
 from swarmdata.coverage import sample_steps
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.figures import GRAY, figure
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import bounds

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from swarmdata.catalog import DatasetInfo, list_datasets, load
-    from swarmdata.dataset import Dataset
+    from swarmdata.datasets.dataset import Dataset
     from swarmdata.errors import SwarmdataError
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry import make_env
@@ -43,7 +43,7 @@ __all__ = [
 
 _HOMES = {
     "Batch": "swarmdata.types",
-    "Dataset": "swarmdata.dataset",
+    "Dataset": "swarmdata.datasets.dataset",
     "DatasetInfo": "swarmdata.catalog",
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",

@@ -15,12 +15,12 @@ from swarmdata.cards.schema import (
     published,
     references_of,
 )
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.reobservation import check_messages
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.identity import judge
 from swarmdata.remotes.addresses import configured_remotes, is_address
 from swarmdata.remotes.names import is_folder
-from swarmdata.reobserve import check_messages
 from swarmdata.resolving import (
     OFFLINE,
     Found,

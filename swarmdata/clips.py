@@ -7,13 +7,13 @@ that loses nothing on air: what arrives there and did not arrive here was lost.
 from functools import partial
 from pathlib import Path
 
+from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry import make_task
-from swarmdata.reobserve import attempted_links
 from swarmdata.runtime.atomic import staged
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode

@@ -85,7 +85,7 @@ def convert(
 
 def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
     from swarmdata.catalog import load
-    from swarmdata.dataset import Dataset
+    from swarmdata.datasets.dataset import Dataset
     from swarmdata.interop.exporting import export_dataset
     from swarmdata.remotes.names import is_folder
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.combining import describe, write_edit
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit

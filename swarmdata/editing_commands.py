@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from swarmdata.dataset import Dataset
+    from swarmdata.datasets.dataset import Dataset
 
 Source = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
 NewId = Annotated[str, typer.Option("--id", metavar="ID", help="of the new dataset: TASK-NAME-v0")]

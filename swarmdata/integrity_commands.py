@@ -67,7 +67,7 @@ def _compare(folder: Path) -> None:
 
 def _replay(folder: Path, n_episodes: int) -> None:
     """Simulates some episodes again."""
-    from swarmdata.dataset import Dataset
+    from swarmdata.datasets.dataset import Dataset
     from swarmdata.replaying import replay
 
     drifts = replay(Dataset.open(folder), n_episodes)

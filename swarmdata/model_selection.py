@@ -16,7 +16,7 @@ import numpy as np
 
 from swarmdata import __version__
 from swarmdata.catalog import load
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.cards.schema import changed_versions
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import derive
 from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy

@@ -9,6 +9,7 @@ from swarmdata.aggregate import complete
 from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.catalog import load as load_dataset
 from swarmdata.clips import check_clip, write_clip
+from swarmdata.datasets.reobservation import seen_again
 from swarmdata.errors import SchemaError
 from swarmdata.exports import marl_eval, runs_csv
 from swarmdata.figures import SUFFIXES
@@ -16,7 +17,6 @@ from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
 from swarmdata.registry import make_env
-from swarmdata.reobserve import seen_again
 from swarmdata.report import Table
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles, plot_scores
 from swarmdata.results import Case, ResultSet, read

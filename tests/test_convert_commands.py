@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from swarmdata.audit import audit
 from swarmdata.cli import app
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
 

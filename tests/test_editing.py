@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.combining import merge_policies
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.editing import (
     combine_datasets,
     filter_dataset,

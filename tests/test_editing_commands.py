@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli import app
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.editing import filter_dataset
 from swarmdata.specs.origins import Edit
 from swarmdata.testing.synthetic import make_dataset

@@ -18,7 +18,7 @@ from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import Published, publication
 from swarmdata.catalog import AnotherDatasetWarning, RebuiltDifferentlyWarning, load
 from swarmdata.cli import app
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
 from swarmdata.gate import reasons_against
 from swarmdata.identity import identify, judge

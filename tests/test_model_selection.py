@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 pytest.importorskip("torch", reason="ranking needs the torch extra")
 
 from swarmdata.cli import app
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.learn.fqe import FQEConfig
 from swarmdata.learn.run import load_algorithm, load_run

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from swarmdata import publishing
 from swarmdata.cards.schema import Published, changed_versions, publication
 from swarmdata.catalog import dataset_folder
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.publishing import (
     Check,

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from swarmdata import recipes
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.recipes import build, build_folder, episode_seeds, make_part

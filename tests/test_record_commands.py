@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli import app
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.record import Recorder
 from tests.record.worlds import Counting, play, steady
 

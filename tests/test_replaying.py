@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata import replaying
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.replaying import replay
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode

@@ -16,7 +16,7 @@ from swarmdata import catalog, identity, resolving
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.cards.schema import publication
 from swarmdata.catalog import find_folder, load
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
     DatasetNotFoundError,
     HubError,

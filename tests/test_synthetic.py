@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_large_dataset

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.columns import agents_of
 from swarmdata.interop.fields import FACTS, NEXT, Arrays, blocks
 from swarmdata.interop.formats import Format

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.runtime.atomic import remove_leftovers, staged

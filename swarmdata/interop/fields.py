@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,

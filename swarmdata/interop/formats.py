@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.incoming import Incoming
 from swarmdata.registry import resolve

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.fields import BLOCK_BYTES

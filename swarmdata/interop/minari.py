@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.columns import agents_of, join_rows, split_rows

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes

@@ -22,6 +22,7 @@ from pydantic import Field
 from torch import Tensor
 
 from swarmdata import __version__
+from swarmdata.datasets.action_scaling import choices_of
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn import checkpoint
@@ -30,7 +31,6 @@ from swarmdata.learn.statistics import Statistics
 from swarmdata.perception.frames import Frame
 from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
-from swarmdata.scaling import choices_of
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 

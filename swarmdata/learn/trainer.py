@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn import checkpoint
@@ -43,7 +44,6 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.scaling import choices_of, has_choices
 from swarmdata.specs.origins import RecordedSpec
 
 Evaluate = Callable[[Policy], Mapping[str, float]]

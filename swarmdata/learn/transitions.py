@@ -9,13 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import SchemaError
 from swarmdata.learn.critics import information
 from swarmdata.learn.data import Data
 from swarmdata.learn.normalizer import Normalizer
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics, returns_to_go
-from swarmdata.scaling import action_scale
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double, Episode, Float
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.metadata.episodes import COLUMNS, FILE
 from swarmdata.specs.origins import Edit, Recording
 from swarmdata.store import SPLITS

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError
 from swarmdata.store import SPLITS, write_file
 from swarmdata.types import END_REASONS

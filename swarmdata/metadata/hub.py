@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.metadata.croissant import CROISSANT, croissant, license_of
 from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes

@@ -5,12 +5,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from swarmdata.datasets.action_scaling import ActionScale, action_scale, choices_of
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.record.describing import state_source
 from swarmdata.record.foreign import agents_of
 from swarmdata.record.reading import Reader
-from swarmdata.scaling import ActionScale, action_scale, choices_of
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import unflatten
 from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages

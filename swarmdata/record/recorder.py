@@ -10,7 +10,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pettingzoo.utils import BaseParallelWrapper
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
 from swarmdata.record.describing import describe, is_ours, state_source
 from swarmdata.record.foreign import agents_of

@@ -15,7 +15,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from swarmdata.cards.render import write_card
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
 from swarmdata.record.tape import n_bytes
 from swarmdata.specs.frozen import Frozen, differences

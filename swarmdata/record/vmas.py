@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record.describing import foreign_spec, recording_of
 from swarmdata.record.foreign import clean_name, library_version

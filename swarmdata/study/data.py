@@ -12,7 +12,7 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.cards.schema import Figures, figures_of, published
 from swarmdata.catalog import load
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.editing import filter_dataset
 from swarmdata.errors import SchemaError
 from swarmdata.specs.frozen import Frozen

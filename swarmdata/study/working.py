@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.compact import compact

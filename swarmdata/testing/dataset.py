@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.specs.origins import split_rule

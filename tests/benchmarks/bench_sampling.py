@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.testing.synthetic import make_large_dataset
 from swarmdata.types import Batch
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -15,7 +15,7 @@ from swarmdata.cards.panels import MOST_RIDGES, draw_actions, draw_lengths, draw
 from swarmdata.cards.pictures import MOST_BYTES, draw_card
 from swarmdata.cards.publish import publish_card
 from swarmdata.cards.tracks import N_TRACKS, choose_episodes
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.presets import preset
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec

@@ -12,7 +12,7 @@ from swarmdata.cards.facts import facts_of
 from swarmdata.cards.publish import publish_card
 from swarmdata.cards.recorded import describe, render_recorded
 from swarmdata.cards.render import card_of, checked
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder
 from swarmdata.specs.origins import Edit, Parent, RecordedSpec, Recording

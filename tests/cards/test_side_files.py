@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.side_files import damage_of, write_missing
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.presets import preset
 from swarmdata.repairing import Repair, examine, repair
 from swarmdata.store.layout import CARD, REFERENCES

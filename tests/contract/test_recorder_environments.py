@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.record import Recorder
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import flatten

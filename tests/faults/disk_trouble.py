@@ -23,7 +23,7 @@ from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.cards.publish import publish_card
 from swarmdata.catalog import load
 from swarmdata.clips import write_clip
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.recipes import build_folder

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 
 from swarmdata import recipes
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.recipes import build_folder, finish

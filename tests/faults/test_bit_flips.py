@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError
 from swarmdata.repairing import examine
 from swarmdata.store import read_manifest

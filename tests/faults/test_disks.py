@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from swarmdata.catalog import load
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError
 from swarmdata.recipes import build
 from swarmdata.repairing import examine, repair

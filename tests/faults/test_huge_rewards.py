@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata.cards.render import card_of
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset

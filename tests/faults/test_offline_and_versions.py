@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.schema import changed_versions
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import FormatVersionError
 from swarmdata.registry import make_env
 from swarmdata.repairing import examine

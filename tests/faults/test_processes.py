@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, RecipeConflictError
 from swarmdata.record import Recorder, recover
 from swarmdata.record.session import look, recording_folder

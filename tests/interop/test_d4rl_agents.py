@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.d4rl import read

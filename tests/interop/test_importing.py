@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interop.exporting import export_dataset
 from swarmdata.interop.importing import import_dataset

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.exporting import export_dataset

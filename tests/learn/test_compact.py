@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="a run is trained")
 
 import torch
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.checkpoint import load_checkpoint
 from swarmdata.learn.compact import compact, is_same

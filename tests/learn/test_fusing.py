@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="compiling needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.dataset import Dataset  # noqa: E402
+from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
 from swarmdata.learn import fusing  # noqa: E402
 from swarmdata.learn.fusing import fusable, fused, has_fusable, unfused  # noqa: E402

@@ -8,7 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
-from swarmdata.dataset import Dataset  # noqa: E402
+from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.learn.run import load_run, read_run  # noqa: E402
 from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.learn.trainer import Schedule, train  # noqa: E402

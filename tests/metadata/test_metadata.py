@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.metadata import hub_card, metadata_files, write_episode_parquet
 from swarmdata.metadata.episodes import COLUMNS

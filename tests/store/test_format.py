@@ -148,7 +148,7 @@ def test_few_files(tmp_path: Path) -> None:
 def test_reading_imports_no_zarr(tmp_path: Path) -> None:
     make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
     code = (
-        "import sys, swarmdata.dataset as d;"
+        "import sys, swarmdata.datasets.dataset as d;"
         f"next(d.Dataset.open({str(tmp_path / 'ds')!r}, 'full').sampler());"
         "print(sorted({'zarr', 'h5py', 'numba', 'torch', 'pymunk'} & set(sys.modules)))"
     )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.store import Piece, Selection, open_store
 from swarmdata.store.layout import ALL_FIELDS
 from swarmdata.testing.synthetic import make_dataset

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import UnknownNameError
-from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import SPLITS, StoredDataset, open_store
 from swarmdata.testing.synthetic import make_dataset
 

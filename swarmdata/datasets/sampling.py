@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.scaling import ActionScale
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Float, Int
 

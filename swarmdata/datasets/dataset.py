@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.datasets.action_scaling import action_scale, has_choices
+from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
+from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry import make_env
 from swarmdata.rollouts.episode_metrics import Reference, normalized_score
-from swarmdata.sampling import Rows, Sampler, gather_transitions
-from swarmdata.scaling import action_scale, has_choices
 from swarmdata.specs.model_choice import Source, describe, with_models
 from swarmdata.specs.origins import Origin, RecordedSpec, task_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.splits import outcome_mask, policy_mask, split_mask
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.layout import CARD
 from swarmdata.store.reading import Verify
@@ -33,7 +33,7 @@ from swarmdata.types import (
 )
 
 if TYPE_CHECKING:
-    from swarmdata.reobserve import View
+    from swarmdata.datasets.reobservation import View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,7 +295,7 @@ class Dataset:
         recorded = self.stored if self.seen is None else self.seen.recorded
         if spec == self.recipe.spec:
             return replace(self, stored=recorded, seen=None)
-        from swarmdata.reobserve import reobserve  # noqa: PLC0415  (compiled code, rarely needed)
+        from swarmdata.datasets.reobservation import reobserve  # noqa: PLC0415  (compiled code, rarely needed)
 
         seen = reobserve(recorded, spec, progress=progress)
         return replace(self, stored=replace(recorded, arrays=dict(seen.arrays)), seen=seen)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.rollouts.episode_metrics import Reference
 from swarmdata.store import SPLITS

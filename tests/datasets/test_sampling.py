@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset
+from swarmdata.datasets.action_scaling import ActionScale
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.sampling import Sampler
 from swarmdata.errors import SchemaError
-from swarmdata.sampling import Sampler
-from swarmdata.scaling import ActionScale
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import Batch, Episode, Float
 

@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.dataset import Dataset
-from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import TASKS, make_env, make_policy, make_task
-from swarmdata.reobserve import (
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.reobservation import (
     OBSERVED,
     Tracks,
     attempted_links,
@@ -21,6 +18,9 @@ from swarmdata.reobserve import (
     reobserve_episode,
     seen_again,
 )
+from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.presets import preset, preset_names
+from swarmdata.registry import TASKS, make_env, make_policy, make_task
 from swarmdata.rollouts.episode_metrics import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models

@@ -1,0 +1,1 @@
+"""A dataset as users see it: views, samplers, reobservation."""
