@@ -8,7 +8,7 @@ from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
 from swarmdata.specs.features import UNITS
 from swarmdata.specs.state_layout import N_COLUMNS, ROBOT
-from swarmdata.store.columns import state_columns
+from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import Column
 
 

@@ -13,7 +13,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
-from swarmdata.store.attributes import FRAMES
+from swarmdata.store.arrays.attributes import FRAMES
 
 
 def task_section(task: Task) -> str:

@@ -32,7 +32,7 @@ from swarmdata.rollouts.episode_metrics import EPISODE_METRICS
 from swarmdata.specs.origins import RecordedSpec, task_of
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file
-from swarmdata.store.layout import CARD, REFERENCES
+from swarmdata.store.arrays.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS
 
 SHOWN = (

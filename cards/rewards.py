@@ -3,7 +3,7 @@
 from swarmdata.cards.markdown import table
 from swarmdata.interfaces import Task
 from swarmdata.registry import reward_terms
-from swarmdata.store.attributes import PRECISION, REWARD
+from swarmdata.store.arrays.attributes import PRECISION, REWARD
 from swarmdata.types import EVENT_COLUMNS
 
 

@@ -9,7 +9,7 @@ from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.render import side_files, write_card
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.store import Damage, open_store, write_file
-from swarmdata.store.layout import CARD, REFERENCES
+from swarmdata.store.arrays.layout import CARD, REFERENCES
 
 
 def write_missing(folder: Path) -> None:

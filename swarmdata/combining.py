@@ -15,7 +15,7 @@ from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit, Parent
 from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
-from swarmdata.store.layout import CARD
+from swarmdata.store.arrays.layout import CARD
 from swarmdata.types import Int
 
 

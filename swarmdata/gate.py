@@ -12,7 +12,7 @@ from swarmdata.errors import DatasetError, HubError
 from swarmdata.identity import judge
 from swarmdata.remotes import Remote
 from swarmdata.store import StoredDataset, open_store
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 
 

@@ -38,8 +38,8 @@ from swarmdata.store import (
     write_file,
     write_part,
 )
+from swarmdata.store.arrays.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.cache import note_build
-from swarmdata.store.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.types import Episode, Int, Seeds
 
 N_COPIES = 64

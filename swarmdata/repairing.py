@@ -29,10 +29,10 @@ from swarmdata.store import (
     remove_leftovers,
     write_file,
 )
-from swarmdata.store.layout import CARD, MANIFEST, REFERENCES
-from swarmdata.store.recognition import is_dataset, no_dataset
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
+from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-from swarmdata.store.shards import file_digest
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")

@@ -17,11 +17,11 @@ from swarmdata.remotes.interface import Release, Remote
 from swarmdata.resolving import skip
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest, read_manifest
-from swarmdata.store.layout import MANIFEST, RECIPE, array_file
+from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
+from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.integrity.recognition import root_attributes
 from swarmdata.store.manifest import MAX_BYTES, parse_manifest
-from swarmdata.store.recognition import root_attributes
-from swarmdata.store.remaking import remake_manifest
-from swarmdata.store.shards import file_digest
 
 MADE_AGAIN = "made again from the recipe"
 """How a repaired file came to be, in words."""

@@ -28,10 +28,10 @@ from swarmdata.repairing import examine
 from swarmdata.resolving import obtain_address
 from swarmdata.specs.task_spec import Recipe, Role, TaskSpec
 from swarmdata.store import Manifest, open_store, read_manifest
+from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
-from swarmdata.store.layout import array_file
+from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.reading import Verify
-from swarmdata.store.remaking import remake_manifest
 from tests.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
@@ -362,7 +362,7 @@ def _rename(folder: Path, recipe: Recipe) -> None:
 def test_every_preset_has_the_shapes_of_its_worlds() -> None:
     from swarmdata.presets import preset, preset_names
     from swarmdata.registry import make_env
-    from swarmdata.store.row_shapes import row_shapes
+    from swarmdata.store.arrays.row_shapes import row_shapes
 
     for name in preset_names():
         spec: TaskSpec = preset(name)

@@ -19,7 +19,7 @@ from swarmdata.remotes.interface import Remote
 from swarmdata.repairing import Repair, examine, repair
 from swarmdata.resolving import RemoteSkippedWarning
 from swarmdata.store import Manifest, find_damage, open_store, read_manifest
-from swarmdata.store.remaking import remake_manifest
+from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from tests.one_process import OneProcessCrew, use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 

@@ -18,8 +18,8 @@ from swarmdata.cards.schema import (
 )
 from swarmdata.errors import SwarmdataError
 from swarmdata.specs.task_spec import Recipe
-from swarmdata.store.attributes import attributes_of
-from swarmdata.store.layout import CARD, REFERENCES, metadata_file
+from swarmdata.store.arrays.attributes import attributes_of
+from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""

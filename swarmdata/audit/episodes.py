@@ -10,7 +10,7 @@ from swarmdata.recipes import seeds_of
 from swarmdata.specs.origins import split_rule
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import SPLITS, merge_order, split_codes
-from swarmdata.store.statistics import Moments
+from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
 HORIZON = END_REASONS.index("horizon")

@@ -7,7 +7,7 @@ from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
-from swarmdata.store.row_shapes import contradictions
+from swarmdata.store.arrays.row_shapes import contradictions
 from swarmdata.types import Bool, Float, Int
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swarmdata.specs.origins import Origin, RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
-from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
 BLOCK_ROWS = 10_000

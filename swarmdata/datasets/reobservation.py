@@ -22,7 +22,7 @@ from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
-from swarmdata.store.statistics import Moments
+from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step
 
 N_COPIES = 256

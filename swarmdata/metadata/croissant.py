@@ -15,7 +15,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.metadata.episodes import COLUMNS, FILE
 from swarmdata.specs.origins import Edit, Recording
 from swarmdata.store import SPLITS
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 
 CROISSANT = "croissant.json"
 

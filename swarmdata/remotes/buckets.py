@@ -21,7 +21,7 @@ from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
 from swarmdata.remotes.pace import Meter, Pace
 from swarmdata.remotes.threads import watched
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 
 T = TypeVar("T")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import HubError, ManifestError
 from swarmdata.remotes.names import hostile_names, unsafe_names
-from swarmdata.store.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
 from swarmdata.store.manifest import MAX_BYTES, Manifest, read_manifest
 
 SIDE_FILES = (CARD, REFERENCES)

@@ -13,7 +13,7 @@ from swarmdata.remotes.index import INDEX, index_bytes
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import ID_PATTERN, is_id, split_id
 from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 
 
 class FolderRemote:

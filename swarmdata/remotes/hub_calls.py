@@ -15,7 +15,7 @@ from swarmdata.remotes.contents import check_listing
 from swarmdata.remotes.hub_errors import explained, status_of
 from swarmdata.remotes.pace import Meter, Pace
 from swarmdata.remotes.threads import bytes_in, watched
-from swarmdata.store.shards import file_digest
+from swarmdata.store.arrays.shards import file_digest
 
 T = TypeVar("T")
 

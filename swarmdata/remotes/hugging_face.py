@@ -20,7 +20,7 @@ from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import is_id, split_id
 from swarmdata.remotes.pace import Pace
 from swarmdata.runtime.documents import read_document
-from swarmdata.store.layout import DATA, MANIFEST
+from swarmdata.store.arrays.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 

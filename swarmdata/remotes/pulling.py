@@ -22,10 +22,10 @@ from swarmdata.remotes.contents import MAX_SMALL, SIDE_FILES, contradictions
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.threads import bytes_in, run_all
 from swarmdata.runtime.atomic import disk_full_explained, sync, sync_tree
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
+from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-from swarmdata.store.shards import file_digest
 
 N_WORKERS = 4
 """Files fetched at a time."""

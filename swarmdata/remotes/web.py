@@ -16,7 +16,7 @@ from swarmdata.remotes.index import INDEX, MAX_INDEX, read_index
 from swarmdata.remotes.interface import Release
 from swarmdata.remotes.names import split_id
 from swarmdata.remotes.pace import Pace
-from swarmdata.store.layout import MANIFEST
+from swarmdata.store.arrays.layout import MANIFEST
 
 BLOCK = 1 << 16
 """Bytes read at a time; what a lost connection has of one is fetched again."""

@@ -6,12 +6,12 @@ same bits.
 
 from swarmdata.runtime.atomic import remove_leftovers, write_file
 from swarmdata.store.assembly import assemble, write_dataset
-from swarmdata.store.damage import Damage, find_damage
+from swarmdata.store.episode_selection import Piece, Selection
+from swarmdata.store.integrity.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
-from swarmdata.store.order import MergeOrder, merge_order, split_codes
+from swarmdata.store.merging import MergeOrder, merge_order, split_codes
 from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.store.reading import StoredDataset, open_store
-from swarmdata.store.selection import Piece, Selection
 from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
 
 __all__ = [

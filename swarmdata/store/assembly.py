@@ -15,7 +15,7 @@ from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, Sche
 from swarmdata.runtime.atomic import new_folder
 from swarmdata.specs.origins import Origin, split_rule
 from swarmdata.specs.task_spec import Recipe
-from swarmdata.store.layout import (
+from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,
     FORMAT_VERSION,
@@ -26,16 +26,16 @@ from swarmdata.store.layout import (
     expected_files,
     plan_shard,
 )
+from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
-from swarmdata.store.order import split_codes
+from swarmdata.store.merging import split_codes
 from swarmdata.store.parts import (
     episode_slices,
     optional_fields,
     read_part_layouts,
     read_part_table,
 )
-from swarmdata.store.shards import create_metadata, file_digest, write_shard
-from swarmdata.store.statistics import Moments
 from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Bool, Counts
 
@@ -116,7 +116,7 @@ def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
         name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name))
         for name in sorted(source.names)
     }
-    from swarmdata.store.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
+    from swarmdata.store.arrays.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
 
     described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
     with new_folder(out) as temporary:

@@ -19,8 +19,8 @@ from swarmdata.errors import (
     ManifestError,
     MissingManifestError,
 )
-from swarmdata.store.layout import FORMAT_VERSION, MANIFEST, DType, Shard
-from swarmdata.store.recognition import is_dataset, no_dataset
+from swarmdata.store.arrays.layout import FORMAT_VERSION, MANIFEST, DType, Shard
+from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 
 MAX_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""

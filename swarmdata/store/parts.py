@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, MissingFileError, SchemaError, TruncatedFileError
 from swarmdata.runtime.atomic import new_folder
-from swarmdata.store.layout import ALL_FIELDS, OPTIONAL_FIELDS, TIME_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS, OPTIONAL_FIELDS, TIME_FIELDS
 from swarmdata.store.table import PART_COLUMNS, PartTable, measure
 from swarmdata.types import Episode
 

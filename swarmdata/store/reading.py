@@ -25,7 +25,7 @@ from swarmdata.errors import (
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.origins import Origin, parse_origin
-from swarmdata.store.layout import (
+from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,
     GROUP_FILES,
@@ -36,16 +36,16 @@ from swarmdata.store.layout import (
     expected_metadata,
     metadata_file,
 )
-from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
-from swarmdata.store.recognition import root_attributes
-from swarmdata.store.row_shapes import contradictions
-from swarmdata.store.table import SPLITS, EpisodeTable
-from swarmdata.store.verification import (
+from swarmdata.store.arrays.row_shapes import contradictions
+from swarmdata.store.integrity.recognition import root_attributes
+from swarmdata.store.integrity.verification import (
     check_chunks,
     check_everything,
     check_small_files,
     map_shard,
 )
+from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
+from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS
 
 Verify = Literal["none", "fast", "full"]

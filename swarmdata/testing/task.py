@@ -12,7 +12,7 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry import reward_terms
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.columns import state_columns
+from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import Bool, Double, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]

@@ -24,7 +24,7 @@ from swarmdata.store import (
     write_dataset,
     write_part,
 )
-from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.store.table import table_columns
 from swarmdata.types import END_REASONS, Episode
 

@@ -20,8 +20,8 @@ from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.presets import preset
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
-from swarmdata.store.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
-from swarmdata.store.shards import file_digest
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
+from swarmdata.store.arrays.shards import file_digest
 from swarmdata.types import END_REASONS
 from tests.tiny import sign
 

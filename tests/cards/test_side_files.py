@@ -9,7 +9,7 @@ from swarmdata.cards.side_files import damage_of, write_missing
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.presets import preset
 from swarmdata.repairing import Repair, examine, repair
-from swarmdata.store.layout import CARD, REFERENCES
+from swarmdata.store.arrays.layout import CARD, REFERENCES
 from tests.one_process import use_one_process
 from tests.tiny import make_tiny
 

@@ -12,7 +12,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError
 from swarmdata.repairing import examine
 from swarmdata.store import read_manifest
-from swarmdata.store.layout import array_file
+from swarmdata.store.arrays.layout import array_file
 from tests.one_process import use_one_process
 from tests.tiny import TINY, flip, make_tiny
 

@@ -26,9 +26,9 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.store import open_store, read_manifest
-from swarmdata.store.layout import FIELDS, array_file, metadata_file
+from swarmdata.store.arrays.layout import FIELDS, array_file, metadata_file
+from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import Manifest
-from swarmdata.store.shards import file_digest
 from swarmdata.testing.synthetic import make_dataset
 from tests.tiny import sign
 

@@ -21,7 +21,7 @@ from swarmdata.remotes.pulling import pull
 from swarmdata.repairing import examine, repair
 from swarmdata.resolving import obtain, obtain_release
 from swarmdata.runtime.atomic import remove_leftovers
-from swarmdata.store.layout import POSSIBLE_FILES
+from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
 from tests.tiny import TINY, Shelf, abandoned, flip
 

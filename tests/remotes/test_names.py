@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import AddressError
 from swarmdata.remotes.names import hostile_names, is_id, split_id, unsafe_names
-from swarmdata.store.layout import FIELDS, GROUP_FILES, array_file, metadata_file
+from swarmdata.store.arrays.layout import FIELDS, GROUP_FILES, array_file, metadata_file
 
 
 def test_ids() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.store.layout import (
+from swarmdata.store.arrays.layout import (
     FIELDS,
     GROUP_FILES,
     MANIFEST,

@@ -14,8 +14,8 @@ from swarmdata.registry import make_task, reward_terms
 from swarmdata.specs.origins import Origin, RecordedSpec
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import Recipe, TaskSpec
-from swarmdata.store.columns import action_columns, task_columns
-from swarmdata.store.layout import ALL_FIELDS, ROWS, Field
+from swarmdata.store.arrays.column_meanings import action_columns, task_columns
+from swarmdata.store.arrays.layout import ALL_FIELDS, ROWS, Field
 from swarmdata.store.table import SPLITS
 from swarmdata.types import END_REASONS, SEPARATION, TASK_END_REASONS, Column
 

@@ -13,9 +13,9 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError
-from swarmdata.store.layout import array_file
+from swarmdata.store.arrays.layout import array_file
+from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import Manifest, logical_header, rebuild_hint
-from swarmdata.store.shards import file_digest
 
 Raw = Mapping[str, NDArray[np.uint8]]
 """The bytes of each array's file, by array name."""

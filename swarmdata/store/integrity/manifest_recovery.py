@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, ManifestError
 from swarmdata.specs.task_spec import Recipe
-from swarmdata.store.layout import (
+from swarmdata.store.arrays.layout import (
     FIELDS,
     FORMAT_VERSION,
     Shard,
@@ -26,6 +26,8 @@ from swarmdata.store.layout import (
     metadata_file,
     plan_shard,
 )
+from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import (
     ArrayEntry,
     FileEntry,
@@ -33,8 +35,6 @@ from swarmdata.store.manifest import (
     StatisticsEntry,
     logical_header,
 )
-from swarmdata.store.shards import file_digest
-from swarmdata.store.statistics import Moments
 from swarmdata.store.table import SPLITS
 
 

@@ -16,8 +16,8 @@ from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
-from swarmdata.store.attributes import FRAMES, attributes_of
-from swarmdata.store.layout import ALL_FIELDS, FIELDS
+from swarmdata.store.arrays.attributes import FRAMES, attributes_of
+from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.one_process import use_one_process

@@ -8,12 +8,12 @@ from pathlib import Path
 import xxhash
 
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
-from swarmdata.store.layout import MANIFEST, Shard, array_file
+from swarmdata.store.arrays.layout import MANIFEST, Shard, array_file
+from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.integrity.verification import logical_digest, map_shard
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
 from swarmdata.store.reading import blocking_links, check_listing, open_store
-from swarmdata.store.recognition import is_dataset, no_dataset
-from swarmdata.store.shards import file_digest
-from swarmdata.store.verification import logical_digest, map_shard
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.layout import ALL_FIELDS, DATA, Shard, array_file
+from swarmdata.store.arrays.layout import ALL_FIELDS, DATA, Shard, array_file
 from swarmdata.store.manifest import ArrayEntry, logical_header
 
 

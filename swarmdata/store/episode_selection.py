@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.store.reading import StoredDataset
 from swarmdata.store.table import EpisodeTable, table_columns
 from swarmdata.types import Counts, Int

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.store import Piece, Selection, open_store
-from swarmdata.store.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.testing.synthetic import make_dataset
 
 
