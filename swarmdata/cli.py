@@ -170,8 +170,8 @@ def generate(
 ) -> None:
     """Build a dataset; run again after any interruption to go on."""
     from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.building.build import build
     from swarmdata.catalog import dataset_folder
-    from swarmdata.recipes import build
     from swarmdata.specs.task_spec import Recipe
     from swarmdata.store import read_manifest
 

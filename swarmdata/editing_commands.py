@@ -36,7 +36,7 @@ def filter_command(
     ] = None,
 ) -> None:
     """Make a dataset of the episodes that meet every condition."""
-    from swarmdata.editing import filter_dataset
+    from swarmdata.building.edit import filter_dataset
 
     made = filter_dataset(
         _open(source), _out(new_id, out), id=new_id, tier=tier, success=success,
@@ -55,7 +55,7 @@ def combine_command(
     tier: TierName = "edited",
 ) -> None:
     """Make a dataset of all episodes of several of one task."""
-    from swarmdata.editing import combine_datasets
+    from swarmdata.building.edit import combine_datasets
 
     opened = [_open(source) for source in sources]
     _tell(combine_datasets(opened, _out(new_id, out), id=new_id, tier=tier))
@@ -76,7 +76,7 @@ def subsample_command(
     seed: Annotated[int, typer.Option(min=0, help="of the choice")] = 0,
 ) -> None:
     """Make a smaller dataset: of a size, a range of returns, or with returns like another's."""
-    from swarmdata.editing import subsample_dataset
+    from swarmdata.building.edit import subsample_dataset
 
     made = subsample_dataset(
         _open(source), _out(new_id, out), id=new_id, tier=tier, n_steps=steps,

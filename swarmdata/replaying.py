@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.building.build import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.cards.schema import changed_versions
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import derive
-from swarmdata.recipes import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.registry import make_env
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import Recipe

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.building.build import finish, is_finished, remove_parts
 from swarmdata.cards.side_files import write_missing
 from swarmdata.errors import (
     DatasetNotFoundError,
@@ -20,7 +21,6 @@ from swarmdata.errors import (
     SwarmdataError,
 )
 from swarmdata.identity import judge
-from swarmdata.recipes import finish, is_finished, remove_parts
 from swarmdata.remotes.addresses import Address, open_remote, parse_address
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.remotes.locating import locate

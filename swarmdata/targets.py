@@ -13,6 +13,7 @@ from swarmdata.behavior_policies.tiers import (
     shipped_recipes,
     sources,
 )
+from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import summarize
 from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
@@ -21,7 +22,6 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
 from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
-from swarmdata.recipes import make_source_policy
 from swarmdata.registry import POLICIES, make_policy, make_task
 from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save

@@ -65,7 +65,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def record() -> Callable[..., Path]:
     """Writes a small dataset of policies without checkpoints, in this process."""
-    from swarmdata.recipes import make_part
+    from swarmdata.building.build import make_part
     from swarmdata.registry import make_env
     from swarmdata.specs.task_spec import PolicySource, Recipe
     from swarmdata.store import assemble, merge_order, write_part

@@ -6,8 +6,8 @@ from typing import Any, Self
 
 import pytest
 
-from swarmdata import recipes
-from swarmdata.recipes import make_part
+from swarmdata.building import build
+from swarmdata.building.build import make_part
 from swarmdata.registry import make_env
 from swarmdata.runtime.workers import Job
 from swarmdata.specs.task_spec import Recipe
@@ -20,7 +20,7 @@ class OneProcessCrew:
     made: list[str]
 
     def __init__(self, entry: str, n_workers: int) -> None:
-        assert entry == "swarmdata.recipes:work"
+        assert entry == "swarmdata.building.build:work"
 
     def __enter__(self) -> Self:
         return self
@@ -41,4 +41,4 @@ class OneProcessCrew:
 def use_one_process(patch: pytest.MonkeyPatch) -> None:
     """Lets `build` make its parts in this process until the patch is undone."""
     patch.setattr(OneProcessCrew, "made", [], raising=False)
-    patch.setattr(recipes, "Crew", OneProcessCrew)
+    patch.setattr(build, "Crew", OneProcessCrew)

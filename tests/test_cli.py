@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata import __version__
+from swarmdata.building.build import build_folder
 from swarmdata.cli import app
 from swarmdata.presets import preset, preset_names
-from swarmdata.recipes import build_folder
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 COMMAND = [

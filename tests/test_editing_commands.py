@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from swarmdata.building.edit import filter_dataset
 from swarmdata.cli import app
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.editing import filter_dataset
 from swarmdata.specs.origins import Edit
 from swarmdata.testing.synthetic import make_dataset
 

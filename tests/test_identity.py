@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata import catalog, identity
+from swarmdata.building.build import build
 from swarmdata.cards.render import write_card
 from swarmdata.cards.schema import Published, publication
 from swarmdata.catalog import AnotherDatasetWarning, RebuiltDifferentlyWarning, load
@@ -22,7 +23,6 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
 from swarmdata.gate import reasons_against
 from swarmdata.identity import identify, judge
-from swarmdata.recipes import build
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.repairing import examine
 from swarmdata.resolving import obtain_address

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata import publishing
+from swarmdata.building.build import build
 from swarmdata.cards.schema import Published, changed_versions, publication
 from swarmdata.catalog import dataset_folder
 from swarmdata.datasets.dataset import Dataset
@@ -24,7 +25,6 @@ from swarmdata.publishing import (
     put_entries,
     report,
 )
-from swarmdata.recipes import build
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store.scratch import scratch_folder
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from swarmdata import catalog, identity, resolving
 from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.building.build import build_folder
 from swarmdata.cards.schema import publication
 from swarmdata.catalog import find_folder, load
 from swarmdata.datasets.dataset import Dataset
@@ -24,7 +25,6 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.recipes import build_folder
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.resolving import (
     RemoteSkippedWarning,

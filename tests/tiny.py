@@ -6,8 +6,8 @@ import uuid
 from pathlib import Path
 from typing import Any
 
+from swarmdata.building.build import build
 from swarmdata.errors import HubError
-from swarmdata.recipes import build
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.remotes.interface import Release
 from swarmdata.runtime.atomic import MARKER, TEMPORARY

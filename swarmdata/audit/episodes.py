@@ -4,9 +4,9 @@ import numpy as np
 
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject, blocks, some
+from swarmdata.building.build import seeds_of
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.recipes import seeds_of
 from swarmdata.specs.origins import split_rule
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import SPLITS, merge_order, split_codes

@@ -15,12 +15,12 @@ from tqdm import tqdm
 
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
+from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import made_with
 from swarmdata.cards.schema import changed_versions
 from swarmdata.coverage import spread
 from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.recipes import make_source_policy
 from swarmdata.registry import make_env
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.task_spec import Recipe, TaskSpec

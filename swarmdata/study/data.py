@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
+from swarmdata.building.edit import filter_dataset
 from swarmdata.cards.schema import Figures, figures_of, published
 from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.editing import filter_dataset
 from swarmdata.errors import SchemaError
 from swarmdata.specs.frozen import Frozen
 from swarmdata.store.cache import cache_folder

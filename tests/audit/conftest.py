@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmdata.building.build import make_part
 from swarmdata.cards.render import write_card
 from swarmdata.presets import preset
-from swarmdata.recipes import make_part
 from swarmdata.registry import make_env
 from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace

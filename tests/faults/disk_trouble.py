@@ -18,15 +18,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata import catalog, recipes
+from swarmdata import catalog
 from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.building import build
+from swarmdata.building.build import build_folder
 from swarmdata.cards.publish import publish_card
 from swarmdata.catalog import load
 from swarmdata.clips import write_clip
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
 from swarmdata.interop.exporting import export_dataset
-from swarmdata.recipes import build_folder
 from swarmdata.registry import make_env, make_policy
 from swarmdata.repairing import examine
 from swarmdata.rollouts.rollout import rollout
@@ -70,7 +71,7 @@ def full(folder: Path) -> dict[str, Any]:
         return assemble(*arguments, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recipes, "assemble", fill_then_assemble)
+        patch.setattr(build, "assemble", fill_then_assemble)
         result["assembly"] = error_of(lambda: make_tiny(out))
     result["left after assembly"] = seen(folder)
     (folder / "someone elses").unlink()

@@ -21,11 +21,11 @@ from typing import Any
 
 import pytest
 
-from swarmdata import recipes
+from swarmdata.building import build
+from swarmdata.building.build import build_folder, finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.exporting import export_dataset
-from swarmdata.recipes import build_folder, finish
 from swarmdata.repairing import repair
 from swarmdata.resolving import obtain
 from swarmdata.store import open_store
@@ -178,7 +178,7 @@ def make_parts(folder: Path) -> Path:
     """The finished parts of the tiny dataset."""
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recipes, "assemble", _stop)
+        patch.setattr(build, "assemble", _stop)
         with pytest.raises(InterruptedError):
             make_tiny(folder / TINY.id)
     return build_folder(folder / TINY.id)

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from swarmdata.building.build import build
 from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError
-from swarmdata.recipes import build
 from swarmdata.repairing import examine, repair
 from swarmdata.store import read_manifest
 from tests.tiny import TINY, abandoned, flip, make_tiny

@@ -23,6 +23,7 @@ from swarmdata.behavior_policies.learned import (
     read_checkpoint,
 )
 from swarmdata.behavior_policies.tiers import checkpoints
+from swarmdata.building.build import make_source_policy
 from swarmdata.cards import markdown
 from swarmdata.cards.render import card_of
 from swarmdata.errors import (
@@ -34,7 +35,6 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.presets import preset
-from swarmdata.recipes import make_source_policy
 from swarmdata.record import Recorder
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import open_store, read_part_table, write_part

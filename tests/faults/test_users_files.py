@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from swarmdata.building.build import build, build_folder
 from swarmdata.catalog import find_folder, load
 from swarmdata.cli import app
 from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
-from swarmdata.recipes import build, build_folder
 from swarmdata.record.session import recording_folder
 from swarmdata.remotes.pulling import pull
 from swarmdata.repairing import examine, repair

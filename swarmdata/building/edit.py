@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.combining import describe, write_edit
+from swarmdata.building.combine import describe, write_edit
+from swarmdata.building.subsample import BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit
-from swarmdata.subsampling import BINS, matched, sized
 
 TIER = "edited"
 """Tier of what was not given another: figures of an edit are in no tier's band."""

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.combining import merge_policies
-from swarmdata.datasets.dataset import Dataset
-from swarmdata.editing import (
+from swarmdata.building.combine import merge_policies
+from swarmdata.building.edit import (
     combine_datasets,
     filter_dataset,
     rebuild_edit,
     subsample_dataset,
 )
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
     BuildError,
     DatasetNotFoundError,

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.building.subsample import bin_of, matched, proportional, quantile_edges, sized
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.store import EpisodeTable
-from swarmdata.subsampling import bin_of, matched, proportional, quantile_edges, sized
 
 
 def table_of(lengths: list[int], returns: list[float] | None = None) -> EpisodeTable:

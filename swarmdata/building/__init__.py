@@ -1,0 +1,1 @@
+"""How datasets are made: from recipes, and from episodes of other datasets."""
