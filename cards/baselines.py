@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 
 from swarmdata.cards import markdown
-from swarmdata.rollouts.episode_metrics import bootstrap, iqm
+from swarmdata.rollouts.metrics import bootstrap, iqm
 
 STUDIES = ("study", "study-formation")
 """Folders of the committed studies, beside this file."""

@@ -7,7 +7,7 @@ measured again when the data stay what they are.
 import json
 
 from swarmdata.cards.schema import references_of
-from swarmdata.rollouts.episode_metrics import metrics_of
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 
 FORMULA = "100 * (R - no_skill) / (expert - no_skill)"

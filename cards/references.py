@@ -8,8 +8,8 @@ import numpy as np
 
 from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.episode_metrics import bootstrap, mean
 from swarmdata.rollouts.evaluate import check_comparable
+from swarmdata.rollouts.metrics import bootstrap, mean
 from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0

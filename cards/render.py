@@ -28,7 +28,7 @@ from swarmdata.cards.statistics import (
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry import make_task
-from swarmdata.rollouts.episode_metrics import EPISODE_METRICS
+from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.origins import RecordedSpec, task_of
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file

@@ -8,7 +8,7 @@ from swarmdata.cards.schema import clean_successes
 from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
 from swarmdata.encounters import NEAR, REACH
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.episode_metrics import wilson_interval
+from swarmdata.rollouts.metrics import wilson_interval
 from swarmdata.specs.task_spec import PolicySource, Recipe
 from swarmdata.store import EpisodeTable
 from swarmdata.types import TASK_END_REASONS, Bool, Double

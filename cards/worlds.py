@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from swarmdata.cards.markdown import table
 from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.presets import preset, preset_names
-from swarmdata.rollouts.episode_metrics import EPISODE_METRICS, metrics_of
+from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
 from swarmdata.types import Metric
 
 SHARED = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")

@@ -29,7 +29,7 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
-from swarmdata.rollouts.episode_metrics import Reference
+from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import Recipe, TaskSpec

@@ -14,7 +14,7 @@ import numpy as np
 
 from swarmdata.result_files import Result
 from swarmdata.results import Case, ResultSet
-from swarmdata.rollouts import episode_metrics
+from swarmdata.rollouts import metrics
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double
 
@@ -69,12 +69,10 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
     """
     values = dict(result.evaluation.metrics)
     if not isinstance(case.spec, RecordedSpec):
-        values["time_to_goal"] = episode_metrics.censored_times(
-            values["time_to_goal"], case.time_limit
-        )
+        values["time_to_goal"] = metrics.censored_times(values["time_to_goal"], case.time_limit)
     if case.reference is not None:
         values = {
-            "score": episode_metrics.normalized_score(values["return"], case.reference),
+            "score": metrics.normalized_score(values["return"], case.reference),
             **values,
         }
     return values

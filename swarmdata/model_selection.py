@@ -35,7 +35,7 @@ from swarmdata.ranking_record import (
     Ranking,
 )
 from swarmdata.ranking_scores import Scores, read_scores, simulate
-from swarmdata.rollouts import episode_metrics
+from swarmdata.rollouts import metrics
 from swarmdata.run_files import run_hash
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
@@ -228,9 +228,7 @@ def _rows(
 def _over_states(values: Double) -> Interval:
     """Mean over fits [M] and initial states [E], and its interval over initial states."""
     table = values.mean(axis=0)[:, None]
-    value, low, high = episode_metrics.bootstrap(
-        episode_metrics.mean, table, generator=np.random.default_rng(0)
-    )
+    value, low, high = metrics.bootstrap(metrics.mean, table, generator=np.random.default_rng(0))
     return value, low, high
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.figures import COLORS, FAINT, GRAY, colors, figure, thousands
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.types import Double
 
 

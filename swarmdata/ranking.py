@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.episode_metrics import Estimate, bootstrap
+from swarmdata.rollouts.metrics import Estimate, bootstrap
 from swarmdata.types import Double
 
 

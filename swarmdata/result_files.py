@@ -18,7 +18,7 @@ from pydantic import Field
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.presets import preset, preset_names
 from swarmdata.provenance import Provenance, file_name
-from swarmdata.rollouts.episode_metrics import metrics_of
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.frozen import Frozen

@@ -17,7 +17,7 @@ from swarmdata.catalog import find_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.result_checks import check_results
 from swarmdata.result_files import Result, load
-from swarmdata.rollouts.episode_metrics import Reference, normalized_score
+from swarmdata.rollouts.metrics import Reference, normalized_score
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec

@@ -8,7 +8,7 @@ from swarmdata.aggregate import mean_over_runs
 from swarmdata.report import Column
 from swarmdata.result_files import Result
 from swarmdata.results import Case, reference_of
-from swarmdata.rollouts.episode_metrics import Estimate, Reference, normalized_score
+from swarmdata.rollouts.metrics import Estimate, Reference, normalized_score
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.tables import case_table
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.report import Column, Row, Table
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 
 HEAD = (
     "part",

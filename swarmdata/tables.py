@@ -20,8 +20,8 @@ from swarmdata.aggregate import (
 from swarmdata.errors import UnknownNameError
 from swarmdata.report import Column, Row, Table
 from swarmdata.results import Case, ResultSet
-from swarmdata.rollouts import episode_metrics
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts import metrics
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
@@ -53,7 +53,7 @@ def _unknown(_: Case) -> float | None:
 
 def _censored(case: Case, label: str) -> Double:
     """Time to goal, an unsolved episode counting as the horizon."""
-    return episode_metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
+    return metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
 
 
 SCORE = Quantity(
@@ -141,7 +141,7 @@ def estimate(
     if np.isnan(values).any():
         return NOTHING
     if len(values) == 1 and quantity.column.is_rate:
-        return episode_metrics.wilson_interval(int(values.sum()), values.size)
+        return metrics.wilson_interval(int(values.sum()), values.size)
     return mean_over_runs(values, n_resamples=n_resamples)
 
 
@@ -245,9 +245,9 @@ def aggregate_table(
     if known and len(known) == len(own):
         table = np.array([known])
         values = (
-            episode_metrics.iqm(table),
-            episode_metrics.mean(table),
-            episode_metrics.optimality_gap(table),
+            metrics.iqm(table),
+            metrics.mean(table),
+            metrics.optimality_gap(table),
         )
         rows.insert(0, Row("data", 0, tuple(_plain(float(value)) for value in values)))
     return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")

@@ -10,7 +10,7 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.provenance import Provenance
 from swarmdata.result_files import Result
-from swarmdata.rollouts.episode_metrics import metrics_of
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace
 from swarmdata.specs.task_spec import TaskSpec

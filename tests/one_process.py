@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import pytest
 
-from swarmdata.building import build
+from swarmdata.building import build as build_module
 from swarmdata.building.build import make_part
 from swarmdata.registry import make_env
 from swarmdata.runtime.workers import Job
@@ -41,4 +41,4 @@ class OneProcessCrew:
 def use_one_process(patch: pytest.MonkeyPatch) -> None:
     """Lets `build` make its parts in this process until the patch is undone."""
     patch.setattr(OneProcessCrew, "made", [], raising=False)
-    patch.setattr(build, "Crew", OneProcessCrew)
+    patch.setattr(build_module, "Crew", OneProcessCrew)

@@ -21,7 +21,7 @@ from swarmdata.aggregate import (
 )
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.results import gather
-from swarmdata.rollouts import episode_metrics
+from swarmdata.rollouts import metrics
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 from tests.measured import EXPERT, MEDIUM, grid, result
@@ -35,15 +35,15 @@ def test_values_that_rliable_publishes() -> None:
     """`tests/rliable/metrics_test.py` of google-research/rliable."""
     x = np.array([[1.0, 2.0], [2.0, 2.0], [1.0, 1.0], [2.0, 1.0]])
     y = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    assert episode_metrics.mean(x) == episode_metrics.iqm(x) == 1.5
-    assert episode_metrics.mean(y) == episode_metrics.iqm(y) == 2.0
-    assert episode_metrics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
+    assert metrics.mean(x) == metrics.iqm(x) == 1.5
+    assert metrics.mean(y) == metrics.iqm(y) == 2.0
+    assert metrics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
 
 
 @given(TABLES, TABLES)
 def test_aggregates_are_those_of_scipy(x: Double, y: Double) -> None:
     stats = pytest.importorskip("scipy.stats")
-    assert episode_metrics.iqm(x) == pytest.approx(stats.trim_mean(x, 0.25, axis=None))
+    assert metrics.iqm(x) == pytest.approx(stats.trim_mean(x, 0.25, axis=None))
     tasks = min(x.shape[1], y.shape[1])
     x, y = x[:, :tasks], y[:, :tasks]
     wins = [
@@ -51,7 +51,7 @@ def test_aggregates_are_those_of_scipy(x: Double, y: Double) -> None:
         for a, b in zip(x.T, y.T, strict=True)
     ]
     expected = np.mean(wins) / (len(x) * len(y))
-    assert episode_metrics.probability_of_improvement(x, y) == pytest.approx(expected)
+    assert metrics.probability_of_improvement(x, y) == pytest.approx(expected)
     both = improvements({"x": x, "y": y}, n_resamples=5)
     assert both["x", "y"].value + both["y", "x"].value == pytest.approx(1.0)
 

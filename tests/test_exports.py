@@ -10,7 +10,7 @@ import pytest
 from swarmdata.exports import episode_values, marl_eval, runs_csv
 from swarmdata.presets import preset
 from swarmdata.results import gather
-from swarmdata.rollouts.episode_metrics import metrics_of
+from swarmdata.rollouts.metrics import metrics_of
 from tests.measured import EXPERT, MEDIUM, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}

@@ -8,7 +8,7 @@ import pytest
 
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.plots import Curve, plot_curves, plot_estimates, read_curve
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 
 pytest.importorskip("matplotlib")
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.report import Column, Row, Table, format_estimate, format_number
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 
 TABLE = Table(
     (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),

@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib", reason="figures need matplotlib")
 
 from swarmdata.errors import SchemaError
 from swarmdata.report import Column
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.sweep_plots import PANELS, plot_degradation
 from swarmdata.sweep_tables import Degradation, Line, Point
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.report import Column
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.sweep_tables import HEAD, Degradation, Line, Point, to_csv
 
 COLUMNS = (Column("return", "return", "", 2), Column("success", "success", "%", 1, 100.0))

@@ -19,8 +19,8 @@ from swarmdata.errors import CheckpointError, ResultsError, SpecError
 from swarmdata.learn.run import read_run
 from swarmdata.result_files import Result
 from swarmdata.results import Case, read, reference_of
-from swarmdata.rollouts.episode_metrics import Reference
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.sweep_axes import Axis, parse_axis

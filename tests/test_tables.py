@@ -9,8 +9,8 @@ from swarmdata.cards.schema import published
 from swarmdata.errors import UnknownNameError
 from swarmdata.report import Table
 from swarmdata.results import gather
-from swarmdata.rollouts import episode_metrics
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts import metrics
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.tables import aggregate_table, case_table, improvement_table, metric_table
@@ -35,8 +35,8 @@ def test_one_run_is_averaged_over_episodes() -> None:
     assert row["score"].value == pytest.approx(case.scores("bc").mean())
     standard_error = returns.std() / math.sqrt(40)
     assert row["return"].high - returns.mean() == pytest.approx(1.96 * standard_error, rel=0.15)
-    assert row["success"] == episode_metrics.wilson_interval(30, 40)
-    assert row["clean_success"] == episode_metrics.wilson_interval(20, 40)
+    assert row["success"] == metrics.wilson_interval(30, 40)
+    assert row["clean_success"] == metrics.wilson_interval(20, 40)
     assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
 
 
@@ -92,7 +92,7 @@ def test_labels_by_dataset() -> None:
     assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
     assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
     row = cells(table, "bc")
-    expected = episode_metrics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
+    expected = metrics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
     assert row[EXPERT].value == pytest.approx(float(expected))
     assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
     assert math.isnan(cells(table, "iql")[EXPERT].value)

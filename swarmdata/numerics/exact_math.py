@@ -4,8 +4,8 @@ Libraries differ in the last bits of their transcendental functions, and so do t
 one library. Here everything is elementwise `+ - * /`, `rint`, `frexp`, products with powers of two
 and comparisons in float64, each of which IEEE 754 defines to the last bit.
 
-Errors, measured by `tests/numerics/test_exact_math.py`: `exp` and `log` at most 2 units in the last place,
-`log_of_one_plus` at most 1e-15 and `log_tail` at most 5e-13 of its value.
+Errors, measured by `tests/numerics/test_exact_math.py`: `exp` and `log` at most 2 units in the
+last place, `log_of_one_plus` at most 1e-15 and `log_tail` at most 5e-13 of its value.
 """
 
 import numpy as np

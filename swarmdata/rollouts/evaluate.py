@@ -9,7 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry import make_env
-from swarmdata.rollouts.episode_metrics import episode_metrics, metrics_of
+from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from swarmdata.report import Column
 from swarmdata.results import ResultSet
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.tables import QUANTITIES, RETURN, SCORE, Quantity, estimate, quantities_of
 
 Estimates = Mapping[str, Estimate]

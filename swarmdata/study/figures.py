@@ -8,7 +8,7 @@ from typing import Any
 from swarmdata.errors import SchemaError
 from swarmdata.figures import COLORS, FAINT, INK, figure, thousands
 from swarmdata.plots import Curve
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 """Of lines, once colors repeat."""

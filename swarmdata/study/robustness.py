@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata.report import format_estimate
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.study.board import board_of, quantity_of, short
 from swarmdata.study.cells import Cell, offline_cell
 from swarmdata.study.data import named

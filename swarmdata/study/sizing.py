@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swarmdata.cards import markdown
 from swarmdata.report import format_estimate
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.study.board import Board, board_of, quantity_of
 from swarmdata.study.data import Facts, named, sized
 from swarmdata.study.figures import plot_sizes

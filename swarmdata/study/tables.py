@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from swarmdata.cards import markdown
 from swarmdata.report import UNDEFINED, format_estimate, format_number
 from swarmdata.results import Case
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.study.board import Board, short
 from swarmdata.study.costs import Cost
 from swarmdata.study.gathering import Findings

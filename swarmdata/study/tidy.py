@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.result_files import Result
 from swarmdata.results import Case
-from swarmdata.rollouts.episode_metrics import censored_times, normalized_score
+from swarmdata.rollouts.metrics import censored_times, normalized_score
 from swarmdata.study.cells import Cell
 from swarmdata.study.gathering import Findings, by_id
 from swarmdata.study.running import folder_of

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.building import build
+from swarmdata.building import build as build_module
 from swarmdata.building.build import build, build_folder, episode_seeds, make_part
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
@@ -52,7 +52,7 @@ def make_recipe(n_steps: int = 1500, part_episodes: int = 4, **changes: Any) -> 
 @pytest.fixture
 def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
     monkeypatch.setattr(OneProcessCrew, "made", [], raising=False)
-    monkeypatch.setattr(build, "Crew", OneProcessCrew)
+    monkeypatch.setattr(build_module, "Crew", OneProcessCrew)
     return OneProcessCrew
 
 
@@ -61,7 +61,7 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Digest of the tiny recipe, built without workers."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(build, "Crew", OneProcessCrew)
+        patch.setattr(build_module, "Crew", OneProcessCrew)
         folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", progress=False)
     return read_manifest(folder).digest
 
@@ -116,7 +116,7 @@ def test_finished_parts_are_kept(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(build, "assemble", run_out_of_disk)
+        patch.setattr(build_module, "assemble", run_out_of_disk)
         with pytest.raises(OSError, match="No space"):
             build(make_recipe(), tmp_path / "d", progress=False)
     n_parts = len(OneProcessCrew.made)

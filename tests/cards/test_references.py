@@ -9,7 +9,7 @@ from swarmdata.cards.schema import Interval, TaskReferences, published, referenc
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset, preset_names
-from swarmdata.rollouts.episode_metrics import metrics_of
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.types import EvalResult
 
 METRICS = metrics_of("coop_nav")

@@ -20,7 +20,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.occupancy import Occupancy
 from swarmdata.registry import make_task
-from swarmdata.rollouts.episode_metrics import EPISODE_METRICS
+from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature
 from swarmdata.specs.observation_names import observation_model

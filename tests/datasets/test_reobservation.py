@@ -21,7 +21,7 @@ from swarmdata.datasets.reobservation import (
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import TASKS, make_env, make_policy, make_task
-from swarmdata.rollouts.episode_metrics import Reference
+from swarmdata.rollouts.metrics import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import PolicySource, Recipe, Splits, TaskSpec

@@ -15,7 +15,7 @@ from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.presets import preset, preset_names
 from swarmdata.registry import make_env, make_policy, make_task
-from swarmdata.rollouts.episode_metrics import episode_metrics
+from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of

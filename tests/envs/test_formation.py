@@ -12,7 +12,7 @@ from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.presets import preset
 from swarmdata.registry import make_env, make_policy, make_task
-from swarmdata.rollouts.episode_metrics import episode_metrics
+from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of

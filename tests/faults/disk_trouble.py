@@ -20,7 +20,7 @@ import pytest
 
 from swarmdata import catalog
 from swarmdata.behavior_policies.tiers import find_recipe
-from swarmdata.building import build
+from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder
 from swarmdata.cards.publish import publish_card
 from swarmdata.catalog import load
@@ -71,7 +71,7 @@ def full(folder: Path) -> dict[str, Any]:
         return assemble(*arguments, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "assemble", fill_then_assemble)
+        patch.setattr(build_module, "assemble", fill_then_assemble)
         result["assembly"] = error_of(lambda: make_tiny(out))
     result["left after assembly"] = seen(folder)
     (folder / "someone elses").unlink()

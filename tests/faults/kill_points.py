@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from swarmdata.building import build
+from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder, finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
@@ -178,7 +178,7 @@ def make_parts(folder: Path) -> Path:
     """The finished parts of the tiny dataset."""
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "assemble", _stop)
+        patch.setattr(build_module, "assemble", _stop)
         with pytest.raises(InterruptedError):
             make_tiny(folder / TINY.id)
     return build_folder(folder / TINY.id)

@@ -15,7 +15,7 @@ import pytest
 
 import swarmdata
 from swarmdata import catalog
-from swarmdata.building import build
+from swarmdata.building import build as build_module
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest
 from tests.one_process import use_one_process
@@ -24,7 +24,7 @@ from tests.tiny import TINY
 
 def main() -> None:
     notes, holds = Path(sys.argv[1]), sys.argv[2:] == ["hold"]
-    make = build._make
+    make = build_module._make
 
     def noted(recipe: Recipe, *arguments: object) -> Manifest:
         with notes.open("a") as file:
@@ -35,7 +35,7 @@ def main() -> None:
 
     patch = pytest.MonkeyPatch()
     use_one_process(patch)
-    patch.setattr(build, "_make", noted)
+    patch.setattr(build_module, "_make", noted)
     patch.setattr(catalog, "find_recipe", lambda name: TINY)
     dataset = swarmdata.load("coop_nav-tiny")
     print(dataset.digest, dataset.source)

@@ -10,7 +10,7 @@ import pytest
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.presets import preset
 from swarmdata.registry import make_env
-from swarmdata.rollouts.episode_metrics import episode_metrics
+from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec

@@ -9,8 +9,8 @@ import pytest
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE, evaluation_seeds
 from swarmdata.rollouts.action_probabilities import noisy_log_probs
-from swarmdata.rollouts.episode_metrics import metrics_of
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Float, Int, Step
 

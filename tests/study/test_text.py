@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.report import Column
-from swarmdata.rollouts.episode_metrics import Estimate
+from swarmdata.rollouts.metrics import Estimate
 from swarmdata.study import text
 from swarmdata.study.board import Board
 from swarmdata.study.csv_files import to_csv
