@@ -28,7 +28,7 @@ from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -17,7 +17,7 @@ from typing import Annotated
 from pydantic import Field, RootModel
 
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 

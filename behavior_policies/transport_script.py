@@ -53,7 +53,7 @@ from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
 from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload, TransportRules

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from swarmdata.cards.findings import Findings, measure
-from swarmdata.cards.schema import TaskReferences, references_of
+from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 

@@ -6,7 +6,7 @@ measured again when the data stay what they are.
 
 import json
 
-from swarmdata.cards.schema import references_of
+from swarmdata.registry.published import references_of
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 

@@ -6,8 +6,8 @@ from importlib.metadata import version
 
 import numpy as np
 
-from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import SchemaError
+from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.evaluate import check_comparable
 from swarmdata.rollouts.metrics import bootstrap, mean
 from swarmdata.types import Double, EvalResult

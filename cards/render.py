@@ -18,7 +18,6 @@ from swarmdata.cards.problem import arrays_section, senses_section, task_section
 from swarmdata.cards.recorded import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.rewards import reward_section
-from swarmdata.cards.schema import Interval
 from swarmdata.cards.statistics import (
     coverage_section,
     log_probs_section,
@@ -27,7 +26,8 @@ from swarmdata.cards.statistics import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
+from swarmdata.registry.published import Interval
 from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.origins import RecordedSpec, task_of
 from swarmdata.specs.task_spec import Recipe

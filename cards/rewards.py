@@ -2,7 +2,7 @@
 
 from swarmdata.cards.markdown import table
 from swarmdata.interfaces import Task
-from swarmdata.registry import reward_terms
+from swarmdata.registry.components import reward_terms
 from swarmdata.store.arrays.attributes import PRECISION, REWARD
 from swarmdata.types import EVENT_COLUMNS
 

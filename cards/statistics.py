@@ -4,13 +4,13 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.cards.facts import Facts
-from swarmdata.cards.schema import clean_successes
 from swarmdata.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
 from swarmdata.encounters import NEAR, REACH
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.metrics import wilson_interval
 from swarmdata.specs.task_spec import PolicySource, Recipe
 from swarmdata.store import EpisodeTable
+from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
 BINS, BAR = 12, 40

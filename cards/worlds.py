@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from swarmdata.cards.markdown import table
-from swarmdata.cards.schema import Interval, TaskReferences
-from swarmdata.presets import preset, preset_names
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
 from swarmdata.types import Metric
 

@@ -11,7 +11,7 @@ from pettingzoo import ParallelEnv
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.sensing.scans import scan_of
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

@@ -13,7 +13,7 @@ from swarmdata.learn.policy import TorchPolicy
 from swarmdata.learn.policy_file import load_policy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.training import SELECTION_OFFSET
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 

@@ -12,7 +12,7 @@ from swarmdata.learn.policy import TorchPolicy
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.exporting import restored
 from swarmdata.online_algos.run_folder import last_policy
-from swarmdata.registry import make_policy
+from swarmdata.registry.components import make_policy
 
 if TYPE_CHECKING:
     from swarmdata.online_algos.mappo import MAPPO

@@ -36,7 +36,7 @@ from swarmdata.learn.policy_file import save_policy
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.run_folder import policy_path
-from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file

@@ -12,7 +12,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.sizes import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 

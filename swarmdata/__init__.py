@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.errors import SwarmdataError
     from swarmdata.record.recorder import Recorder
-    from swarmdata.registry import make_env
+    from swarmdata.registry.components import make_env
     from swarmdata.rollouts.function_policy import FunctionPolicy
     from swarmdata.specs.task_spec import Recipe, TaskSpec
     from swarmdata.types import Batch, Episode, EvalResult, Step
@@ -55,7 +55,7 @@ _HOMES = {
     "TaskSpec": "swarmdata.specs.task_spec",
     "list_datasets": "swarmdata.catalog",
     "load": "swarmdata.catalog",
-    "make_env": "swarmdata.registry",
+    "make_env": "swarmdata.registry.components",
 }
 
 

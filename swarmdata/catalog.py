@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
-from swarmdata.cards.schema import (
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.reobservation import check_messages
+from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.identity import judge
+from swarmdata.registry.published import (
     Published,
     TaskReferences,
     published,
     references_of,
 )
-from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.identity import judge
 from swarmdata.remotes.addresses import configured_remotes, is_address
 from swarmdata.remotes.names import is_folder
 from swarmdata.resolving import (

@@ -13,7 +13,7 @@ from swarmdata.envs.render.video import SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.runtime.atomic import staged
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode

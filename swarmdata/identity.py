@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.cards.schema import Published, changed_versions, published
+from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.store import Damage, Manifest, read_manifest
 from swarmdata.store.cache import was_built_here
 

@@ -15,7 +15,7 @@ from swarmdata.learn.run import CURVE, read_table
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import SPEED, read_online_run
-from swarmdata.presets import name_of
+from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.metrics import bootstrap, mean
 from swarmdata.runtime.atomic import write_file
 

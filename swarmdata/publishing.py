@@ -11,13 +11,14 @@ from tqdm import tqdm
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
 from swarmdata.building.build import build, is_finished
-from swarmdata.cards.schema import Published, changed_versions, publication, published
 from swarmdata.catalog import dataset_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
+from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
+from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 MINI = "-mini-v"

@@ -27,7 +27,7 @@ registry_app = typer.Typer(
 def list_command() -> None:
     """Show every recipe and what is published of it."""
     from swarmdata.behavior_policies.tiers import shipped_recipes
-    from swarmdata.cards.schema import published
+    from swarmdata.registry.published import published
 
     line = "{:38} {:>12} {:>9} {:>8} {:>8} {:>8}  {:12}  {:12}  {}"
     head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")

@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from swarmdata.cards import side_files
 from swarmdata.cards.render import write_card
-from swarmdata.cards.schema import changed_versions
 from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
+from swarmdata.registry.published import changed_versions
 from swarmdata.remotes.pulling import fetch_file
 from swarmdata.resolving import skip
 from swarmdata.restoring import MADE_AGAIN, Sources, recipe_of, restore_manifest

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.building.build import N_COPIES, episode_seeds, make_source_policy
-from swarmdata.cards.schema import changed_versions
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import derive
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.assembly import provenance

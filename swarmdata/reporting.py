@@ -16,7 +16,7 @@ from swarmdata.figures import SUFFIXES
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.plots import plot_curves, plot_estimates, read_curve
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.report import Table
 from swarmdata.result_plots import plot_improvements, plot_pareto, plot_profiles, plot_scores
 from swarmdata.results import Case, ResultSet, read

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.building.build import build
-from swarmdata.cards.schema import Published, published
 from swarmdata.errors import DatasetError, ManifestError, SpecError, SwarmdataError
 from swarmdata.identity import judge
+from swarmdata.registry.published import Published, published
 from swarmdata.remotes.addresses import open_remote
 from swarmdata.remotes.interface import Release, Remote
 from swarmdata.resolving import skip

@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
-from swarmdata.cards.schema import published
 from swarmdata.errors import ResultsError
+from swarmdata.registry.published import published
 from swarmdata.result_files import Result
 from swarmdata.run_files import CONFIG, run_hash
 from swarmdata.specs.frozen import Frozen

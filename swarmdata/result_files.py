@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
-from swarmdata.presets import preset, preset_names
 from swarmdata.provenance import Provenance, file_name
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document

@@ -12,9 +12,9 @@ from types import MappingProxyType
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import SPECS
-from swarmdata.cards.schema import Figures, TaskReferences, figures_of, published, references_of
 from swarmdata.catalog import find_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
+from swarmdata.registry.published import Figures, TaskReferences, published, references_of
 from swarmdata.result_checks import check_results
 from swarmdata.result_files import Result, load
 from swarmdata.rollouts.metrics import Reference, normalized_score
@@ -22,6 +22,7 @@ from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
+from swarmdata.store.publication import figures_of
 from swarmdata.types import Double
 
 Spec = TaskSpec | RecordedSpec

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.perception.observer import features_of
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import check_senses, describe

@@ -15,14 +15,14 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import summarize
-from swarmdata.cards.schema import TaskReferences
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
-from swarmdata.presets import find_spec
 from swarmdata.provenance import Provenance, file_name
-from swarmdata.registry import POLICIES, make_policy, make_task
+from swarmdata.registry.components import POLICIES, make_policy, make_task
+from swarmdata.registry.presets import find_spec
+from swarmdata.registry.published import TaskReferences
 from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
 from swarmdata.rollouts.evaluate import evaluate

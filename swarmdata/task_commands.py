@@ -33,7 +33,7 @@ task_app = typer.Typer(
 @task_app.command("list")
 def list_command() -> None:
     """Show every preset."""
-    from swarmdata.presets import preset, preset_names, preset_summary
+    from swarmdata.registry.presets import preset, preset_names, preset_summary
 
     line = "{:22} {:11} {:>6}  {:>11}  {:>7}  {}"
     typer.echo(line.format("name", "task", "robots", "arena (m)", "horizon", "what"))
@@ -47,7 +47,7 @@ def list_command() -> None:
 @task_app.command()
 def show(name: NameOrFile) -> None:
     """Print a whole spec as YAML, every default written out."""
-    from swarmdata.presets import find_spec
+    from swarmdata.registry.presets import find_spec
 
     typer.echo(find_spec(name).to_yaml(), nl=False)
 
@@ -59,7 +59,7 @@ def validate(name: NameOrFile) -> None:
     All wrong keys and values are named at once, with their paths and what is allowed; then
     what is wrong between them; then what is wrong with the world.
     """
-    from swarmdata.presets import find_spec
+    from swarmdata.registry.presets import find_spec
     from swarmdata.rollouts.spec_check import probe
     from swarmdata.specs.budget import demand_of, describe_demand, size_of
     from swarmdata.specs.model_choice import describe
@@ -79,8 +79,8 @@ def table(
     out: Annotated[Path, typer.Option(help="the .md file")],
 ) -> None:
     """Write the page of what policies without training achieve in every preset (WORLDS.md)."""
-    from swarmdata.cards.schema import references
     from swarmdata.cards.worlds import worlds_page
+    from swarmdata.registry.published import references
     from swarmdata.store import write_file
 
     write_file(out, worlds_page(references()).encode())

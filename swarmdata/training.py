@@ -15,8 +15,8 @@ from swarmdata.learn.trainer import Evaluate, Schedule, train
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
-from swarmdata.presets import find_spec
-from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
+from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models

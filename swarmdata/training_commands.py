@@ -77,7 +77,7 @@ def _check_subject(
     context: typer.Context, algorithm: str, data: str | None, task: str | None
 ) -> None:
     """Offline algorithms train on a dataset, online ones in a task; no option goes unused."""
-    from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+    from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
     resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
     ways = {"a dataset's ID": OFFLINE_ALGORITHMS, "--task TASK": ONLINE_ALGORITHMS}
@@ -104,7 +104,7 @@ def ship(
     ] = None,
 ) -> None:
     """Put the mediums of online runs, their replays, and the experts of others into the package."""
-    from swarmdata.presets import preset
+    from swarmdata.registry.presets import preset
     from swarmdata.targets import require
 
     require("torch", "torch", "reading online runs")

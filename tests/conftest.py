@@ -66,7 +66,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def record() -> Callable[..., Path]:
     """Writes a small dataset of policies without checkpoints, in this process."""
     from swarmdata.building.build import make_part
-    from swarmdata.registry import make_env
+    from swarmdata.registry.components import make_env
     from swarmdata.specs.task_spec import PolicySource, Recipe
     from swarmdata.store import assemble, merge_order, write_part
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.schema import published
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.presets import preset
 from swarmdata.provenance import Provenance
+from swarmdata.registry.presets import preset
+from swarmdata.registry.published import published
 from swarmdata.result_files import Result
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from swarmdata.cards.render import write_card
 from swarmdata.cli import app
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD
 
 RUNNER = CliRunner()

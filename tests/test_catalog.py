@@ -7,10 +7,11 @@ from types import MappingProxyType
 import pytest
 
 from swarmdata import catalog, identity
-from swarmdata.cards.schema import Interval, Published, TaskReferences, publication
 from swarmdata.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.registry.published import Interval, Published, TaskReferences
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.publication import publication
 
 TINY = Recipe(
     id="coop_nav-tiny-v0",

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from swarmdata import __version__
 from swarmdata.building.build import build_folder
 from swarmdata.cli import app
-from swarmdata.presets import preset, preset_names
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 COMMAND = [

@@ -8,7 +8,7 @@ import pytest
 from swarmdata import reporting
 from swarmdata.clips import write_clip
 from swarmdata.errors import SchemaError
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.reporting import draw_target
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.exports import episode_values, marl_eval, runs_csv
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.results import gather
 from swarmdata.rollouts.metrics import metrics_of
 from tests.measured import EXPERT, MEDIUM, grid, result

@@ -9,8 +9,8 @@ import pytest
 from swarmdata import gate, identity
 from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
 from swarmdata.cards.render import write_card
-from swarmdata.cards.schema import published
 from swarmdata.gate import reasons_against
+from swarmdata.registry.published import published
 from swarmdata.remotes import push
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.store import open_store

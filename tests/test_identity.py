@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 from swarmdata import catalog, identity
 from swarmdata.building.build import build
 from swarmdata.cards.render import write_card
-from swarmdata.cards.schema import Published, publication
 from swarmdata.catalog import AnotherDatasetWarning, RebuiltDifferentlyWarning, load
 from swarmdata.cli import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
 from swarmdata.gate import reasons_against
 from swarmdata.identity import identify, judge
+from swarmdata.registry.published import Published
 from swarmdata.remotes.folders import FolderRemote
 from swarmdata.repairing import examine
 from swarmdata.resolving import obtain_address
@@ -31,6 +31,7 @@ from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.publication import publication
 from swarmdata.store.reading import Verify
 from tests.tiny import TINY, Shelf, flip, make_tiny
 
@@ -360,8 +361,8 @@ def _rename(folder: Path, recipe: Recipe) -> None:
 
 
 def test_every_preset_has_the_shapes_of_its_worlds() -> None:
-    from swarmdata.presets import preset, preset_names
-    from swarmdata.registry import make_env
+    from swarmdata.registry.components import make_env
+    from swarmdata.registry.presets import preset, preset_names
     from swarmdata.store.arrays.row_shapes import row_shapes
 
     for name in preset_names():

@@ -19,7 +19,7 @@ from swarmdata.learn.run import load_algorithm, load_run
 from swarmdata.learn.trainer import Schedule, train
 from swarmdata.model_selection import rank
 from swarmdata.ranking_record import Ranking
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.specs.task_spec import Splits
 from swarmdata.targets import evaluate_target, find_target
 from tests.tiny import make_tiny

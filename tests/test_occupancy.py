@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.occupancy import occupancy
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Arena, Role, TaskSpec
 from swarmdata.types import Float
@@ -82,7 +82,7 @@ def test_even_visits_have_evenness_one() -> None:
 
 
 def test_the_floor_of_a_warehouse_has_shelves() -> None:
-    from swarmdata.registry import make_env
+    from swarmdata.registry.components import make_env
 
     spec = preset("warehouse")
     step = make_env(spec).reset(np.array([3], np.uint64))

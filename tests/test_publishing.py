@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from swarmdata import publishing
 from swarmdata.building.build import build
-from swarmdata.cards.schema import Published, changed_versions, publication
 from swarmdata.catalog import dataset_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
@@ -25,7 +24,9 @@ from swarmdata.publishing import (
     put_entries,
     report,
 )
+from swarmdata.registry.published import Published, changed_versions
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 
 TINY = Recipe(

@@ -8,9 +8,8 @@ from typer.testing import CliRunner
 
 from swarmdata import publishing
 from swarmdata.behavior_policies import tiers
-from swarmdata.cards import schema
-from swarmdata.cards.schema import Published
 from swarmdata.cli import app
+from swarmdata.registry.published import Published
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 TINY = Recipe(
@@ -41,7 +40,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         monkeypatch.setattr(module, "find_recipe", lambda name: TINY)
         monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
     monkeypatch.setattr(publishing, "is_dataset", lambda name: True)
-    for module in (schema, publishing):
+    for module in (published, publishing):
         monkeypatch.setattr(module, "published", published)
     path.write_text("{}")
     return path

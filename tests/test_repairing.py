@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from swarmdata import identity, restoring
-from swarmdata.cards.schema import Published, publication
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
+from swarmdata.registry.published import Published
 from swarmdata.remotes.interface import Remote
 from swarmdata.repairing import Repair, examine, repair
 from swarmdata.resolving import RemoteSkippedWarning
 from swarmdata.store import Manifest, find_damage, open_store, read_manifest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.publication import publication
 from tests.one_process import OneProcessCrew, use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 

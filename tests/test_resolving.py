@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from swarmdata import catalog, identity, resolving
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building.build import build_folder
-from swarmdata.cards.schema import publication
 from swarmdata.catalog import find_folder, load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
@@ -33,6 +32,7 @@ from swarmdata.resolving import (
     obtain_address,
     obtain_foreign,
 )
+from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 from tests.tiny import TINY, Shelf, flip, make_tiny, sign
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.cards.schema import published
 from swarmdata.errors import (
     DatasetNotFoundError,
     ResultsError,
     SchemaError,
     UnknownNameError,
 )
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
+from swarmdata.registry.published import published
 from swarmdata.result_files import Result, save
 from swarmdata.results import gather, read, reference_of
 from swarmdata.run_files import run_hash

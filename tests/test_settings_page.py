@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
 PAGE = Path(__file__).parent.parent / "SETTINGS.md"
 ROW = re.compile(r"^\| `(?P<name>\w+)` \| (?P<algorithms>.+?) \| (?P<value>.+?) \|")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.sensing_models import SensorNoise

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_large_dataset
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from swarmdata.cards.schema import published
 from swarmdata.errors import UnknownNameError
+from swarmdata.registry.published import published
 from swarmdata.report import Table
 from swarmdata.results import gather
 from swarmdata.rollouts import metrics

@@ -8,10 +8,10 @@ import pytest
 
 from swarmdata import __version__, catalog, targets
 from swarmdata.behavior_policies.tiers import checkpoints
-from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
-from swarmdata.presets import preset
 from swarmdata.provenance import file_name
+from swarmdata.registry.presets import preset
+from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.result_checks import check_results
 from swarmdata.results import gather
 from swarmdata.specs.model_choice import with_models

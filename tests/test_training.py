@@ -21,8 +21,8 @@ from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.shaping import Shaping
 from swarmdata.online_algos.training import read_online_run
 from swarmdata.perception.frames import find_frame
-from swarmdata.presets import preset
-from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.registry.presets import preset
 from swarmdata.result_files import load
 from swarmdata.run_files import run_hash
 from swarmdata.specs.model_choice import with_models

@@ -9,14 +9,14 @@ from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCE
 from swarmdata.behavior_policies.tiers import SPECS
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.render import card_of
-from swarmdata.cards.schema import (
+from swarmdata.errors import SwarmdataError
+from swarmdata.registry.published import (
     TaskReferences,
     changed_versions,
     clean_successes,
     published,
     references_of,
 )
-from swarmdata.errors import SwarmdataError
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file

@@ -17,11 +17,11 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import made_with
-from swarmdata.cards.schema import changed_versions
 from swarmdata.coverage import spread
 from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.published import changed_versions
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.task_spec import Recipe, TaskSpec
 from swarmdata.types import Bool, Float, Int, Step

@@ -20,7 +20,7 @@ from swarmdata.cards.render import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.random import EVALUATION_BASE, derive
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job, Report, serve

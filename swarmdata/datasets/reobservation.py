@@ -16,7 +16,7 @@ from tqdm import tqdm
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.specs.model_choice import describe, models_json
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast

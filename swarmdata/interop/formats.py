@@ -8,7 +8,7 @@ from pathlib import Path
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.incoming import Incoming
-from swarmdata.registry import resolve
+from swarmdata.registry.components import resolve
 
 FORMATS = {
     "d4rl": "swarmdata.interop.d4rl:FORMAT",

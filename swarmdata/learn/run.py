@@ -29,7 +29,7 @@ from swarmdata.learn import checkpoint
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.perception.frames import Frame
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec, RecordedSpec

@@ -41,7 +41,7 @@ from swarmdata.learn.run import (
 from swarmdata.learn.sizes import Sizes
 from swarmdata.learn.statistics import Statistics
 from swarmdata.perception.frames import Frame
-from swarmdata.registry import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.origins import RecordedSpec

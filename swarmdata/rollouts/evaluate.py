@@ -8,7 +8,7 @@ from tqdm import tqdm
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec

@@ -14,7 +14,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.registry import TASKS, resolve
+from swarmdata.registry.components import TASKS, resolve
 from swarmdata.specs.state_layout import Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Double, Episode, Metric

@@ -7,7 +7,7 @@ import numpy as np
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 

@@ -12,7 +12,7 @@ from swarmdata.errors import SpecError
 from swarmdata.learn.config import override
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
-from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.specs.frozen import Frozen
 from swarmdata.study.data import named, short, sized

@@ -11,12 +11,13 @@ import numpy as np
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
-from swarmdata.cards.schema import Figures, figures_of, published
 from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
+from swarmdata.registry.published import Figures, published
 from swarmdata.specs.frozen import Frozen
 from swarmdata.store.cache import cache_folder
+from swarmdata.store.publication import figures_of
 from swarmdata.study.plan import Size
 
 FULL, MINI = "full", "mini"

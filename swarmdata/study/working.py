@@ -30,9 +30,9 @@ from swarmdata.learn.trainer import Schedule, train
 from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run
-from swarmdata.presets import find_spec
 from swarmdata.provenance import file_name
-from swarmdata.registry import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.run_files import CONFIG, run_folders
 from swarmdata.runtime.locking import locked

@@ -9,7 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.registry import reward_terms
+from swarmdata.registry.components import reward_terms
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import state_columns

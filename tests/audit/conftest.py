@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from swarmdata.building.build import make_part
 from swarmdata.cards.render import write_card
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec

@@ -17,7 +17,7 @@ from swarmdata.cards.render import write_card
 from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file

@@ -8,8 +8,8 @@ import pytest
 from swarmdata.behavior_policies.coop_nav_script import CoopNavScript, turns_at_door
 from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SpecError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.rules import NavigationRules, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

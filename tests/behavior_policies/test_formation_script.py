@@ -15,8 +15,8 @@ from swarmdata.behavior_policies.formation_script import (
 from swarmdata.envs.formation import Formation
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE, clearance
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.specs.task_spec import TaskSpec

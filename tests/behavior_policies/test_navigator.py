@@ -7,8 +7,8 @@ from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
 from swarmdata.behavior_policies.avoidance import stopping_half_planes
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.errors import SchemaError
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, Step

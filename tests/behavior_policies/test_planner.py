@@ -26,7 +26,7 @@ from swarmdata.behavior_policies.planner import (
 )
 from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, clearance, nearest
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry import make_env, make_task
+from swarmdata.registry.components import make_env, make_task
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 

@@ -10,8 +10,8 @@ from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
 from swarmdata.types import Double, Float, Step, no_messages
 

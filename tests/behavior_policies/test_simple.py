@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.state_layout import TX, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.tracking import command_of, speed_along, turn_c
 from swarmdata.envs.dynamics import GRIP, limits_of
 from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.kinematic import KinematicBackend
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.specs.state_layout import UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double

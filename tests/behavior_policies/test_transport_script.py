@@ -8,8 +8,8 @@ import pytest
 from swarmdata.behavior_policies.transport_script import TransportScript
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy

@@ -24,8 +24,8 @@ from swarmdata.envs.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse import Warehouse
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -30,8 +30,8 @@ from swarmdata.envs.payload import place_row, shape_of
 from swarmdata.envs.pymunk_space import ITERATIONS, build_space
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.geometry import clearance, nearest
-from swarmdata.presets import preset
-from swarmdata.registry import TASKS, make_env, make_policy, make_task
+from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
-from swarmdata.cards.schema import published
+from swarmdata.registry.published import published
 from tests.benchmarks.measuring import table
 from tests.benchmarks.variants import Variant, variants
 

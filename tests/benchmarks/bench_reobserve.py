@@ -15,8 +15,8 @@ import time
 import numpy as np
 
 from swarmdata.datasets.reobservation import Tracks, observe_tracks
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy, make_task
+from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 

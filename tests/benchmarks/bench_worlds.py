@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 
-from swarmdata.presets import preset, preset_names
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.sensing_models import Broadcast, LidarModel
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas

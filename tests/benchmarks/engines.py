@@ -25,7 +25,7 @@ from swarmdata.envs.munk import (
     load_addresses,
 )
 from swarmdata.envs.parallel import ParallelWorld
-from swarmdata.registry import make_env, make_task
+from swarmdata.registry.components import make_env, make_task
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Int
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Episode

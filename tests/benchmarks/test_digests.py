@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.cards.schema import published
+from swarmdata.registry.published import published
 from tests.benchmarks import bench_digests
 from tests.benchmarks.bench_digests import Built, build, compare_published, is_clean, main, row
 from tests.benchmarks.variants import (

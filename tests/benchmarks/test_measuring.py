@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from tests.benchmarks.bench_worlds import scanning, team
 from tests.benchmarks.engines import Run, physics, swarm, swarm_parallel, timed
 from tests.benchmarks.measuring import Rate, interleave, short, table, write_section

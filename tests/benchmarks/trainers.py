@@ -105,7 +105,7 @@ def train_ours(meter: Meter, n_seeds: int) -> None:
     """`mappo` on `coop_nav` with 4 robots as `swarmdata train` runs it, without evaluation."""
     from swarmdata.online_algos.mappo import MAPPOConfig
     from swarmdata.online_algos.training import describe_run
-    from swarmdata.presets import preset
+    from swarmdata.registry.presets import preset
 
     run = describe_run("mappo", MAPPOConfig(), preset("coop_nav"), range(n_seeds))
     algorithm: Any = run.build(Path())

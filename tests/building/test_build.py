@@ -18,7 +18,7 @@ from swarmdata.building.build import build, build_folder, episode_seeds, make_pa
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import read_manifest
 from tests.one_process import OneProcessCrew

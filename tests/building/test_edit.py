@@ -23,7 +23,7 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Edit
 from swarmdata.specs.task_spec import PolicySource, TaskSpec
 from swarmdata.store import assemble, merge_order, write_part

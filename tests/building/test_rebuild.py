@@ -3,7 +3,7 @@
 import pytest
 
 import swarmdata
-from swarmdata.cards.schema import published
+from swarmdata.registry.published import published
 from tests.benchmarks.bench_digests import Built, build
 from tests.benchmarks.variants import Variant, variants
 

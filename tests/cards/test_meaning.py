@@ -4,7 +4,7 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.meaning import LIMITS, TASK_LIMITS, TIER_LIMITS, TIERS, limits_of
-from swarmdata.registry import TASKS
+from swarmdata.registry.components import TASKS
 
 
 def test_shipped_tiers_have_a_meaning_and_limits() -> None:

@@ -17,7 +17,7 @@ from swarmdata.cards.publish import publish_card
 from swarmdata.cards.tracks import N_TRACKS, choose_episodes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import EpisodeTable
 

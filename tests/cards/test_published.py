@@ -6,7 +6,7 @@ import pytest
 
 from swarmdata.behavior_policies.tier_bands import complete_families, out_of_band
 from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, checkpoints, shipped_recipes
-from swarmdata.cards.schema import published, references
+from swarmdata.registry.published import published, references
 
 
 def means(family: str) -> dict[str, dict[str, float]]:

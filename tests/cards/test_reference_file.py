@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import FAMILIES, SPECS
 from swarmdata.cards.reference_file import reference_bytes
-from swarmdata.cards.schema import references
+from swarmdata.registry.published import references
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import DiscreteSpace

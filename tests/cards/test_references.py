@@ -5,10 +5,16 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.references import interval, summarize
-from swarmdata.cards.schema import Interval, TaskReferences, published, references, references_of
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.presets import preset, preset_names
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.published import (
+    Interval,
+    TaskReferences,
+    published,
+    references,
+    references_of,
+)
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.types import EvalResult
 

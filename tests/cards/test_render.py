@@ -12,14 +12,14 @@ from swarmdata.cards.facts import Facts
 from swarmdata.cards.fields import observation_rows
 from swarmdata.cards.findings import Findings, LogProbabilities
 from swarmdata.cards.render import check, render
-from swarmdata.cards.schema import Interval, TaskReferences
 from swarmdata.cards.statistics import histogram
 from swarmdata.coverage import Coverage, Dependence, Entropies
 from swarmdata.encounters import Passings
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.occupancy import Occupancy
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
+from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.schema import TaskReferences, references
 from swarmdata.cards.worlds import worlds_page
-from swarmdata.presets import preset_names
-from swarmdata.registry import TASKS
+from swarmdata.registry.components import TASKS
+from swarmdata.registry.presets import preset_names
+from swarmdata.registry.published import TaskReferences, references
 
 PAGE = Path(__file__).parents[2] / "WORLDS.md"
 

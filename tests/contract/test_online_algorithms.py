@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.registry import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.online import check_online_algorithm
 

@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from swarmdata import registry
 from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED, Checkpoint, checkpoints
 from swarmdata.interfaces import Policy
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import components, make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy import check_policy
 from swarmdata.types import Float, Int, Step
@@ -26,12 +25,12 @@ SHIPPED = [
 """The first actor of every shipped tier, with its preset; the others are run by the same code."""
 
 
-@pytest.mark.parametrize("name", sorted(set(registry.POLICIES) - {"learned"}))
+@pytest.mark.parametrize("name", sorted(set(components.POLICIES) - {"learned"}))
 def test_registered_policies_keep_the_contract(name: str) -> None:
     check_policy(make_policy(name, SPEC), SPEC, make_env)
 
 
-@pytest.mark.parametrize("task", sorted(registry.TASKS))
+@pytest.mark.parametrize("task", sorted(components.TASKS))
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: float) -> None:
     spec = preset(task).with_updates(horizon=6)

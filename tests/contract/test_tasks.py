@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import TASKS, make_env
+from swarmdata.registry.components import TASKS, make_env
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.task_spec import Role, TaskSpec

@@ -19,8 +19,8 @@ from swarmdata.datasets.reobservation import (
     seen_again,
 )
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import TASKS, make_env, make_policy, make_task
+from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models

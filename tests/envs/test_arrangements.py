@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from swarmdata.envs.arrangements import PASSABLE, arrange, unit_circle
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_task
+from swarmdata.registry.components import make_env, make_task
+from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step

@@ -13,8 +13,8 @@ from swarmdata.envs.coop_nav import CoopNav
 from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import make_env, make_policy, make_task
+from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import WarehouseRules

@@ -13,8 +13,8 @@ from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.world import PROXIMITY
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.presets import preset
-from swarmdata.registry import TASKS, make_env, make_task
+from swarmdata.registry.components import TASKS, make_env, make_task
+from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

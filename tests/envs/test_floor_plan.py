@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from swarmdata.envs.floor_plan import STANDOFF, FloorPlan, corridor, next_corner, way_length
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.presets import preset, preset_names
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int
 

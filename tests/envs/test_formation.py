@@ -10,8 +10,8 @@ from swarmdata.envs.engine import TaskEnv
 from swarmdata.envs.formation import METRICS, Formation
 from swarmdata.envs.kinematic import KinematicBackend
 from swarmdata.envs.pymunk_space import PublicBackend
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, make_policy, make_task
+from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import FormationRules

@@ -11,7 +11,7 @@ from swarmdata.envs.reference import write_motion
 from swarmdata.envs.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import bounding_radius, clearance
-from swarmdata.presets import preset
+from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of, state_size
 from swarmdata.specs.task_spec import TaskSpec

@@ -7,8 +7,8 @@ import pytest
 
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import TASKS, make_env
+from swarmdata.registry.components import TASKS, make_env
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 

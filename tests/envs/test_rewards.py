@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from swarmdata.interfaces import Task
-from swarmdata.presets import preset
-from swarmdata.registry import make_env, reward_terms
+from swarmdata.registry.components import make_env, reward_terms
+from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import Payload, TransportRewards, TransportRules
 from swarmdata.types import EVENTS, Step
 from tests.examples.read_with_zarr import gap

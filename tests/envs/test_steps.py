@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.steps import BLOCK_STEPS, LASTING, WRITTEN, StepMaker, keep_ended
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step, copy_step
 

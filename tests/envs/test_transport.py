@@ -15,8 +15,8 @@ from swarmdata.envs.pymunk_space import PublicBackend
 from swarmdata.envs.transport import Transport
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance, nearest
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.action_probabilities import noisy_log_probs
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import NavigationRules, TransportRules

@@ -17,8 +17,8 @@ from swarmdata.envs.warehouse import METRICS, OWN, Warehouse
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import make_env, make_policy, make_task
+from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

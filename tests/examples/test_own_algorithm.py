@@ -9,7 +9,7 @@ pytest.importorskip("torch")
 
 import swarmdata
 from swarmdata.provenance import Provenance
-from swarmdata.registry import make_policy
+from swarmdata.registry.components import make_policy
 from swarmdata.result_files import Result, save
 from swarmdata.results import read
 from swarmdata.rollouts.evaluate import evaluate

@@ -28,7 +28,7 @@ from swarmdata.clips import write_clip
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
 from swarmdata.interop.exporting import export_dataset
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.repairing import examine
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec

@@ -56,7 +56,7 @@ CHARACTERS = "\x00\x07\t\n\x85\u2028\ufeff\U0001f600"
 
 def cases(n: int, seed: int) -> Iterator[str]:
     """Texts of n mutated specs: of every preset in turn, changed as data or as text."""
-    from swarmdata.presets import preset, preset_names
+    from swarmdata.registry.presets import preset, preset_names
 
     names = preset_names()
     whole = {name: preset(name).model_dump(mode="json") for name in names}
@@ -179,7 +179,7 @@ def _flaw(spec: Any) -> str | None:
     """What is wrong with a world that was not refused, None if it is right."""
     import numpy as np
 
-    from swarmdata.registry import make_env
+    from swarmdata.registry.components import make_env
 
     if len(set(spec.agent_names)) != spec.n_agents:
         return "two robots have one name"
@@ -198,7 +198,7 @@ def _flaw(spec: Any) -> str | None:
 
 def _warm_up() -> None:
     """Loads, and where need be compiles, what any world needs."""
-    from swarmdata.presets import preset, preset_names
+    from swarmdata.registry.presets import preset, preset_names
 
     base = {name: preset(name).model_dump(mode="json") for name in preset_names()}
     for name, data in base.items():

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.schema import changed_versions
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import FormatVersionError
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.published import changed_versions
 from swarmdata.repairing import examine
 from swarmdata.replaying import replay
 from swarmdata.specs.task_spec import TaskSpec

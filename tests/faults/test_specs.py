@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.cards.schema import published
 from swarmdata.errors import SpecError
 from swarmdata.interop.choices import Choices
 from swarmdata.interop.incoming import Shapes, measured_spec
-from swarmdata.presets import preset, preset_names
 from swarmdata.record import Recorder
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.published import published
 from swarmdata.runtime.documents import parse_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin

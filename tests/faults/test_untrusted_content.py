@@ -34,8 +34,8 @@ from swarmdata.errors import (
     SpecError,
     TruncatedFileError,
 )
-from swarmdata.presets import preset
 from swarmdata.record import Recorder
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store import open_store, read_part_table, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode

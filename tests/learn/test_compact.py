@@ -15,7 +15,7 @@ from swarmdata.learn.checkpoint import load_checkpoint
 from swarmdata.learn.compact import compact, is_same
 from swarmdata.learn.run import CHECKPOINT, COMPACT, load_run, read_run
 from swarmdata.learn.trainer import Schedule, train
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from tests.tiny import make_tiny
 
 

@@ -18,7 +18,7 @@ from swarmdata.learn.statistics import Statistics  # noqa: E402
 from swarmdata.learn.trainer import train  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
-from swarmdata.registry import OFFLINE_ALGORITHMS, make_task  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
 from tests.learn.test_trainer import config_of  # noqa: E402
 from tests.tiny import make_tiny  # noqa: E402
 

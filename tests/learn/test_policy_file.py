@@ -14,7 +14,7 @@ from swarmdata.errors import CheckpointError
 from swarmdata.learn.checkpoint import save_checkpoint
 from swarmdata.learn.policy_file import load_policy, save_policy
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 

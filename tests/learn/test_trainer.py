@@ -28,7 +28,7 @@ from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
 from swarmdata.learn.trainer import Schedule, train  # noqa: E402
-from swarmdata.registry import OFFLINE_ALGORITHMS, resolve  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature

@@ -15,7 +15,7 @@ from swarmdata.online_algos import cloning
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.rollouts import pick
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
 from swarmdata.types import Int, Step

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.online_algos.conventions import oncoming
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
 Sides = tuple[list[float], list[float]]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from swarmdata.errors import SpecError
 from swarmdata.online_algos.detours import Detours
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Step

@@ -12,7 +12,7 @@ from swarmdata.learn.inputs import generators  # noqa: E402
 from swarmdata.online_algos.inputs import Moments, measure_moments  # noqa: E402
 from swarmdata.online_algos.worlds import Worlds  # noqa: E402
 from swarmdata.perception.frames import find_frame  # noqa: E402
-from swarmdata.registry import make_env  # noqa: E402
+from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 
 SPEC = TaskSpec(horizon=12)

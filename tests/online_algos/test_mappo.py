@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from swarmdata.errors import SpecError
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step

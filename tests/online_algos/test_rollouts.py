@@ -17,7 +17,7 @@ from swarmdata.online_algos.rollouts import (
     ranks,
     sample_rows,
 )
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
 

@@ -24,8 +24,8 @@ from swarmdata.online_algos.selection import (
     ship,
 )
 from swarmdata.online_algos.training import describe_run, train_run
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)

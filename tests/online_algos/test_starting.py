@@ -17,7 +17,7 @@ from swarmdata.online_algos.maddpg import MADDPG
 from swarmdata.online_algos.maddpg_learner import MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.run_folder import policy_path
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 

@@ -23,7 +23,7 @@ from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy_path, policy_path
 from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.vdn import VDNConfig
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)

@@ -9,7 +9,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.online_algos.worlds import Worlds, reweighted
 from swarmdata.perception.frames import find_frame
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=6)

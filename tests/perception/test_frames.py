@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
 from swarmdata.perception.frames import HEARING, Frame, find_frame, natural_anchor
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float

@@ -7,9 +7,9 @@ import pytest
 
 from swarmdata.envs.parallel import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.presets import preset
 from swarmdata.record import Recorder
-from swarmdata.registry import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS

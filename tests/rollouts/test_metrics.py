@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.rollouts import metrics
 from swarmdata.rollouts.metrics import Reference, bootstrap, episode_metrics, metrics_of
 from swarmdata.specs.state_layout import N_COLUMNS, TX

@@ -9,7 +9,7 @@ import pytest
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.numerics.random import derive
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SpecError
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.budget import (
     MAX_TOTAL_BYTES,
     copies_excess,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.perception.observer import features_of
-from swarmdata.registry import make_task
+from swarmdata.registry.components import make_task
 from swarmdata.specs.model_choice import (
     check_senses,
     describe,

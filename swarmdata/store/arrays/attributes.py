@@ -10,7 +10,7 @@ from typing import Any
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import SHAPES
-from swarmdata.registry import make_task, reward_terms
+from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, RecordedSpec
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import Recipe, TaskSpec

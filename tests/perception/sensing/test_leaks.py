@@ -14,8 +14,8 @@ import pytest
 
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
-from swarmdata.presets import preset
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmdata.perception.sensing.scans import scan_of
-from swarmdata.registry import make_env
+from swarmdata.registry.components import make_env
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 

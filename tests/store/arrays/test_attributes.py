@@ -9,8 +9,8 @@ import pytest
 import zarr
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.presets import preset, preset_names
-from swarmdata.registry import TASKS, make_env, make_task, reward_terms
+from swarmdata.registry.components import TASKS, make_env, make_task, reward_terms
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.presets import find_spec, name_of, preset, preset_names, preset_summary
-from swarmdata.registry import TASKS
+from swarmdata.registry.components import TASKS
+from swarmdata.registry.presets import find_spec, name_of, preset, preset_names, preset_summary
 from swarmdata.specs.task_spec import TaskSpec
 
 

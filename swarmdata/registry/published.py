@@ -1,19 +1,15 @@
 """What the package knows about published datasets and about the reference policies of each task."""
 
 import json
-import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from swarmdata.specs.frozen import Frozen, Probability
-from swarmdata.store import EpisodeTable, StoredDataset
-from swarmdata.types import Bool
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -77,41 +73,6 @@ class TaskReferences(Frozen):
         if self.no_skill is None or self.expert is None:
             return None
         return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
-
-
-def publication(stored: StoredDataset) -> Published:
-    """Returns what is published of a built dataset."""
-    manifest, table = stored.manifest, stored.table
-    labels = [source.label for source in stored.recipe.policies]
-    return Published(
-        **figures_of(table).model_dump(),
-        recipe_hash=manifest.recipe_hash,
-        digest=manifest.digest,
-        transport_digest=manifest.transport_digest,
-        n_bytes=sum(entry.size for entry in manifest.files.values()),
-        policies={
-            label: figures_of(table.take(np.flatnonzero(table.policy == index)))
-            for index, label in enumerate(labels)
-            if (table.policy == index).any()
-        },
-        made_with=manifest.provenance,
-    )
-
-
-def figures_of(table: EpisodeTable) -> Figures:
-    """Figures of all episodes of a table; means are of exact sums, the same on every machine."""
-    return Figures(
-        n_steps=int(table.lengths.sum()),
-        n_episodes=len(table),
-        mean_return=math.fsum(table.team_return.tolist()) / len(table),
-        success=int(table.success.sum()) / len(table),
-        clean_success=int(clean_successes(table).sum()) / len(table),
-    )
-
-
-def clean_successes(table: EpisodeTable) -> Bool:
-    """Solved without touching anything, [n]: a contact has its beginning among the collisions."""
-    return table.success & (table.robot_collisions + table.obstacle_collisions == 0)
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
