@@ -4,9 +4,9 @@
 all copies of a VMAS environment, `evaluate_parallel` plays a trained policy where it was recorded.
 """
 
-from swarmdata.record.playing import evaluate_parallel, policy_actions, step_of
+from swarmdata.record.foreign_rollout import evaluate_parallel, policy_actions, step_of
 from swarmdata.record.recorder import Recorder, UnfinishedEpisodeWarning
-from swarmdata.record.seeds import foreign_evaluation_seeds
+from swarmdata.record.reset_seeds import foreign_evaluation_seeds
 from swarmdata.record.session import Limits, recover
 from swarmdata.record.vmas import record_vmas
 

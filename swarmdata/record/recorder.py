@@ -12,13 +12,13 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
-from swarmdata.record.describing import describe, is_ours, state_source
-from swarmdata.record.foreign import agents_of
-from swarmdata.record.reading import Reader
+from swarmdata.record.episode_buffer import StepRow, Tape
+from swarmdata.record.foreign_environment import agents_of
+from swarmdata.record.recording_description import describe, is_ours, state_source
+from swarmdata.record.reset_seeds import SeedStream, default_seed
+from swarmdata.record.row_reader import Reader
 from swarmdata.record.rows import Rows
-from swarmdata.record.seeds import SeedStream, default_seed
 from swarmdata.record.session import Limits, RecordingFolder, Session
-from swarmdata.record.tape import StepRow, Tape
 from swarmdata.specs.task_spec import PolicySource, Splits
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.record.describing import StateSource
-from swarmdata.record.reading import Reader
-from swarmdata.record.tape import StateRow
+from swarmdata.record.episode_buffer import StateRow
+from swarmdata.record.recording_description import StateSource
+from swarmdata.record.row_reader import Reader
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Float, no_messages

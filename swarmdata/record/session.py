@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 from swarmdata.cards.render import write_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
-from swarmdata.record.tape import n_bytes
+from swarmdata.record.episode_buffer import n_bytes
 from swarmdata.specs.frozen import Frozen, differences
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.task_spec import Splits

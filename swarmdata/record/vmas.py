@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
-from swarmdata.record.describing import foreign_spec, recording_of
-from swarmdata.record.foreign import clean_name, library_version
-from swarmdata.record.reading import SUCCESS
-from swarmdata.record.seeds import SeedStream, default_seed
+from swarmdata.record.episode_buffer import Outcome, StateRow, StepRow, Tape
+from swarmdata.record.foreign_environment import clean_name, library_version
+from swarmdata.record.recording_description import foreign_spec, recording_of
+from swarmdata.record.reset_seeds import SeedStream, default_seed
+from swarmdata.record.row_reader import SUCCESS
 from swarmdata.record.session import Limits, RecordingFolder, Session
-from swarmdata.record.tape import Outcome, StateRow, StepRow, Tape
 from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import width

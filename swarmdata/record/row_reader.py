@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.record.foreign import MASK
-from swarmdata.record.tape import Outcome
+from swarmdata.record.episode_buffer import Outcome
+from swarmdata.record.foreign_environment import MASK
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace, Space, flatten, width
 from swarmdata.types import Bool, Float

@@ -8,9 +8,9 @@ import numpy as np
 from swarmdata.datasets.action_scaling import ActionScale, action_scale, choices_of
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.record.describing import state_source
-from swarmdata.record.foreign import agents_of
-from swarmdata.record.reading import Reader
+from swarmdata.record.foreign_environment import agents_of
+from swarmdata.record.recording_description import state_source
+from swarmdata.record.row_reader import Reader
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import unflatten
 from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages

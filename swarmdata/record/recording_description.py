@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.record.foreign import agents_of, horizon_of, library_of, task_name
-from swarmdata.record.reading import Reader
+from swarmdata.record.foreign_environment import agents_of, horizon_of, library_of, task_name
+from swarmdata.record.row_reader import Reader
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
