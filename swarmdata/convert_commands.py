@@ -86,7 +86,7 @@ def convert(
 def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
     from swarmdata.catalog import load
     from swarmdata.datasets.dataset import Dataset
-    from swarmdata.interop.exporting import export_dataset
+    from swarmdata.interop.export import export_dataset
     from swarmdata.remotes.names import is_folder
 
     dataset = Dataset.open(source) if is_folder(source) else load(source)
@@ -105,8 +105,8 @@ def _import(
     if name is None:
         raise typer.BadParameter("needed with --from", param_hint="--id")
     from swarmdata.cards.render import write_card
-    from swarmdata.interop.choices import Choices
-    from swarmdata.interop.importing import import_dataset
+    from swarmdata.interop.conversion.user_choices import Choices
+    from swarmdata.interop.convert import import_dataset
 
     splits: Literal["kept", "new"] = "new" if new_splits else "kept"
     made = import_dataset(

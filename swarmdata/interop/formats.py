@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.incoming import Incoming
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.registry.components import resolve
 
 FORMATS = {
-    "d4rl": "swarmdata.interop.d4rl:FORMAT",
-    "d4rl-agents": "swarmdata.interop.d4rl_agents:FORMAT",
+    "d4rl": "swarmdata.interop.d4rl.d4rl:FORMAT",
+    "d4rl-agents": "swarmdata.interop.d4rl.d4rl_agents:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
     "numpy": "swarmdata.interop.numpy_folders:FORMAT",
-    "parquet": "swarmdata.interop.parquet:FORMAT",
-    "torchrl": "swarmdata.interop.torchrl:FORMAT",
+    "parquet": "swarmdata.interop.parquet.parquet:FORMAT",
+    "torchrl": "swarmdata.interop.torchrl.torchrl:FORMAT",
     "vault": "swarmdata.interop.vault:FORMAT",
 }
 

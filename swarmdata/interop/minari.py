@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.columns import agents_of, join_rows, split_rows
-from swarmdata.interop.fields import STATE_ARRAYS, TIME_ARRAYS, present
+from swarmdata.interop.conversion.incoming import UNKNOWN, Incoming, episode_of, stacked
+from swarmdata.interop.conversion.kept_facts import STATE_ARRAYS, TIME_ARRAYS, present
+from swarmdata.interop.conversion.note import Note, note_of, parse_note
+from swarmdata.interop.conversion.space_columns import agents_of, join_rows, split_rows
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import UNKNOWN, Incoming, episode_of, stacked
-from swarmdata.interop.note import Note, note_of, parse_note
 from swarmdata.runtime.atomic import require_space
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Timeline
-from swarmdata.interop.foreign import unnoted
+from swarmdata.interop.conversion.episode_cuts import Timeline
+from swarmdata.interop.conversion.foreign_data import unnoted
+from swarmdata.interop.conversion.incoming import Incoming, Shapes, stacked
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import Incoming, Shapes, stacked
 from swarmdata.specs.task_spec import PolicySource
 
 QUANTITIES = ("obs", "acs", "rews", "next_obs", "dones")

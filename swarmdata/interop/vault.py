@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.ahead import Ahead
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Timeline
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks
-from swarmdata.interop.foreign import unnoted
+from swarmdata.interop.conversion.episode_cuts import Timeline
+from swarmdata.interop.conversion.foreign_data import unnoted
+from swarmdata.interop.conversion.incoming import Incoming, Shapes
+from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks
+from swarmdata.interop.conversion.note import Note, note_of, parse_note
+from swarmdata.interop.conversion.noted_data import noted
+from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import Incoming, Shapes
-from swarmdata.interop.note import Note, note_of, parse_note
-from swarmdata.interop.noted import noted
 from swarmdata.runtime.documents import read_document
 
 NOTE = "swarmdata"

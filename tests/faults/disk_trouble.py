@@ -27,7 +27,7 @@ from swarmdata.catalog import load
 from swarmdata.clips import write_clip
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
-from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.repairing import examine
 from swarmdata.rollouts.rollout import rollout

@@ -25,7 +25,7 @@ from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder, finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.repairing import repair
 from swarmdata.resolving import obtain
 from swarmdata.store import open_store

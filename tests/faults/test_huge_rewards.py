@@ -11,8 +11,8 @@ import pytest
 from swarmdata.cards.render import card_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DivergedError, SchemaError
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.store import assemble, write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import Episode

@@ -16,8 +16,8 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.errors import SpecError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.incoming import Shapes, measured_spec
+from swarmdata.interop.conversion.incoming import Shapes, measured_spec
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names

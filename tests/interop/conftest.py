@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.fields import FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.kept_facts import FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import find_format
-from swarmdata.interop.importing import import_dataset
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import PolicySource

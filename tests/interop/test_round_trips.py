@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.fields import FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.kept_facts import FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.note import note_of, parse_note
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.convert import import_dataset, source_digest
+from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import FORMATS, all_formats, find_format
-from swarmdata.interop.importing import import_dataset, source_digest
-from swarmdata.interop.incoming import Incoming
-from swarmdata.interop.losses import reasons, table
-from swarmdata.interop.note import note_of, parse_note
+from swarmdata.interop.loss_table import reasons, table
 
 PAGE = Path(__file__).parents[2] / "FORMATS.md"
 NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
@@ -57,8 +57,8 @@ def test_any_view_survives(
     view = replace(whole, selection=whole.selection[sorted(chosen)])
     block = data.draw(st.sampled_from((1, 500, 1 << 20)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swarmdata.interop.fields.BLOCK_BYTES", block)
-        patch.setattr("swarmdata.interop.ahead.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.kept_facts.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.read_ahead.BLOCK_BYTES", block)
         path = tmp_path_factory.mktemp("any") / "x"
         with there_and_back(view, name, path) as incoming:
             episodes = list(incoming.episodes)
@@ -142,7 +142,7 @@ def test_wrong_choices() -> None:
 def test_a_failed_export_leaves_nothing(
     ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.interop.d4rl.note_of", lambda dataset: 1 / 0)
+    monkeypatch.setattr("swarmdata.interop.d4rl.d4rl.note_of", lambda dataset: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_dataset(ours, tmp_path / "x", format="d4rl")
     assert not list(tmp_path.iterdir())

@@ -9,9 +9,9 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS
 
 jax = pytest.importorskip("jax", reason="the extra 'vault'")

@@ -7,7 +7,7 @@ from hypothesis import given
 from swarmdata.errors import SpecError
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.spaces import Space
-from tests.interop.test_columns import Spaces
+from tests.interop.conversion.test_space_columns import Spaces
 
 
 @given(Spaces)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.cutting import Read, rows_equal
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS, Arrays
-from swarmdata.interop.incoming import Incoming, episode_of
-from swarmdata.interop.note import Note
+from swarmdata.interop.conversion.episode_cuts import Read, rows_equal
+from swarmdata.interop.conversion.incoming import Incoming, episode_of
+from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS, Arrays
+from swarmdata.interop.conversion.note import Note
 from swarmdata.types import Episode, Float
 
 

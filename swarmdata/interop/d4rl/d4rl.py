@@ -18,15 +18,21 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.ahead import Ahead
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.d4rl_foreign import unnoted_file
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
+from swarmdata.interop.conversion.hdf5 import created
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.kept_facts import (
+    NEXT,
+    STATE_ARRAYS,
+    TIME_ARRAYS,
+    blocks,
+    row_shapes,
+)
+from swarmdata.interop.conversion.note import note_of, parse_note
+from swarmdata.interop.conversion.noted_data import noted
+from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.d4rl.d4rl_foreign import unnoted_file
 from swarmdata.interop.formats import Format
-from swarmdata.interop.hdf5 import created
-from swarmdata.interop.incoming import Incoming
-from swarmdata.interop.note import note_of, parse_note
-from swarmdata.interop.noted import noted
 
 NOTE, LAYOUTS = "metadata/swarmdata", "metadata/layouts"
 

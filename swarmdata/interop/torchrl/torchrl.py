@@ -19,15 +19,21 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.ahead import Ahead
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.columns import agents_of
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.kept_facts import (
+    NEXT,
+    STATE_ARRAYS,
+    TIME_ARRAYS,
+    blocks,
+    row_shapes,
+)
+from swarmdata.interop.conversion.note import Note, note_of, parse_note
+from swarmdata.interop.conversion.noted_data import noted
+from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.space_columns import agents_of
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import Incoming
-from swarmdata.interop.note import Note, note_of, parse_note
-from swarmdata.interop.noted import noted
-from swarmdata.interop.torchrl_foreign import unnoted_rows
+from swarmdata.interop.torchrl.torchrl_foreign import unnoted_rows
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.spaces import DiscreteSpace
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from swarmdata.interop.hdf5 import Writer, created
+from swarmdata.interop.conversion.hdf5 import Writer, created
 
 
 def fill(writer: Writer, n_blocks: int = 40) -> None:

@@ -19,14 +19,20 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks, row_shapes
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.kept_facts import (
+    NEXT,
+    STATE_ARRAYS,
+    TIME_ARRAYS,
+    blocks,
+    row_shapes,
+)
+from swarmdata.interop.conversion.note import Note, note_of, parse_note
+from swarmdata.interop.conversion.noted_data import noted
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.incoming import Incoming
-from swarmdata.interop.note import Note, note_of, parse_note
-from swarmdata.interop.noted import noted
-from swarmdata.interop.parquet_foreign import unnoted_file
-from swarmdata.interop.parquet_rows import Table, arrow
+from swarmdata.interop.parquet.parquet_foreign import unnoted_file
+from swarmdata.interop.parquet.parquet_rows import Table, arrow
 from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
 from swarmdata.store import SPLITS
 from swarmdata.types import Int

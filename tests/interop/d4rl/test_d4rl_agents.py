@@ -8,10 +8,10 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.d4rl import read
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.d4rl.d4rl import read
+from swarmdata.interop.export import export_dataset
 
 
 def test_agents_have_their_own_rows(recorded: Dataset, tmp_path: Path) -> None:

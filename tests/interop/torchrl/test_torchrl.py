@@ -9,9 +9,9 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS
 
 pytest.importorskip("torchrl", reason="the extra 'torchrl'")
@@ -55,7 +55,7 @@ def test_slices_of_a_buffer_stay_in_one_episode(ours: Dataset, tmp_path: Path) -
     from tensordict import TensorDict
     from torchrl.data import LazyMemmapStorage, SliceSampler, TensorDictReplayBuffer
 
-    from swarmdata.interop.torchrl import replay_buffer
+    from swarmdata.interop.torchrl.torchrl import replay_buffer
 
     path = export_dataset(ours, tmp_path / "x", format="torchrl")
     copied = TensorDictReplayBuffer(

@@ -9,7 +9,7 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.exporting import export_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
@@ -30,10 +30,10 @@ def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
 def test_blocks_do_not_matter(
     ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.interop.fields.BLOCK_BYTES", 2000)
-    monkeypatch.setattr("swarmdata.interop.ahead.BLOCK_BYTES", 1500)
-    monkeypatch.setattr("swarmdata.interop.importing.BLOCK_BYTES", 1000)
-    monkeypatch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
+    monkeypatch.setattr("swarmdata.interop.conversion.kept_facts.BLOCK_BYTES", 2000)
+    monkeypatch.setattr("swarmdata.interop.conversion.read_ahead.BLOCK_BYTES", 1500)
+    monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("swarmdata.interop.parquet.parquet._GROUP_ROWS", 3)
     round_trip(ours, "parquet")
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.columns import join_rows, split_rows
+from swarmdata.interop.conversion.space_columns import join_rows, split_rows
 from swarmdata.specs.gymnasium_spaces import to_gymnasium
 from swarmdata.specs.spaces import (
     BoxSpace,

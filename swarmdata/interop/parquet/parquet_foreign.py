@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Read, Timeline
-from swarmdata.interop.foreign import unnoted
-from swarmdata.interop.incoming import Incoming, Shapes
-from swarmdata.interop.parquet_rows import Table
+from swarmdata.interop.conversion.episode_cuts import Read, Timeline
+from swarmdata.interop.conversion.foreign_data import unnoted
+from swarmdata.interop.conversion.incoming import Incoming, Shapes
+from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.parquet.parquet_rows import Table
 
 NEEDED = ("observations", "actions", "rewards", "terminations")
 OPTIONAL = ("next_observations", "states", "next_states", "truncations")

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.columns import agents_of
-from swarmdata.interop.fields import FACTS, NEXT, Arrays, blocks
+from swarmdata.interop.conversion.hdf5 import created
+from swarmdata.interop.conversion.kept_facts import FACTS, NEXT, Arrays, blocks
+from swarmdata.interop.conversion.space_columns import agents_of
 from swarmdata.interop.formats import Format
-from swarmdata.interop.hdf5 import created
 from swarmdata.specs.spaces import width
 
 KEPT = {

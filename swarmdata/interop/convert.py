@@ -9,10 +9,10 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.fields import BLOCK_BYTES
+from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.kept_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import FORMATS, find_format
-from swarmdata.interop.incoming import Incoming
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Recording

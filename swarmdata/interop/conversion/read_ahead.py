@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.interop.cutting import Read
-from swarmdata.interop.fields import BLOCK_BYTES
+from swarmdata.interop.conversion.episode_cuts import Read
+from swarmdata.interop.conversion.kept_facts import BLOCK_BYTES
 
 
 class Ahead:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, Space
 from swarmdata.specs.task_spec import PolicySource

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.fields import NEXT, STATE_ARRAYS
+from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.types import Bool
 
 Read = Callable[[slice], Mapping[str, NDArray[Any]]]

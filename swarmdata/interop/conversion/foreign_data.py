@@ -6,9 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Span, Timeline, pieces, spans_of
-from swarmdata.interop.incoming import UNKNOWN, Incoming, Shapes, episode_of, measured_spec
+from swarmdata.interop.conversion.episode_cuts import Span, Timeline, pieces, spans_of
+from swarmdata.interop.conversion.incoming import (
+    UNKNOWN,
+    Incoming,
+    Shapes,
+    episode_of,
+    measured_spec,
+)
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.task_spec import PolicySource
 from swarmdata.types import Bool, Episode, Float
 

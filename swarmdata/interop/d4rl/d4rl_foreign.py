@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.ahead import Ahead
-from swarmdata.interop.choices import Choices
-from swarmdata.interop.cutting import Timeline
-from swarmdata.interop.foreign import unnoted
-from swarmdata.interop.incoming import Incoming, Shapes
+from swarmdata.interop.conversion.episode_cuts import Timeline
+from swarmdata.interop.conversion.foreign_data import unnoted
+from swarmdata.interop.conversion.incoming import Incoming, Shapes
+from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.user_choices import Choices
 
 NEEDED = ("observations", "actions", "rewards", "terminals")
 _OF_AGENTS = ("observations", "actions", "next_observations")

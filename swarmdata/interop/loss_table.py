@@ -1,6 +1,6 @@
 """The README's table of what each format keeps and loses, from the formats' own tables."""
 
-from swarmdata.interop.fields import FACTS
+from swarmdata.interop.conversion.kept_facts import FACTS
 from swarmdata.interop.formats import all_formats
 
 MEANINGS = {

@@ -7,9 +7,9 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, RecipeConflictError
-from swarmdata.interop.exporting import export_dataset
-from swarmdata.interop.importing import import_dataset
-from swarmdata.interop.incoming import episode_of
+from swarmdata.interop.conversion.incoming import episode_of
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
 from swarmdata.store.scratch import scratch_folder
 from swarmdata.types import Episode
 
@@ -29,8 +29,8 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
             raise KeyboardInterrupt
         return episode_of(*arguments, **facts)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("swarmdata.interop.noted.episode_of", interrupted)
-    monkeypatch.setattr("swarmdata.interop.importing.BLOCK_BYTES", 100)  # parts are written early
+    monkeypatch.setattr("swarmdata.interop.conversion.noted_data.episode_of", interrupted)
+    monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert {path.name for path in tmp_path.iterdir()} <= {".out.lock"}
@@ -54,8 +54,8 @@ def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Pat
 
 def test_episodes_are_taken_one_by_one(source: Path, tmp_path: Path) -> None:
     """Memory does not grow with the number of episodes: readers are lazy."""
-    from swarmdata.interop.choices import Choices
-    from swarmdata.interop.d4rl import read
+    from swarmdata.interop.conversion.user_choices import Choices
+    from swarmdata.interop.d4rl.d4rl import read
 
     with read(source, "task", Choices()) as incoming:
         assert isinstance(incoming.episodes, Iterator)

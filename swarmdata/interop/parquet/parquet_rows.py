@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.ahead import Ahead
-from swarmdata.interop.cutting import Read
+from swarmdata.interop.conversion.episode_cuts import Read
+from swarmdata.interop.conversion.read_ahead import Ahead
 
 
 def arrow() -> Any:

@@ -1,0 +1,1 @@
+"""What all foreign formats share: episodes cut from timelines, spaces, notes, user choices."""

@@ -1,0 +1,1 @@
+"""D4RL-style HDF5 files."""
