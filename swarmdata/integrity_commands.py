@@ -67,8 +67,8 @@ def _compare(folder: Path) -> None:
 
 def _replay(folder: Path, n_episodes: int) -> None:
     """Simulates some episodes again."""
+    from swarmdata.audit.resimulation import replay
     from swarmdata.datasets.dataset import Dataset
-    from swarmdata.replaying import replay
 
     drifts = replay(Dataset.open(folder), n_episodes)
     for each in drifts:

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from swarmdata.audit import claims, content, episodes, form
+from swarmdata.audit import claim_checks, content_checks, episode_checks, form_checks
 from swarmdata.audit.findings import Audit, Finding, Remarks
-from swarmdata.audit.replay import replay
+from swarmdata.audit.replay_checks import replay
 from swarmdata.audit.subject import Subject
 from swarmdata.store import open_store
 
@@ -23,29 +23,29 @@ class Check(NamedTuple):
 _SHAPES, _VALUES = ("shapes",), ("shapes", "finite")
 
 CHECKS = {
-    "integrity": Check(form.integrity),
-    "identity": Check(claims.identity),
-    "shapes": Check(form.shapes),
-    "finite": Check(form.finite),
-    "padding": Check(form.padding, _SHAPES),
-    "bounds": Check(form.action_bounds, _SHAPES),
-    "masks": Check(form.action_masks, _SHAPES),
-    "ends": Check(episodes.ends),
-    "horizon": Check(episodes.horizon),
-    "table": Check(episodes.table, _VALUES),
-    "seeds": Check(episodes.seeds),
-    "order": Check(episodes.order),
-    "splits": Check(episodes.splits),
-    "statistics": Check(episodes.statistics, _VALUES),
-    "duplicates": Check(content.duplicates),
-    "rows": Check(content.rows),
-    "boundaries": Check(content.boundaries),
-    "teleports": Check(content.teleports, _VALUES),
-    "leaving": Check(content.leaving, _SHAPES),
+    "integrity": Check(form_checks.integrity),
+    "identity": Check(claim_checks.identity),
+    "shapes": Check(form_checks.shapes),
+    "finite": Check(form_checks.finite),
+    "padding": Check(form_checks.padding, _SHAPES),
+    "bounds": Check(form_checks.action_bounds, _SHAPES),
+    "masks": Check(form_checks.action_masks, _SHAPES),
+    "ends": Check(episode_checks.ends),
+    "horizon": Check(episode_checks.horizon),
+    "table": Check(episode_checks.table, _VALUES),
+    "seeds": Check(episode_checks.seeds),
+    "order": Check(episode_checks.order),
+    "splits": Check(episode_checks.splits),
+    "statistics": Check(episode_checks.statistics, _VALUES),
+    "duplicates": Check(content_checks.duplicates),
+    "rows": Check(content_checks.rows),
+    "boundaries": Check(content_checks.boundaries),
+    "teleports": Check(content_checks.teleports, _VALUES),
+    "leaving": Check(content_checks.leaving, _SHAPES),
     "replay": Check(replay, _SHAPES),
-    "tiers": Check(claims.tiers, ("finite",)),
-    "attributes": Check(claims.attributes),
-    "card": Check(claims.card, _VALUES),
+    "tiers": Check(claim_checks.tiers, ("finite",)),
+    "attributes": Check(claim_checks.attributes),
+    "card": Check(claim_checks.card, _VALUES),
 }
 """Every check by its name, in the order in which they run; each docstring says what it is for."""
 

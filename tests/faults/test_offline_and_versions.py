@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.audit.resimulation import replay
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import FormatVersionError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.repairing import examine
-from swarmdata.replaying import replay
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import find_damage
 from tests.tiny import sign
@@ -120,12 +120,12 @@ def test_a_world_that_has_drifted_shows_in_a_replay(
     tmp_path: Path, record: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 30: a physics step that is different in the last bit."""
-    from swarmdata import replaying
+    from swarmdata.audit import resimulation
 
     dataset = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("straight",)))
     assert replay(dataset, 3) == ()
     changed = dataset.task.with_updates(physics_dt=0.025)
-    monkeypatch.setattr(replaying, "make_env", lambda spec, n: make_env(changed, n))
+    monkeypatch.setattr(resimulation, "make_env", lambda spec, n: make_env(changed, n))
     drifts = replay(dataset, 3)
     assert len(drifts) == 3
     assert all("simulated here with the same versions" in str(each) for each in drifts)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata import replaying
+from swarmdata.audit import resimulation
+from swarmdata.audit.resimulation import replay
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.replaying import replay
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode
 
@@ -28,7 +28,7 @@ def test_the_same_bits_again(dataset: Dataset) -> None:
 
 
 def test_the_choice_is_seeded_and_of_distinct_episodes() -> None:
-    first, again, other = (replaying._choose(50, 9, seed) for seed in (1, 1, 2))
+    first, again, other = (resimulation._choose(50, 9, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert len(np.unique(first)) == 9
     assert first.tolist() != other.tolist()
@@ -49,7 +49,7 @@ def test_a_world_that_has_changed_is_named(
     dataset: Dataset, monkeypatch: pytest.MonkeyPatch, field: str, problem: str
 ) -> None:
     """As after an update of the physics: one episode comes out differently."""
-    simulate = replaying._simulate
+    simulate = resimulation._simulate
 
     def drifted(*arguments: object) -> list[Episode]:
         first, *rest = simulate(*arguments)  # type: ignore[arg-type]
@@ -61,8 +61,8 @@ def test_a_world_that_has_changed_is_named(
             changed[3:] = np.nextafter(changed[3:], np.float32(9))
         return [dataclasses.replace(first, **{field: changed}), *rest]
 
-    monkeypatch.setattr(replaying, "_simulate", drifted)
-    monkeypatch.setattr(replaying, "provenance", lambda: {"pymunk": "9.9.9"})
+    monkeypatch.setattr(resimulation, "_simulate", drifted)
+    monkeypatch.setattr(resimulation, "provenance", lambda: {"pymunk": "9.9.9"})
     drifts = replay(dataset, 4)
     assert len(drifts) == len({dataset.episodes.policy[each.episode] for each in drifts})
     assert drifts[0].problem.startswith(problem)
@@ -72,8 +72,8 @@ def test_a_world_that_has_changed_is_named(
 def test_another_length_is_a_difference(dataset: Dataset) -> None:
     first = dataset[0]
     cut = {name: getattr(first, name)[:-1] for name in (*STATE_FIELDS, *STEP_FIELDS)}
-    problem = replaying._difference(first, dataclasses.replace(first, **cut))
+    problem = resimulation._difference(first, dataclasses.replace(first, **cut))
     assert problem == "length is 20 in the recording, 19 in the simulation"
     wider = np.zeros((*first.layout.shape, 2), np.float32)
-    problem = replaying._difference(first, dataclasses.replace(first, layout=wider))
+    problem = resimulation._difference(first, dataclasses.replace(first, layout=wider))
     assert problem == "layout differ from row 0 on"

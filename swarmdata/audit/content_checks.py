@@ -4,7 +4,7 @@ import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
-from swarmdata.audit.episodes import repeated
+from swarmdata.audit.episode_checks import repeated
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import BLOCK_ROWS, Subject, blocks, some
 from swarmdata.specs.state_layout import X, Y, robots_of
