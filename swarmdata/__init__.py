@@ -13,9 +13,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from swarmdata.catalog import DatasetInfo, list_datasets, load
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.errors import SwarmdataError
+    from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets, load
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry.components import make_env
     from swarmdata.rollouts.function_policy import FunctionPolicy
@@ -44,7 +44,7 @@ __all__ = [
 _HOMES = {
     "Batch": "swarmdata.types",
     "Dataset": "swarmdata.datasets.dataset",
-    "DatasetInfo": "swarmdata.catalog",
+    "DatasetInfo": "swarmdata.hub.catalog.catalog",
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "FunctionPolicy": "swarmdata.rollouts.function_policy",
@@ -53,8 +53,8 @@ _HOMES = {
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",
     "TaskSpec": "swarmdata.specs.task_spec",
-    "list_datasets": "swarmdata.catalog",
-    "load": "swarmdata.catalog",
+    "list_datasets": "swarmdata.hub.catalog.catalog",
+    "load": "swarmdata.hub.catalog.catalog",
     "make_env": "swarmdata.registry.components",
 }
 

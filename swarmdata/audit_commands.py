@@ -33,9 +33,9 @@ def audit(
 def _folder(dataset: str) -> Path:
     """The path itself, or the folder of an id in the cache; nothing is built or fetched."""
     from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.catalog import dataset_folder
     from swarmdata.errors import DatasetNotFoundError
-    from swarmdata.remotes.names import is_folder
+    from swarmdata.hub.catalog.catalog import dataset_folder
+    from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.store.cache import cache_folder
 
     for path in (Path(dataset), cache_folder() / "datasets" / dataset):

@@ -135,7 +135,7 @@ def _root(
 @app.command("list")
 def list_command() -> None:
     """Show every dataset."""
-    from swarmdata.catalog import list_datasets
+    from swarmdata.hub.catalog.catalog import list_datasets
 
     line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
     typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))
@@ -150,7 +150,7 @@ def list_command() -> None:
 def info(dataset: DatasetId) -> None:
     """Show where a dataset is, its published digest and its recipe."""
     from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.catalog import dataset_folder, list_datasets
+    from swarmdata.hub.catalog.catalog import dataset_folder, list_datasets
 
     recipe = find_recipe(dataset)
     entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
@@ -171,7 +171,7 @@ def generate(
     """Build a dataset; run again after any interruption to go on."""
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.building.build import build
-    from swarmdata.catalog import dataset_folder
+    from swarmdata.hub.catalog.catalog import dataset_folder
     from swarmdata.specs.task_spec import Recipe
     from swarmdata.store import read_manifest
 
@@ -190,7 +190,7 @@ def generate(
 
 def _folder(dataset: str) -> Path:
     """The folder of an id in the cache, or the path itself."""
-    from swarmdata.catalog import find_folder
+    from swarmdata.hub.catalog.catalog import find_folder
 
     return find_folder(dataset)
 
@@ -299,7 +299,7 @@ def references(
 
 def _update(path: Path | None, entries: dict[str, Any]) -> None:
     """Prints the entries, or puts them into a JSON file."""
-    from swarmdata.publishing import put_entries
+    from swarmdata.hub.publishing.regenerate import put_entries
 
     if path is None:
         typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))

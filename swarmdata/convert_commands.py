@@ -84,10 +84,10 @@ def convert(
 
 
 def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
-    from swarmdata.catalog import load
     from swarmdata.datasets.dataset import Dataset
+    from swarmdata.hub.catalog.catalog import load
+    from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.interop.export import export_dataset
-    from swarmdata.remotes.names import is_folder
 
     dataset = Dataset.open(source) if is_folder(source) else load(source)
     return export_dataset(dataset.filter(split=split, policy=policy), target, format=to)

@@ -87,7 +87,7 @@ def subsample_command(
 
 
 def _open(source: str) -> "Dataset":
-    from swarmdata.catalog import load
+    from swarmdata.hub.catalog.catalog import load
 
     return load(source)
 

@@ -22,8 +22,8 @@ def verify(
 
     Every broken file is named, with its first bad chunk and rows; exit code 1 if there is any.
     """
-    from swarmdata.catalog import find_folder
-    from swarmdata.repairing import examine
+    from swarmdata.hub.catalog.catalog import find_folder
+    from swarmdata.hub.catalog.repair import examine
 
     folder = find_folder(dataset)
     damage = examine(folder)
@@ -43,9 +43,9 @@ def verify(
 
 
 def _repair(folder: Path, workers: int | None) -> None:
-    from swarmdata.remotes.addresses import configured_remotes
-    from swarmdata.repairing import repair
-    from swarmdata.resolving import is_offline
+    from swarmdata.hub.catalog.repair import repair
+    from swarmdata.hub.catalog.sources import is_offline
+    from swarmdata.hub.remotes.addresses import configured_remotes
 
     remotes = () if is_offline() else configured_remotes()
     for each in repair(folder, remotes=remotes, workers=workers):
@@ -54,7 +54,7 @@ def _repair(folder: Path, workers: int | None) -> None:
 
 def _compare(folder: Path) -> None:
     """Says what a sound dataset is; exit code 1 if it is not what its id says."""
-    from swarmdata.identity import identify
+    from swarmdata.hub.catalog.identity import identify
     from swarmdata.store import read_manifest
 
     manifest = read_manifest(folder)

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from swarmdata import __version__
-from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
 from swarmdata.learn.framed import framed

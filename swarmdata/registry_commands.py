@@ -62,8 +62,8 @@ def check(
     One at a time, beside the cache, and removed at once; each is named when it is done. After an
     interruption, go on with --id.
     """
-    from swarmdata.publishing import check as check_all
-    from swarmdata.publishing import published_ids, report
+    from swarmdata.hub.publishing.regenerate import check as check_all
+    from swarmdata.hub.publishing.regenerate import published_ids, report
 
     chosen = published_ids(ids or (), minis=minis)
     checks = []
@@ -89,7 +89,7 @@ def update(
 ) -> None:
     """Make datasets and publish what they are: digests, sizes and figures."""
     from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.publishing import make_again, put_entries
+    from swarmdata.hub.publishing.regenerate import make_again, put_entries
 
     for recipe in [find_recipe(name) for name in ids]:
         entry = make_again(recipe, cached=cached, workers=workers)

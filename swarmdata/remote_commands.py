@@ -21,10 +21,10 @@ def push(
     address: RemoteAddress,
 ) -> None:
     """Publish a dataset: all of it or nothing, and only if nothing speaks against it."""
-    from swarmdata.gate import reasons_against
-    from swarmdata.metadata import write_beside
-    from swarmdata.remotes import open_remote
-    from swarmdata.remotes import push as push_to
+    from swarmdata.hub.publishing.blockers import reasons_against
+    from swarmdata.hub.publishing.metadata import write_beside
+    from swarmdata.hub.remotes import open_remote
+    from swarmdata.hub.remotes import push as push_to
 
     remote, folder = open_remote(address), _folder(dataset)
     release = push_to(folder, remote, lambda each: reasons_against(each, remote), write_beside)
@@ -45,10 +45,10 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch a dataset, checked on the way in; run again after any interruption to go on."""
-    from swarmdata.identity import judge
-    from swarmdata.remotes import configured_remotes, find_release, locate
-    from swarmdata.remotes.addresses import is_address
-    from swarmdata.resolving import obtain_release
+    from swarmdata.hub.catalog.identity import judge
+    from swarmdata.hub.catalog.sources import obtain_release
+    from swarmdata.hub.remotes import configured_remotes, find_release, locate
+    from swarmdata.hub.remotes.addresses import is_address
     from swarmdata.store import read_manifest
 
     if is_address(dataset) and origin is not None:
@@ -71,7 +71,7 @@ def pull(
 
 def _pull_address(address: str) -> None:
     """Fetches to where `load` of the same address looks for it."""
-    from swarmdata.resolving import obtain_address
+    from swarmdata.hub.catalog.sources import obtain_address
     from swarmdata.store.cache import cache_folder
 
     found = obtain_address(address, cache_folder() / "remotes")
@@ -85,7 +85,7 @@ def list_command(
     ] = None,
 ) -> None:
     """Show the remotes in the order in which they are asked, or the datasets of one."""
-    from swarmdata.remotes import configured_remotes, open_remote
+    from swarmdata.hub.remotes import configured_remotes, open_remote
 
     if address is not None:
         for dataset_id in open_remote(address).ids():
@@ -101,8 +101,8 @@ def add(
     first: Annotated[bool, typer.Option("--first", help="ask it before the others")] = False,
 ) -> None:
     """Ask this remote for datasets from now on, after those that are configured already."""
-    from swarmdata.remotes import open_remote
-    from swarmdata.remotes.addresses import store_remotes
+    from swarmdata.hub.remotes import open_remote
+    from swarmdata.hub.remotes.addresses import store_remotes
 
     added = open_remote(address).address
 
@@ -119,8 +119,8 @@ def add(
 def remove(address: RemoteAddress) -> None:
     """Ask this remote no more."""
     from swarmdata.errors import UnknownNameError
-    from swarmdata.remotes import parse_address
-    from swarmdata.remotes.addresses import store_remotes
+    from swarmdata.hub.remotes import parse_address
+    from swarmdata.hub.remotes.addresses import store_remotes
 
     removed = str(parse_address(address))
 
@@ -143,7 +143,7 @@ def _say_if_overridden() -> None:
 
 def _folder(dataset: str) -> Path:
     """The folder itself, or that of an id in the cache."""
-    from swarmdata.catalog import find_folder
+    from swarmdata.hub.catalog.catalog import find_folder
 
     return find_folder(dataset)
 
@@ -161,7 +161,7 @@ def _versioned(dataset: str) -> str:
         AddressError: it is neither an id of the package nor one with a version.
     """
     from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
-    from swarmdata.remotes.names import split_id
+    from swarmdata.hub.remotes.outside_names import split_id
 
     if is_dataset(dataset):
         return find_recipe(dataset).id

@@ -12,8 +12,8 @@ from types import MappingProxyType
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import SPECS
-from swarmdata.catalog import find_folder
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
+from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.registry.published import Figures, TaskReferences, published, references_of
 from swarmdata.result_checks import check_results
 from swarmdata.result_files import Result, load

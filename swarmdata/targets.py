@@ -16,6 +16,7 @@ from swarmdata.behavior_policies.tiers import (
 from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import summarize
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
+from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
@@ -23,7 +24,6 @@ from swarmdata.provenance import Provenance, file_name
 from swarmdata.registry.components import POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
-from swarmdata.remotes.names import is_folder
 from swarmdata.result_files import Result, load, located, save
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.run_files import run_folders

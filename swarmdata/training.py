@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.catalog import load
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.config import override
 from swarmdata.learn.trainer import Evaluate, Schedule, train

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata import publishing
 from swarmdata.behavior_policies import tiers
 from swarmdata.cli import app
+from swarmdata.hub.publishing import regenerate
 from swarmdata.registry.published import Published
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
@@ -36,11 +36,11 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def published() -> dict[str, Published]:
         return {key: Published.parse(value) for key, value in json.loads(path.read_text()).items()}
 
-    for module in (tiers, publishing):
+    for module in (tiers, regenerate):
         monkeypatch.setattr(module, "find_recipe", lambda name: TINY)
         monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
-    monkeypatch.setattr(publishing, "is_dataset", lambda name: True)
-    for module in (published, publishing):
+    monkeypatch.setattr(regenerate, "is_dataset", lambda name: True)
+    for module in (published, regenerate):
         monkeypatch.setattr(module, "published", published)
     path.write_text("{}")
     return path

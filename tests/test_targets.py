@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from swarmdata import __version__, catalog, targets
+from swarmdata import __version__, targets
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
+from swarmdata.hub.catalog import catalog
 from swarmdata.provenance import file_name
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences

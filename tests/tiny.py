@@ -8,8 +8,8 @@ from typing import Any
 
 from swarmdata.building.build import build
 from swarmdata.errors import HubError
-from swarmdata.remotes.folders import FolderRemote
-from swarmdata.remotes.interface import Release
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.interface import Release
 from swarmdata.runtime.atomic import MARKER, TEMPORARY
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 from swarmdata.store.manifest import _ZEROS, _digest

@@ -11,9 +11,9 @@ import numpy as np
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
-from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
 from swarmdata.specs.frozen import Frozen
 from swarmdata.store.cache import cache_folder

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
 from swarmdata.cards.render import write_card
-from swarmdata.catalog import load
 from swarmdata.errors import MissingManifestError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Recipe

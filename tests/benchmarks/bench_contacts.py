@@ -22,12 +22,12 @@ from unittest import mock
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import checkpoints
-from swarmdata.catalog import load
 from swarmdata.envs import munk
 from swarmdata.envs.backend import Plan
 from swarmdata.envs.dynamics import drive, limits_of
 from swarmdata.envs.payload import place_row, shape_of
 from swarmdata.envs.pymunk_space import ITERATIONS, build_space
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task

@@ -7,8 +7,8 @@ import pytest
 
 from swarmdata.cards.side_files import damage_of, write_missing
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.registry.presets import preset
-from swarmdata.repairing import Repair, examine, repair
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from tests.one_process import use_one_process
 from tests.tiny import make_tiny

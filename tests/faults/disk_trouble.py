@@ -18,18 +18,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata import catalog
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder
 from swarmdata.cards.publish import publish_card
-from swarmdata.catalog import load
 from swarmdata.clips import write_clip
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
+from swarmdata.hub.catalog import catalog
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.hub.catalog.repair import examine
 from swarmdata.interop.export import export_dataset
 from swarmdata.registry.components import make_env, make_policy
-from swarmdata.repairing import examine
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, read_manifest, write_file

@@ -25,9 +25,9 @@ from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder, finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
+from swarmdata.hub.catalog.repair import repair
+from swarmdata.hub.catalog.sources import obtain
 from swarmdata.interop.export import export_dataset
-from swarmdata.repairing import repair
-from swarmdata.resolving import obtain
 from swarmdata.store import open_store
 from tests.one_process import use_one_process
 from tests.tiny import TINY, Shelf, flip, make_tiny

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import swarmdata
-from swarmdata import catalog
 from swarmdata.building import build as build_module
+from swarmdata.hub.catalog import catalog
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import Manifest
 from tests.one_process import use_one_process

@@ -10,7 +10,7 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError
-from swarmdata.repairing import examine
+from swarmdata.hub.catalog.repair import examine
 from swarmdata.store import read_manifest
 from swarmdata.store.arrays.layout import array_file
 from tests.one_process import use_one_process

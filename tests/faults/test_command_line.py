@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.catalog import find_folder, load
 from swarmdata.cli import app
 from swarmdata.errors import DatasetNotFoundError, UnknownNameError
+from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.targets import find_target
 
 LONG = "x" * 300

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from swarmdata.building.build import build
-from swarmdata.catalog import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError
-from swarmdata.repairing import examine, repair
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.store import read_manifest
 from tests.tiny import TINY, abandoned, flip, make_tiny
 

@@ -14,9 +14,9 @@ import pytest
 from swarmdata.audit.resimulation import replay
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import FormatVersionError
+from swarmdata.hub.catalog.repair import examine
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
-from swarmdata.repairing import examine
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import find_damage
 from tests.tiny import sign

@@ -183,7 +183,7 @@ def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, met
 
 REGISTRY = """
 from pathlib import Path
-from swarmdata.publishing import put_entries
+from swarmdata.hub.publishing.regenerate import put_entries
 for k in range(10):
     put_entries(Path(sys.argv[1]), {f"{sys.argv[2]}-{k}": {"digest": "x" * 200}})
 """

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import AddressError, ChecksumError, ConflictError, HubError
-from swarmdata.remotes.backoff import Backoff
-from swarmdata.remotes.folders import FolderRemote
-from swarmdata.remotes.hugging_face import HubRemote
-from swarmdata.remotes.interface import Release, Remote
-from swarmdata.remotes.locating import locate
-from swarmdata.remotes.pace import Pace
-from swarmdata.remotes.pulling import pull
-from swarmdata.remotes.web import WebRemote
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
+from swarmdata.hub.remotes.hosts.web import WebRemote
+from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.hub.remotes.locate import locate
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.network.pace import Pace
+from swarmdata.hub.remotes.pull import pull
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
-from tests.remotes.conftest import (  # noqa: F401  # fixtures
+from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     ID,
     NEXT,
     backoff,
@@ -30,9 +30,9 @@ from tests.remotes.conftest import (  # noqa: F401  # fixtures
     same_files,
     successor,
 )
-from tests.remotes.faults import Fault, FaultyServer
-from tests.remotes.loopback_hub import LoopbackHub, Repository
-from tests.remotes.static_host import StaticHost
+from tests.hub.remotes.faults import Fault, FaultyServer
+from tests.hub.remotes.loopback_hub import LoopbackHub, Repository
+from tests.hub.remotes.static_host import StaticHost
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
@@ -169,7 +169,7 @@ def test_faults_that_stay(
     """Row 22: a fault that stays is one error that says what still works; then a pull goes on."""
     server, remote, release = served
     files = read_manifest(dataset).files
-    monkeypatch.setattr("swarmdata.remotes.pulling.N_WORKERS", 1)  # large files come first
+    monkeypatch.setattr("swarmdata.hub.remotes.pull.N_WORKERS", 1)  # large files come first
     arrived, faulty, *_ = sorted(files, key=lambda name: -files[name].size)
     server.faults = [Fault(pattern(server, faulty), **fault)]  # type: ignore[arg-type]
     with pytest.raises(HubError, match="Datasets in the cache still load"):
@@ -209,7 +209,7 @@ def test_a_silent_hub_is_left(
     on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 22: so is one that takes a question and says nothing."""
-    monkeypatch.setattr("swarmdata.remotes.hub_calls.TIMEOUT", 2.0)
+    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT", 2.0)
     server, _, release = on_a_hub
     server.faults = [Fault("GET .*/revision/", stall=9.0, times=1)]
     assert HubRemote("hf://org", backoff=backoff).find(ID) == release

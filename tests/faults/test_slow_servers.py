@@ -11,17 +11,16 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import HubError
-from swarmdata.remotes.backoff import Backoff
-from swarmdata.remotes.buckets import BucketRemote
-from swarmdata.remotes.folders import FolderRemote
-from swarmdata.remotes.hugging_face import HubRemote
-from swarmdata.remotes.interface import Release
-from swarmdata.remotes.pace import Pace
-from swarmdata.remotes.pulling import pull
-from swarmdata.remotes.web import WebRemote
-from swarmdata.resolving import RemoteSkippedWarning, obtain
-from tests.one_process import use_one_process
-from tests.remotes.conftest import (  # noqa: F401  # fixtures
+from swarmdata.hub.catalog.sources import RemoteSkippedWarning, obtain
+from swarmdata.hub.remotes.hosts.buckets import BucketRemote
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
+from swarmdata.hub.remotes.hosts.web import WebRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.network.pace import Pace
+from swarmdata.hub.remotes.pull import pull
+from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     ID,
     TOKEN,
     backoff,
@@ -31,9 +30,10 @@ from tests.remotes.conftest import (  # noqa: F401  # fixtures
     impatient,
     same_files,
 )
-from tests.remotes.faults import Fault, FaultyServer
-from tests.remotes.loopback_hub import LoopbackHub
-from tests.remotes.static_host import StaticHost
+from tests.hub.remotes.faults import Fault, FaultyServer
+from tests.hub.remotes.loopback_hub import LoopbackHub
+from tests.hub.remotes.static_host import StaticHost
+from tests.one_process import use_one_process
 from tests.tiny import TINY, make_tiny
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's

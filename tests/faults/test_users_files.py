@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from swarmdata.building.build import build, build_folder
-from swarmdata.catalog import find_folder, load
 from swarmdata.cli import app
 from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
+from swarmdata.hub.catalog.catalog import find_folder, load
+from swarmdata.hub.catalog.repair import examine, repair
+from swarmdata.hub.catalog.sources import obtain, obtain_release
+from swarmdata.hub.remotes.pull import pull
 from swarmdata.record.session import recording_folder
-from swarmdata.remotes.pulling import pull
-from swarmdata.repairing import examine, repair
-from swarmdata.resolving import obtain, obtain_release
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder

@@ -8,8 +8,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
-from swarmdata.catalog import load  # noqa: E402
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
+from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.learn.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.framed import framed  # noqa: E402
 from swarmdata.learn.policy import TorchPolicy  # noqa: E402

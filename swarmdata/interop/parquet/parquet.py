@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
+from swarmdata.hub.publishing.metadata.episode_parquet import FILE, episode_table, parquet_bytes
 from swarmdata.interop.conversion.incoming import Incoming
 from swarmdata.interop.conversion.kept_facts import (
     NEXT,
@@ -33,7 +34,6 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.interop.parquet.parquet_foreign import unnoted_file
 from swarmdata.interop.parquet.parquet_rows import Table, arrow
-from swarmdata.metadata.episodes import FILE, episode_table, parquet_bytes
 from swarmdata.store import SPLITS
 from swarmdata.types import Int
 

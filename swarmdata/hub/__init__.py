@@ -1,0 +1,1 @@
+"""Datasets by name: the catalog, remotes, and publishing."""

@@ -1,0 +1,191 @@
+"""Where a repair takes right bytes from, and how a lost manifest is found again.
+
+A manifest is believed only where the published digests, or all the other files, agree with it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.building.build import build
+from swarmdata.errors import DatasetError, ManifestError, SpecError, SwarmdataError
+from swarmdata.hub.catalog.identity import judge
+from swarmdata.hub.catalog.sources import skip
+from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.registry.published import Published, published
+from swarmdata.specs.task_spec import Recipe
+from swarmdata.store import Manifest, read_manifest
+from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
+from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.integrity.recognition import root_attributes
+from swarmdata.store.manifest import MAX_BYTES, parse_manifest
+
+MADE_AGAIN = "made again from the recipe"
+"""How a repaired file came to be, in words."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Remotes, the recipe, and a scratch folder for what comes from them."""
+
+    scratch: Path
+    remotes: tuple[str, ...]
+    workers: int | None
+    progress: bool
+
+    @property
+    def fetched(self) -> Path:
+        """The folder for files of remotes."""
+        return self.scratch / "fetched"
+
+    def release(self, address: str, dataset: str) -> tuple[Remote, Release, Manifest]:
+        """Finds a dataset on a remote and reads its manifest.
+
+        Raises:
+            SwarmdataError: it is not there, or the remote fails.
+        """
+        remote = open_remote(address)
+        release = remote.find(dataset)
+        if release is None:
+            raise DatasetError(f"{dataset} is not there")
+        copy = self.fetched / MANIFEST
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        remote.read(release, MANIFEST, copy, MAX_BYTES)
+        return remote, release, parse_manifest(copy.read_bytes(), copy)
+
+    def rebuild(self, recipe: Recipe) -> Path:
+        """Builds a dataset in the scratch folder; what a killed repair has built is used."""
+        out = self.scratch / "rebuilt" / recipe.id
+        return build(recipe, out, workers=self.workers, progress=self.progress)
+
+
+def recipe_of(path: Path, manifest: Manifest | None) -> Recipe:
+    """The recipe beside the data if it is whole, else the shipped one of the same name and hash.
+
+    The manifest says which is whole. Where it is lost, what is written beside the arrays does;
+    datasets that were written before that was so have only their own recipe, or their name.
+
+    Raises:
+        DatasetError: there is neither.
+    """
+    attributes = root_attributes(path)
+    known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
+    name = attributes.get("id", path.resolve().name) if manifest is None else manifest.id
+    beside, shipped = _recipe_beside(path), shipped_recipes().get(str(name))
+    for recipe in (beside, shipped):
+        if recipe is not None and known in (None, recipe.hash()):
+            return recipe
+    what = "absent, broken or no recipe" if beside is None else "not the one it was made from"
+    raise DatasetError(
+        f"{path} cannot be made again: its {RECIPE} is {what}, and the package has no recipe of it"
+        f"{f' (SHA-256 {known[:12]})' if isinstance(known, str) else ''}. Take {name} from a "
+        f"remote, or its {RECIPE} from a copy."
+    )
+
+
+def _recipe_beside(path: Path) -> Recipe | None:
+    """The recipe in a dataset's folder, None where it is broken or absent."""
+    try:
+        return Recipe.from_file(path / RECIPE)
+    except (SpecError, OSError, ValueError):
+        return None
+
+
+def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
+    """Finds the manifest of a dataset that has lost it, or has a broken one.
+
+    In this order: one made from the files themselves, if they have the published digests; a
+    remote's; that of the recipe built again. The latter two must have the published digest or,
+    where none is published, list every file as it is here.
+
+    Returns:
+        The manifest, and where it is from.
+
+    Raises:
+        DatasetError: no manifest can be believed.
+        BuildError: the recipe could not be built.
+    """
+    recipe = recipe_of(path, None)
+    entry = published().get(recipe.id)
+    if entry is None or entry.recipe_hash != recipe.hash():
+        return _of_unpublished(path, recipe, sources)
+    if (own := _from_files(path, recipe, entry)) is not None:
+        return own, "made again from files that have the published digests"
+    for theirs, address in _offers(path, recipe.id, sources):
+        if judge(theirs).kind == "published":
+            return _of_most_files(path, theirs), f"fetched from {address}"
+    rebuilt = read_manifest(sources.rebuild(recipe))
+    identity = judge(rebuilt)
+    if identity.kind != "published":
+        raise ManifestError(
+            f"the manifest of {path} cannot be restored: it was made again from the recipe, and "
+            f"{identity.sentence}. Take {recipe.id} from a remote. Nothing was changed."
+        )
+    return _of_most_files(path, rebuilt), MADE_AGAIN
+
+
+def _of_most_files(path: Path, manifest: Manifest) -> Manifest:
+    """The manifest, if most arrays here are those that it lists.
+
+    Where most are others, this is somebody's own dataset, whatever its name: nothing of it may be
+    replaced.
+
+    Raises:
+        ManifestError: most are others.
+    """
+    names = {name: array_file(name, len(entry.shape)) for name, entry in manifest.arrays.items()}
+    there = [file for file in names.values() if file in manifest.files and (path / file).is_file()]
+    same = sum(file_digest(path / file) == manifest.files[file].sha256 for file in there)
+    if 2 * same > len(there):
+        return manifest
+    raise ManifestError(
+        f"the manifest of {path} cannot be restored: {len(there) - same} of its {len(there)} "
+        f"arrays are not those of the published {manifest.id}, so this is another dataset, or too "
+        "little is left of it. Nothing was changed."
+    )
+
+
+def _offers(path: Path, dataset: str, sources: Sources) -> Iterator[tuple[Manifest, str]]:
+    """The manifests that remotes have under an id, with the addresses of their releases."""
+    for address in sources.remotes:
+        try:
+            _, release, theirs = sources.release(address, dataset)
+        except SwarmdataError as error:
+            skip(address, f"the manifest of {path}", error)
+        else:
+            yield theirs, release.address
+
+
+def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None:
+    """A manifest of what is there, if that is what was published; None: another file is broken."""
+    try:
+        own = remake_manifest(path, recipe, entry.made_with)
+    except DatasetError:
+        return None
+    is_whole = own.transport_digest == entry.transport_digest
+    return own if is_whole and judge(own).kind == "published" else None
+
+
+def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> tuple[Manifest, str]:
+    """A remote's manifest or that of the recipe built again, if every file here is in it."""
+    for theirs, address in _offers(path, recipe.id, sources):
+        if _other_file(path, theirs) is None:
+            return theirs, f"fetched from {address}"
+    rebuilt = read_manifest(sources.rebuild(recipe))
+    if (file := _other_file(path, rebuilt)) is not None:
+        raise ManifestError(
+            f"the manifest of {path} cannot be restored: no digest of {recipe.id} with this recipe "
+            f"is published, and {file} is not what its recipe makes here. Nothing was changed."
+        )
+    return rebuilt, MADE_AGAIN
+
+
+def _other_file(path: Path, manifest: Manifest) -> str | None:
+    """The first file here that is not the one that a manifest lists."""
+    for file, entry in manifest.files.items():
+        if not (path / file).is_file() or file_digest(path / file) != entry.sha256:
+            return file
+    return None

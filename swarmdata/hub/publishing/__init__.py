@@ -1,0 +1,1 @@
+"""What happens before a dataset is published, and the metadata that goes with it."""

@@ -1,0 +1,234 @@
+"""Croissant, the JSON-LD that dataset search engines and conferences ask for, written by hand.
+
+Croissant format specification 1.1 and its RAI extension 1.0 (MLCommons). Every file is listed with
+its SHA-256, so that a reader notices a changed one, and the episode table is a record set. The text
+is a pure function of the dataset's files and the arguments: no dates of its own.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.hub.publishing.metadata.episode_parquet import COLUMNS, FILE
+from swarmdata.specs.origins import Edit, Recording
+from swarmdata.store import SPLITS
+from swarmdata.store.arrays.layout import MANIFEST
+
+CROISSANT = "croissant.json"
+
+LICENSES = {
+    "apache-2.0": "https://www.apache.org/licenses/LICENSE-2.0",
+    "cc-by-4.0": "https://creativecommons.org/licenses/by/4.0/",
+    "cc-by-sa-4.0": "https://creativecommons.org/licenses/by-sa/4.0/",
+    "cc0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
+    "mit": "https://opensource.org/licenses/MIT",
+}
+"""Addresses of the licenses by the Hub's names for them."""
+
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+"""The context of Croissant 1.1, which validators compare word by word."""
+
+_SPLIT_KINDS = {
+    "train": "cr:TrainingSplit",
+    "validation": "cr:ValidationSplit",
+    "test": "cr:TestSplit",
+}
+
+_TYPES = {
+    "split": "sc:Text",
+    "end_reason": "sc:Text",
+    "policy": "sc:Text",
+    "team_return": "sc:Float",
+    "success": "sc:Boolean",
+}
+"""Columns of the episode table that are not integers."""
+
+
+def croissant(
+    dataset: Dataset, tables: Mapping[str, bytes], *, url: str | None, published: str | None
+) -> bytes:
+    """Returns the text of `croissant.json`.
+
+    Args:
+        dataset: the whole dataset.
+        tables: the Parquet files beside it, by path; without `episodes.parquet` there is no record
+            set.
+        url: page of the dataset, if it has one.
+        published: ISO date on which it was published, if it was.
+    """
+    recipe = dataset.recipe
+    content = {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.1",
+        "name": dataset.id,
+        "description": _description(dataset),
+        "version": f"{dataset.id.rpartition('-v')[2]}.0.0",
+        "license": LICENSES.get(license_of(dataset), license_of(dataset)),
+        "creator": {"@type": "Organization", "name": _author(dataset)},
+        "citeAs": _citation(dataset),
+        "keywords": [
+            "offline reinforcement learning",
+            "multi-agent",
+            recipe.spec.task,
+            recipe.tier,
+        ],
+        "isLiveDataset": False,
+        **({"url": url} if url else {}),
+        **({"datePublished": published} if published else {}),
+        **_responsible(dataset),
+        "distribution": _distribution(dataset, tables),
+        **({"recordSet": _record_sets()} if FILE in tables else {}),
+    }
+    return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
+
+
+def license_of(dataset: Dataset) -> str:
+    """The Hub's name of the license: what the recording says, that of ours, or `unknown`."""
+    recipe = dataset.recipe
+    if isinstance(recipe, Recording):
+        return recipe.metadata.get("license", "unknown")
+    return "unknown" if isinstance(recipe, Edit) else "cc-by-4.0"
+
+
+def _author(dataset: Dataset) -> str:
+    recipe = dataset.recipe
+    metadata = recipe.metadata if isinstance(recipe, Recording) else {}
+    return metadata.get("author", "swarmdata")
+
+
+def _description(dataset: Dataset) -> str:
+    recipe = dataset.recipe
+    return (
+        f"Offline multi-agent reinforcement learning: {len(dataset):,} episodes, "
+        f"{dataset.n_steps:,} joint steps of {dataset.spec.n_agents} agents in {recipe.spec.task}, "
+        f"tier {recipe.tier}. Arrays are Zarr v3 without compression; the episode table is "
+        f"{FILE}. Logical digest of the arrays: {dataset.digest}."
+    )
+
+
+def _citation(dataset: Dataset) -> str:
+    key = dataset.id.replace("-", "_")
+    return f"@misc{{{key}, title={{{dataset.id}}}, note={{swarmdata, digest {dataset.digest}}}}}"
+
+
+def _responsible(dataset: Dataset) -> dict[str, Any]:
+    """The fields of the RAI extension, about data that a simulator made."""
+    labels = ", ".join(source.label for source in dataset.recipe.policies)
+    return {
+        "rai:dataCollection": f"Recorded in simulation. Behavior policies: {labels}.",
+        "rai:dataCollectionType": "Software Collection",
+        "rai:hasSyntheticData": True,
+        "rai:dataBiases": "Episodes are those of the behavior policies; states that these do not "
+        "visit are absent.",
+        "rai:dataLimitations": "Simulation only; no claim about physical robots.",
+        "rai:dataUseCases": "Training and evaluation of offline multi-agent learning.",
+        "rai:personalSensitiveInformation": "None: no person took part.",
+        "rai:dataReleaseMaintenancePlan": "A published version never changes from version 1 on; "
+        "corrections get a new version.",
+    }
+
+
+def _distribution(dataset: Dataset, tables: Mapping[str, bytes]) -> list[dict[str, Any]]:
+    files = dataset.stored.manifest.files
+    entries = [_file(path, files[path].size, files[path].sha256) for path in sorted(files)]
+    manifest = (dataset.path / MANIFEST).read_bytes()
+    for path, content in {MANIFEST: manifest, **tables}.items():
+        entries.append(_file(path, len(content), hashlib.sha256(content).hexdigest()))
+    return entries
+
+
+def _file(path: str, size: int, sha256: str) -> dict[str, Any]:
+    kinds = {".json": "application/json", ".parquet": "application/x-parquet"}
+    return {
+        "@type": "cr:FileObject",
+        "@id": path,
+        "name": path,
+        "contentUrl": path,
+        "contentSize": f"{size} B",
+        "encodingFormat": kinds.get(Path(path).suffix, "application/octet-stream"),
+        "sha256": sha256,
+    }
+
+
+def _record_sets() -> list[dict[str, Any]]:
+    splits = {
+        "@type": "cr:RecordSet",
+        "@id": "splits",
+        "name": "splits",
+        "description": "Splits of the episodes.",
+        "dataType": "cr:Split",
+        "key": {"@id": "splits/name"},
+        "field": [
+            {"@type": "cr:Field", "@id": "splits/name", "dataType": "sc:Text"},
+            {"@type": "cr:Field", "@id": "splits/url", "dataType": "sc:URL"},
+        ],
+        "data": [{"splits/name": name, "splits/url": _SPLIT_KINDS[name]} for name in SPLITS],
+    }
+    episodes = {
+        "@type": "cr:RecordSet",
+        "@id": "episodes",
+        "name": "episodes",
+        "description": "One row per episode.",
+        "key": {"@id": "episodes/episode"},
+        "field": [_field(name, meaning) for name, meaning in COLUMNS.items()],
+    }
+    return [splits, episodes]
+
+
+def _field(name: str, meaning: str) -> dict[str, Any]:
+    refers = {"references": {"field": {"@id": "splits/name"}}} if name == "split" else {}
+    return {
+        "@type": "cr:Field",
+        "@id": f"episodes/{name}",
+        "name": f"episodes/{name}",
+        "description": meaning,
+        "dataType": _TYPES.get(name, "sc:Integer"),
+        "source": {"fileObject": {"@id": FILE}, "extract": {"column": name}},
+        **refers,
+    }

@@ -1,0 +1,158 @@
+"""What goes to a hub beside a dataset's own files: episode tables, Croissant, and the card there.
+
+The manifest does not list these files: they are made anew from the dataset at every upload.
+"""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.hub.publishing.metadata.croissant import CROISSANT, croissant, license_of
+from swarmdata.hub.publishing.metadata.episode_parquet import FILE, episode_table, parquet_bytes
+from swarmdata.runtime.documents import parse_yaml
+from swarmdata.store import SPLITS, write_file
+
+SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+"""The Hub's size categories, by joint steps below."""
+
+README = "README.md"
+"""What the Hub shows of a repository."""
+
+_DTYPES = {"double": "float64"}
+"""Names of `datasets` for types of Arrow, where they differ."""
+
+CONFIG = "episodes"
+"""Name of the configuration that the Hub's viewer shows."""
+
+
+def metadata_files(
+    folder: Path, *, url: str | None = None, published: str | None = None
+) -> dict[str, bytes]:
+    """Returns the files to upload beside a dataset's own, by path; nothing is written.
+
+    `episodes.parquet` with all episodes and `episodes/<split>.parquet` with those of each split,
+    where pyarrow is installed (the extra `parquet`), and `croissant.json` always.
+
+    Args:
+        folder: of a finished dataset.
+        url: page of the dataset, if it has one.
+        published: ISO date of its publication, if it is published.
+
+    Raises:
+        DatasetError: the dataset cannot be used.
+    """
+    dataset = Dataset.open(folder)
+    tables = _tables(dataset)
+    text = croissant(dataset, tables, url=url, published=published)
+    return {**tables, CROISSANT: text}
+
+
+def write_beside(folder: Path, out: Path) -> None:
+    """Writes what is published beside a dataset: `metadata_files`, and the Hub's `README.md`.
+
+    Raises:
+        DatasetError: the dataset cannot be used, or has no card.
+        SchemaError: its card's front matter is not YAML.
+    """
+    for name, content in metadata_files(folder).items():
+        write_file(out / name, content)
+    write_file(out / README, hub_card(folder).encode())
+
+
+def _tables(dataset: Dataset) -> dict[str, bytes]:
+    if find_spec("pyarrow") is None:
+        return {}
+    table = episode_table(dataset)
+    parts = {_split_file(name): _part(table, name) for name in _splits(dataset)}
+    files = {FILE: table, **parts}
+    return {path: parquet_bytes(each) for path, each in files.items()}
+
+
+def _split_file(split: str) -> str:
+    return f"episodes/{split}.parquet"
+
+
+def _splits(dataset: Dataset) -> list[str]:
+    """Splits that have episodes."""
+    codes = dataset.episodes.split
+    return [name for code, name in enumerate(SPLITS) if (codes == code).any()]
+
+
+def _part(table: Any, split: str) -> Any:
+    mask = [name == split for name in table.column("split").to_pylist()]
+    return table.filter(mask)
+
+
+def hub_card(folder: Path) -> str:
+    """Returns the README.md of a dataset's repository: its card, with what the Hub reads in front.
+
+    The card's own front matter is kept; license, tags, categories and sizes are added where it has
+    none, and the configuration of the episode tables where pyarrow is installed.
+
+    Raises:
+        MissingFileError: the dataset has no card.
+        SchemaError: the card's front matter is not YAML.
+        DatasetError: the dataset cannot be used.
+    """
+    dataset = Dataset.open(folder)
+    front, text = _parsed(dataset.card, dataset.path)
+    content = {**_front_matter(dataset), **front}
+    if find_spec("pyarrow") is not None:
+        content |= _configuration(dataset)
+    return f"---\n{yaml.safe_dump(content, sort_keys=False, allow_unicode=True)}---\n{text}"
+
+
+def _parsed(card: str, path: Path) -> tuple[dict[str, Any], str]:
+    """Front matter and text of a card, which need not have the former."""
+    if not card.startswith("---\n"):
+        return {}, f"\n{card}"
+    head, mark, text = card.removeprefix("---\n").partition("\n---\n")
+    try:
+        front = parse_yaml(head, "the card's front matter") if mark else None
+    except SpecError:
+        front = None
+    if not isinstance(front, dict):
+        raise SchemaError(
+            f"the front matter of the card of {path} is not YAML between two lines ---. Write the "
+            "card again with `swarmdata card --write`."
+        )
+    return front, text
+
+
+def _front_matter(dataset: Dataset) -> dict[str, Any]:
+    recipe = dataset.recipe
+    size = next((name for below, name in SIZES if dataset.n_steps < below), "1M<n<10M")
+    return {
+        "pretty_name": dataset.id,
+        "license": license_of(dataset),
+        "annotations_creators": ["machine-generated"],
+        "task_categories": ["reinforcement-learning", "robotics"],
+        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],
+        "size_categories": [size],
+    }
+
+
+def _configuration(dataset: Dataset) -> dict[str, Any]:
+    table = episode_table(dataset)
+    parts = {name: _part(table, name) for name in _splits(dataset)}
+    files = [{"split": name, "path": _split_file(name)} for name in parts]
+    sizes = {name: len(parquet_bytes(part)) for name, part in parts.items()}
+    splits = [
+        {"name": name, "num_bytes": part.nbytes, "num_examples": part.num_rows}
+        for name, part in parts.items()
+    ]
+    info = {
+        "config_name": CONFIG,
+        "features": [
+            {"name": f.name, "dtype": _DTYPES.get(str(f.type), str(f.type))} for f in table.schema
+        ],
+        "splits": splits,
+        "download_size": sum(sizes.values()),
+        "dataset_size": sum(part.nbytes for part in parts.values()),
+    }
+    configuration = {"config_name": CONFIG, "default": True, "data_files": files}
+    return {"configs": [configuration], "dataset_info": info}

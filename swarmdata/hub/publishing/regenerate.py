@@ -1,0 +1,199 @@
+"""Makes published datasets again, and says in what they differ from what was published."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+from tqdm import tqdm
+
+from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
+from swarmdata.building.build import build, is_finished
+from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
+from swarmdata.hub.catalog.catalog import dataset_folder
+from swarmdata.registry.published import Published, changed_versions, published
+from swarmdata.runtime.locking import updating
+from swarmdata.specs.task_spec import Recipe
+from swarmdata.store import open_store, write_file
+from swarmdata.store.cache import cache_folder
+from swarmdata.store.publication import publication
+from swarmdata.store.scratch import remove_scratch, scratch_folder
+
+MINI = "-mini-v"
+"""In the ids of minis."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One published value that was not found again."""
+
+    dataset: str  # id
+    what: str  # path of the value, such as `policies.expert-0.success`
+    published: str
+    found: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """What came out of making one published dataset again."""
+
+    dataset: str  # id
+    differences: tuple[Difference, ...]
+    versions: tuple[str, ...]  # what differs from the versions that it was published with
+
+
+def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[str, ...]:
+    """Returns the published ids that names mean, all of them without names, in order.
+
+    Args:
+        names: ids with or without their version.
+        minis: whether to leave out what is no mini.
+
+    Raises:
+        UnknownNameError: a name is not published; the message has the nearest.
+    """
+    known = published()
+    chosen = [find_recipe(name).id if is_dataset(name) else name for name in names] or sorted(known)
+    for name in chosen:
+        if name not in known:
+            raise UnknownNameError("published dataset", name, known)
+    return tuple(name for name in dict.fromkeys(chosen) if MINI in name or not minis)
+
+
+def check(
+    ids: Sequence[str],
+    *,
+    cached: bool = False,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Iterator[Check]:
+    """Makes published datasets again, one after the other, and compares them.
+
+    Args:
+        ids: as `published_ids` returns them.
+        cached: whether to take what is in the cache, after reading every byte, instead of making it
+            again.
+        workers: processes that build; by default one for each core.
+        progress: whether to show bars.
+
+    Raises:
+        BuildError: a dataset could not be made.
+        DatasetError: a dataset in the cache cannot be used.
+    """
+    entries, recipes = published(), shipped_recipes()
+    for key in tqdm(ids, "datasets", unit="dataset", disable=None if progress else True):
+        entry, recipe = entries[key], recipes.get(key)
+        if recipe is None:
+            gone = Difference(key, "recipe", entry.recipe_hash[:12], "none")
+            yield Check(key, (gone,), ())
+            continue
+        found = make_again(recipe, cached=cached, workers=workers, progress=progress)
+        versions = changed_versions(entry.made_with, found.made_with)
+        yield Check(key, differences(key, entry, found), versions)
+
+
+def make_again(
+    recipe: Recipe, *, cached: bool = False, workers: int | None = None, progress: bool = True
+) -> Published:
+    """Builds a dataset from nothing, measures it and removes it; a copy in the cache is not used.
+
+    Args:
+        recipe: of the dataset.
+        cached: whether to take the copy in the cache, if there is one.
+        workers: processes that build.
+        progress: whether to show a bar.
+
+    Raises:
+        BuildError: it could not be made.
+        DatasetError: the copy in the cache cannot be used.
+    """
+    kept = dataset_folder(recipe)
+    if cached and is_finished(kept, recipe):
+        return publication(open_store(kept, "full"))
+    scratch = scratch_folder(cache_folder() / "checks" / recipe.id, "check")
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(scratch.parent / f".{recipe.id}.check.lock"):
+        remove_scratch(scratch)  # parts of a killed check may have been made by older code
+        try:
+            build(recipe, scratch / recipe.id, workers=workers, progress=progress)
+            return publication(open_store(scratch / recipe.id, "full"))
+        finally:
+            remove_scratch(scratch)
+
+
+def differences(dataset: str, entry: Published, found: Published) -> tuple[Difference, ...]:
+    """What differs but for versions and platform, which alone are no difference."""
+    mine, theirs = (
+        dict(_values("", each.model_dump(exclude={"made_with"}))) for each in (found, entry)
+    )
+    return tuple(
+        Difference(dataset, what, _shown(theirs.get(what)), _shown(mine.get(what)))
+        for what in sorted(mine.keys() | theirs.keys())
+        if mine.get(what) != theirs.get(what)
+    )
+
+
+def _values(path: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _values(f"{path}{key}.", value)
+        else:
+            yield f"{path}{key}", value
+
+
+def _shown(value: Any) -> str:
+    """Digests are cut to 12 digits; numbers are shown exactly."""
+    return "none" if value is None else value[:12] if isinstance(value, str) else repr(value)
+
+
+def report(checks: Sequence[Check]) -> str:
+    """Returns one table of all differences, then what else there is to say, as text."""
+    found = [each for check in checks for each in check.differences]
+    rows = [("dataset", "what", "published", "found")] if found else []
+    rows += [(each.dataset, each.what, each.published, each.found) for each in found]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    changed = sorted({version for check in checks for version in check.versions})
+    if changed:
+        lines.append(f"made here with {', '.join(changed)}")
+    wrong = sum(bool(check.differences) for check in checks)
+    lines.append(f"{len(checks)} datasets checked, {wrong or 'none'} with differences")
+    return "\n".join(lines) + "\n"
+
+
+def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
+    """Replaces or adds keys of a JSON file, sorted, in one rename; a missing file is begun.
+
+    Processes that do so at the same time wait for one another, so no key is lost.
+
+    Raises:
+        SchemaError: the file is not a JSON object.
+        DatasetNotFoundError: its folder does not exist.
+    """
+    if not path.parent.is_dir():
+        raise DatasetNotFoundError(
+            f"there is no folder {path.parent} for {path.name}. Run this in the repository, or say "
+            "where the file is with --out."
+        )
+    with updating(path):
+        content = {**_entries(path), **entries}
+        text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
+        write_file(path, f"{text}\n".encode())
+
+
+def _entries(path: Path) -> dict[str, Any]:
+    """What is in a JSON file so far."""
+    if not path.exists():
+        return {}
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise SchemaError(f"{path} is not JSON: {error}. Restore it.") from error
+    if not isinstance(there, dict):
+        raise SchemaError(f"{path} holds a {type(there).__name__}, expected an object.")
+    return there

@@ -1,0 +1,199 @@
+"""Addresses such as `hf://org/coop_nav-medium@v0`, and the remotes that the user has configured."""
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import yaml
+from platformdirs import user_config_path
+
+from swarmdata.errors import AddressError, SpecError, UnknownNameError
+from swarmdata.hub.remotes.hosts.buckets import BucketRemote
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
+from swarmdata.hub.remotes.hosts.web import WebRemote
+from swarmdata.hub.remotes.interface import Remote
+from swarmdata.hub.remotes.outside_names import MAX_ID, is_id
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.locking import updating
+
+HUB, FOLDER, WEB = ("hf",), ("file",), ("http", "https")
+BUCKETS = ("s3", "gs", "gcs", "az", "abfs", "abfss", "memory")
+"""Object stores that fsspec knows; each needs its own package, such as s3fs."""
+
+SCHEMES = (*HUB, *FOLDER, *WEB, *BUCKETS)
+
+_KINDS: dict[str, Callable[[str], Remote]] = {
+    **dict.fromkeys(HUB, HubRemote),
+    **dict.fromkeys(FOLDER, FolderRemote),
+    **dict.fromkeys(WEB, WebRemote),
+    **dict.fromkeys(BUCKETS, BucketRemote),
+}
+
+_HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
+
+
+@dataclass(frozen=True)
+class Address:
+    """A remote, or one dataset on it.
+
+    Attributes:
+        remote: what `open_remote` takes, such as `hf://org` or `s3://bucket/prefix`.
+        dataset: the id with its version, or on a Hub the repository's name, which has none;
+            None: the address is of the whole remote.
+        revision: on a Hub, the tag (`v0`) or the commit; None: the newest version.
+    """
+
+    remote: str
+    dataset: str | None = None
+    revision: str | None = None
+
+    def __str__(self) -> str:
+        """The address as it is written."""
+        dataset = f"/{self.dataset}" if self.dataset else ""
+        return self.remote + dataset + (f"@{self.revision}" if self.revision else "")
+
+
+def is_address(text: str) -> bool:
+    """Whether this is meant as an address, rather than as an id or a path."""
+    return "://" in text
+
+
+def parse_address(text: str) -> Address:
+    """Reads the address of a remote or of a dataset on it.
+
+    Raises:
+        UnknownNameError: there is no such scheme.
+        AddressError: it is malformed.
+    """
+    scheme, separator, rest = text.partition("://")
+    if not separator:
+        raise AddressError(f"{text!r} is not an address, expected one such as 'hf://org'.")
+    if scheme not in SCHEMES:
+        raise UnknownNameError("kind of remote", scheme, SCHEMES)
+    if re.search(r"[\s\\?#]|[^\x20-\x7e]", rest) or "://" in rest or "::" in rest:
+        raise _malformed(scheme, "it has a space, a query or a character outside of ASCII")
+    if scheme in HUB:
+        return _hub_address(rest)
+    parts = urlsplit(text)
+    if "@" in parts.netloc:
+        raise _malformed(
+            scheme, "it has a password. Credentials belong into the environment or a config file"
+        )
+    path = parts.path.rstrip("/")
+    if any(part in ("", ".", "..") for part in path.split("/")[1:]):
+        raise _malformed(scheme, "its path has an empty component or dots")
+    if (scheme in FOLDER) == bool(parts.netloc) or (scheme in FOLDER and not path):
+        raise _malformed(scheme, f"expected {_EXAMPLES.get(scheme, f'{scheme}://bucket/prefix')}")
+    head, _, last = path.rpartition("/")
+    root = f"{scheme}://{parts.netloc}"
+    return Address(root + head, last) if is_id(last) else Address(root + path)
+
+
+_EXAMPLES = {
+    "hf": "hf://org, hf://org/coop_nav-medium or hf://org/coop_nav-medium@v0",
+    "file": "file:///an/absolute/folder",
+    "https": "https://host/folder",
+    "http": "http://host/folder",
+}
+
+
+def _malformed(scheme: str, problem: str) -> AddressError:
+    """Without the address itself, which may hold a password."""
+    return AddressError(f"an address of {scheme}:// is malformed: {problem}.")
+
+
+def _hub_address(rest: str) -> Address:
+    place, _, revision = rest.partition("@")
+    organization, _, name = place.rstrip("/").partition("/")
+    for part in filter(None, (organization, name)):
+        if not _HUB_NAME.fullmatch(part) or ".." in part or "--" in part or len(part) > MAX_ID:
+            raise _malformed("hf", f"{part!r} is not a name on a Hub. Expected {_EXAMPLES['hf']}")
+    revised = "@" in rest
+    if not organization or (revised and not (name and re.fullmatch(r"[\w./-]{1,96}", revision))):
+        raise _malformed("hf", f"expected {_EXAMPLES['hf']}")
+    return Address(f"hf://{organization}", name or None, revision or None)
+
+
+def open_remote(address: str) -> Remote:
+    """Returns the remote at an address; nothing is asked yet.
+
+    Raises:
+        UnknownNameError: there is no such scheme.
+        AddressError: the address is malformed, or of one dataset.
+        MissingExtraError: its package is not installed.
+    """
+    found = parse_address(address)
+    if found.dataset is not None:
+        raise AddressError(f"{found} is a dataset, expected a remote such as {found.remote}.")
+    return _KINDS[found.remote.partition("://")[0]](found.remote)
+
+
+def config_file() -> Path:
+    """Where `swarmdata remote add` keeps the remotes."""
+    return user_config_path("swarmdata") / "remotes.yaml"
+
+
+def configured_remotes() -> tuple[str, ...]:
+    """The remotes that `load` asks, in order.
+
+    `SWARMDATA_REMOTES`, separated by commas, where it is set, even if empty; else those of the
+    user's `remotes.yaml`; else none.
+
+    Raises:
+        AddressError: one of them is malformed, or the file is.
+        UnknownNameError: one has an unknown scheme.
+    """
+    named = os.environ.get("SWARMDATA_REMOTES")
+    if named is None:
+        return stored_remotes()
+    return tuple(_whole(each.strip(), "SWARMDATA_REMOTES") for each in named.split(",") if each)
+
+
+def stored_remotes() -> tuple[str, ...]:
+    """The remotes in the user's `remotes.yaml`, in order; none if there is no such file.
+
+    Raises:
+        AddressError: the file or an address in it is malformed.
+    """
+    path = config_file()
+    if not path.exists():
+        return ()
+    try:
+        content = read_document(path)
+    except (OSError, SpecError) as error:
+        raise AddressError(f"{path} is not YAML: {error}. Correct or delete it.") from error
+    listed = content.get("remotes") if isinstance(content, dict) else None
+    if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+        raise AddressError(
+            f"{path} has no list of addresses under the key 'remotes'. Correct or delete it."
+        )
+    return tuple(_whole(each, str(path)) for each in listed)
+
+
+def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
+    """Changes the user's `remotes.yaml` in one step and returns its path.
+
+    Args:
+        change: from what is there to what shall be; nobody else changes the file meanwhile.
+
+    Raises:
+        AddressError: the file or an address in it is malformed.
+        BuildError: it cannot be written.
+    """
+    path = config_file()
+    with updating(path):
+        text = yaml.safe_dump({"remotes": list(change(stored_remotes()))}, sort_keys=False)
+        write_file(path, text.encode())
+    return path
+
+
+def _whole(text: str, where: str) -> str:
+    found = parse_address(text)
+    if found.dataset is not None:
+        raise AddressError(f"{where} names {found}, a dataset. Expected a remote: {found.remote}.")
+    return found.remote

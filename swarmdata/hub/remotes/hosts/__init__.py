@@ -1,0 +1,1 @@
+"""The kinds of remotes: folders, web hosts, object stores, Hugging Face."""

@@ -1,0 +1,245 @@
+"""Object stores that fsspec knows, `s3://bucket/prefix` and its like."""
+
+import hashlib
+import importlib.util
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from swarmdata.errors import (
+    AbsentFileError,
+    ConflictError,
+    HubError,
+    MissingExtraError,
+    VersionTakenError,
+)
+from swarmdata.hub.remotes.hosts.id_index import INDEX, index_bytes
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import LOCAL, Backoff, TransientError, refuse_offline
+from swarmdata.hub.remotes.network.pace import Meter, Pace
+from swarmdata.hub.remotes.network.threads import watched
+from swarmdata.hub.remotes.outside_names import is_id, split_id
+from swarmdata.hub.remotes.release_files import files_to_publish
+from swarmdata.store.arrays.layout import MANIFEST
+from swarmdata.store.manifest import MAX_BYTES
+
+T = TypeVar("T")
+
+CLAIM = ".pushing"
+"""Object beside a dataset's files while they are sent: the SHA-256 of the manifest to come, then
+the large files that are there already, a line each."""
+
+LARGE = 1 << 20
+"""Bytes from which on an interrupted push notes that a file has been sent."""
+
+S3_OPTIONS: dict[str, Any] = {
+    "config_kwargs": {"connect_timeout": 10, "read_timeout": 30, "retries": {"max_attempts": 2}}
+}
+"""Seconds without a byte before a connection counts as lost; `Backoff` does the waiting."""
+
+FINAL = ("NoCredentialsError", "PartialCredentialsError", "ParamValidationError")
+"""Errors of botocore that another attempt cannot change."""
+
+
+class BucketRemote:
+    """Datasets under a prefix of a bucket; visible from the moment their manifest is there.
+
+    The first pusher of an id leaves a claim, so that no two mix their files; objects appear whole
+    or not at all; the manifest is sent last and only where there is none.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        backoff: Backoff | None = None,
+        pace: Pace | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> None:
+        self.address = address
+        self._backoff = backoff or Backoff()
+        self._pace = pace or Pace.from_environment()
+        scheme, _, self._root = address.partition("://")
+        self._files = _file_system(scheme, options)
+
+    def find(self, dataset_id: str) -> Release | None:
+        split_id(dataset_id)
+        manifest = self._object(dataset_id, MANIFEST)
+        what = f"asking {self.address} for {dataset_id}"
+        try:
+            self._ask(what, lambda: self._files.info(manifest))
+        except AbsentFileError:
+            return None
+        return Release(dataset_id, f"{self.address}/{dataset_id}")
+
+    def ids(self) -> tuple[str, ...]:
+        what = f"asking {self.address} for its datasets"
+        try:
+            listed = self._ask(what, lambda: self._files.ls(self._root, detail=False))
+        except AbsentFileError:
+            return ()
+        names = {str(path).rstrip("/").rpartition("/")[2] for path in listed}
+        return tuple(name for name in sorted(names) if is_id(name) and self.find(name))
+
+    def read(self, release: Release, file: str, out: Path, size: int) -> None:
+        source = self._object(release.id, file)
+        what = f"fetching {release.address}/{file}"
+        found = self._ask(what, lambda: self._files.info(source))["size"]
+        if found is None or found > size:
+            raise HubError(
+                f"{release.address}/{file} has {found} bytes, expected at most {size}. It is not "
+                "the file that the manifest lists; tell whoever publishes there."
+            )
+
+        def fetch() -> Path:
+            # a name of its own for each attempt: one that was too slow may still be writing
+            part = out.with_name(f"{out.name}.{uuid.uuid4().hex[:8]}.part")
+            meter = Meter(self._pace, f"{release.address}/{file}")
+            watched(
+                lambda: self._files.get_file(source, str(part)),
+                meter,
+                lambda: part.stat().st_size if part.exists() else 0,
+            )
+            return part
+
+        self._try(what, fetch).replace(out)
+
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
+        split_id(dataset_id)
+        files, release = (
+            files_to_publish(folder, dataset_id, beside),
+            Release(dataset_id, f"{self.address}/{dataset_id}"),
+        )
+        manifest = (folder / MANIFEST).read_bytes()
+        if not self._is_published(dataset_id, manifest):
+            claim = self._claim(dataset_id, hashlib.sha256(manifest).hexdigest())
+            for name, file in files.items():
+                if name not in (*claim, MANIFEST):
+                    self._send(file, self._object(dataset_id, name))
+                    if file.stat().st_size >= LARGE:
+                        claim.append(name)
+                        self._put(self._object(dataset_id, CLAIM), "\n".join(claim).encode())
+            if not self._create(self._object(dataset_id, MANIFEST), manifest):
+                self._is_published(dataset_id, manifest)
+        self._release_claim(dataset_id)
+        self._write_index()
+        return release
+
+    def _object(self, dataset_id: str, file: str) -> str:
+        return f"{self._root}/{dataset_id}/{file}"
+
+    def _is_published(self, dataset_id: str, manifest: bytes) -> bool:
+        """Whether exactly this dataset is there.
+
+        Raises:
+            VersionTakenError: another one is.
+        """
+        there = self._content(self._object(dataset_id, MANIFEST))
+        if there is not None and there != manifest:
+            raise VersionTakenError(
+                f"another {dataset_id} is published at {self.address}, and a published version "
+                "never changes. Publish this one under the next version."
+            )
+        return there is not None
+
+    def _content(self, path: str) -> bytes | None:
+        """The bytes of a small object, None if it is absent."""
+        try:
+            return self._try(
+                f"reading {path}", lambda: bytes(self._files.cat_file(path, start=0, end=MAX_BYTES))
+            )
+        except AbsentFileError:
+            return None
+
+    def _claim(self, dataset_id: str, digest: str) -> list[str]:
+        """Leaves this push's claim, or goes on with that of an earlier push of the same files.
+
+        Returns:
+            the lines of the claim: digest of the manifest, then files that need not be sent.
+        """
+        claim = self._object(dataset_id, CLAIM)
+        if self._create(claim, digest.encode()):
+            return [digest]
+        lines = (self._content(claim) or b"").decode(errors="replace").split("\n")
+        if lines[0] != digest:
+            raise ConflictError(
+                f"someone else is pushing another {dataset_id} to {self.address}, or was stopped "
+                f"while doing so. Nothing of this push is visible. Wait, pull and compare; if that "
+                f"push is dead, delete {self.address}/{dataset_id}/{CLAIM} and push again."
+            )
+        return lines
+
+    def _release_claim(self, dataset_id: str) -> None:
+        claim = self._object(dataset_id, CLAIM)
+        if self._content(claim) is not None:
+            self._try(f"deleting {claim}", lambda: self._files.rm_file(claim))
+
+    def _create(self, path: str, content: bytes) -> bool:
+        """Writes an object where there is none; says whether it did."""
+
+        def write() -> bool:
+            try:
+                self._files.pipe_file(path, content, mode="create")
+            except FileExistsError:
+                return False
+            return True
+
+        return self._try(f"writing {path}", write)
+
+    def _send(self, source: Path, path: str) -> None:
+        self._try(f"sending {path}", lambda: self._files.put_file(str(source), path))
+
+    def _put(self, path: str, content: bytes) -> None:
+        self._try(f"writing {path}", lambda: self._files.pipe_file(path, content))
+
+    def _write_index(self) -> None:
+        """Lists what is there, again until no other push has changed it meanwhile."""
+        listed = None
+        while listed != (found := self.ids()):
+            listed = found
+            self._put(f"{self._root}/{INDEX}", index_bytes(found))
+
+    def _ask(self, what: str, action: Callable[[], T]) -> T:
+        return self._try(what, lambda: watched(action, Meter(self._pace, self.address)))
+
+    def _try(self, what: str, action: Callable[[], T]) -> T:
+        """Runs a call of fsspec, whose errors have no common type; most of them may pass."""
+
+        def attempt() -> T:
+            refuse_offline(self.address)
+            try:
+                return action()
+            except (HubError, TransientError):
+                raise
+            except FileNotFoundError as error:
+                raise AbsentFileError(f"{what} failed: it is not there ({error}).") from error
+            except Exception as error:
+                if isinstance(error, OSError) and error.errno in LOCAL:
+                    raise
+                if isinstance(error, PermissionError) or type(error).__name__ in FINAL:
+                    raise HubError(
+                        f"{what} failed: {error}. Look whether your credentials are set and give "
+                        "access."
+                    ) from error
+                raise TransientError(f"{type(error).__name__}: {error}") from error
+
+        return self._backoff.run(what, attempt)
+
+
+def _file_system(scheme: str, options: dict[str, Any] | None) -> Any:
+    """The fsspec file system of a scheme; listings are never remembered.
+
+    Raises:
+        MissingExtraError: s3fs is not installed.
+        HubError: the package of another scheme is not installed.
+    """
+    import fsspec  # noqa: PLC0415  # takes longer than everything else here
+
+    if scheme == "s3" and importlib.util.find_spec("s3fs") is None:
+        raise MissingExtraError("s3fs", "s3", "an s3:// remote")
+    known = S3_OPTIONS if scheme == "s3" else {}
+    try:
+        return fsspec.filesystem(scheme, use_listings_cache=False, **{**known, **(options or {})})
+    except ImportError as error:
+        raise HubError(f"a {scheme}:// remote needs another package: {error}.") from error

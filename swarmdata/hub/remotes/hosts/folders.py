@@ -1,0 +1,104 @@
+"""A folder of datasets on a disk or a network share, `file:///folder`."""
+
+import shutil
+from pathlib import Path
+from urllib.parse import unquote
+
+from filelock import FileLock
+
+from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
+from swarmdata.hub.remotes.hosts.id_index import INDEX, index_bytes
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import LOCAL
+from swarmdata.hub.remotes.outside_names import ID_PATTERN, is_id, split_id
+from swarmdata.hub.remotes.release_files import files_to_publish
+from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
+from swarmdata.store.arrays.layout import MANIFEST
+
+
+class FolderRemote:
+    """Datasets in one folder, each in a folder of its id; a static web server can serve it."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._root = Path(unquote(address.removeprefix("file://")))
+
+    def find(self, dataset_id: str) -> Release | None:
+        split_id(dataset_id)
+        self._check_reachable()
+        if not (self._root / dataset_id / MANIFEST).is_file():
+            return None
+        return Release(dataset_id, f"{self.address}/{dataset_id}")
+
+    def ids(self) -> tuple[str, ...]:
+        self._check_reachable()
+        return tuple(
+            sorted(
+                path.name
+                for path in self._root.iterdir()
+                if is_id(path.name) and (path / MANIFEST).is_file()
+            )
+        )
+
+    def read(self, release: Release, file: str, out: Path, size: int) -> None:
+        source = self._root / release.id / file
+        self._check_reachable()
+        if not source.is_file():
+            raise AbsentFileError(f"{release.address} has no file {file!r}.")
+        if not source.resolve().is_relative_to(self._root.resolve()):
+            raise HubError(f"{source} leads out of {self._root}, it is not read.")
+        found = source.stat().st_size
+        if found > size:
+            raise HubError(
+                f"{source} has {found:,} bytes, expected at most {size:,}. It is not the file that "
+                "the manifest lists; tell whoever publishes there."
+            )
+        part = out.with_name(f"{out.name}.part")
+        try:
+            shutil.copyfile(source, part)
+        except OSError as error:
+            if error.errno in LOCAL:
+                raise
+            raise HubError(f"{source} cannot be copied to {out}: {error}.") from error
+        part.replace(out)
+
+    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
+        split_id(dataset_id)
+        self._check_reachable()
+        files = files_to_publish(folder, dataset_id, beside)
+        target = self._root / dataset_id
+        try:
+            with FileLock(self._root / ".publish.lock"):
+                remove_leftovers(self._root, INDEX, ID_PATTERN)
+                if not target.exists():
+                    with new_folder(target) as scratch:
+                        for name, file in files.items():
+                            (scratch / name).parent.mkdir(parents=True, exist_ok=True)
+                            shutil.copyfile(file, scratch / name)
+                elif not _is_same(target, folder):
+                    raise VersionTakenError(
+                        f"another {dataset_id} is published at {self.address}, and a published "
+                        "version never changes. Publish this one under the next version."
+                    )
+                write_file(self._root / INDEX, index_bytes(self.ids()))
+        except HubError:
+            raise
+        except OSError as error:
+            raise HubError(
+                f"publishing {dataset_id} to {self.address} failed: {error}. Nothing of it is "
+                "visible there; push again when the cause is gone."
+            ) from error
+        return Release(dataset_id, f"{self.address}/{dataset_id}")
+
+    def _check_reachable(self) -> None:
+        if not self._root.is_dir():
+            raise HubError(
+                f"there is no folder {self._root}, which the remote {self.address} is. Make it, or "
+                "mount what it is on."
+            )
+
+
+def _is_same(published: Path, folder: Path) -> bool:
+    """Whether the published manifest is this one; it has the SHA-256 of every other file."""
+    manifest = published / MANIFEST
+    return manifest.is_file() and manifest.read_bytes() == (folder / MANIFEST).read_bytes()

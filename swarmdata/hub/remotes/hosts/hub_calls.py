@@ -1,0 +1,254 @@
+"""The calls of huggingface_hub that a remote makes, each tried again while its failure may pass."""
+
+import contextlib
+import hashlib
+import re
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from swarmdata.errors import HubError
+from swarmdata.hub.remotes.hosts.hub_errors import explained, status_of
+from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline
+from swarmdata.hub.remotes.network.pace import Meter, Pace
+from swarmdata.hub.remotes.network.threads import bytes_in, watched
+from swarmdata.hub.remotes.release_files import check_listing
+from swarmdata.store.arrays.shards import file_digest
+
+T = TypeVar("T")
+
+KIND = "dataset"
+"""Of repository."""
+
+TIMEOUT = 30.0
+"""Seconds without an answer before asking counts as failed; the client would wait for ever."""
+
+TAG = "swarmdata"
+"""In the front matter of every card, so that a Hub can list our datasets."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One file of a commit.
+
+    Attributes:
+        size: in bytes.
+        blob: the SHA-1 that git gives a plain file, hex.
+        sha256: of a file in large file storage, None for a plain one.
+    """
+
+    size: int
+    blob: str | None
+    sha256: str | None
+
+    def is_of(self, path: Path) -> bool:
+        """Whether a local file has the same content."""
+        if path.stat().st_size != self.size:
+            return False
+        if self.sha256 is not None:
+            return file_digest(path) == self.sha256
+        content = path.read_bytes()
+        plain = hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False)
+        return plain.hexdigest() == self.blob
+
+
+class HubCalls:
+    """Requests to one Hub, each tried again while its failure may pass.
+
+    Args:
+        address: of the remote, for messages.
+        endpoint: of the Hub; None: the public one.
+        backoff: how often and after how long.
+        pace: how slow it may be; sending has no limit.
+    """
+
+    def __init__(self, address: str, endpoint: str | None, backoff: Backoff, pace: Pace) -> None:
+        self._address, self._endpoint = address, endpoint
+        self._backoff, self._pace = backoff, pace
+
+    def look(self, repository: str, revision: str) -> tuple[str, Mapping[str, Listed]] | None:
+        """The commit of a revision and its files; None: there is no such repository or revision."""
+
+        def ask() -> Any:
+            from huggingface_hub.errors import (  # noqa: PLC0415
+                GatedRepoError,
+                RepositoryNotFoundError,
+                RevisionNotFoundError,
+            )
+
+            try:
+                return self._api().dataset_info(
+                    repository, revision=revision, files_metadata=True, timeout=TIMEOUT
+                )
+            except GatedRepoError:
+                raise
+            except (RepositoryNotFoundError, RevisionNotFoundError):
+                return None
+
+        info = self._ask(f"asking for {repository}@{revision}", ask)
+        if info is None:
+            return None
+        address = f"{self._address.partition('://')[0]}://{repository}@{revision}"
+        files = info.siblings or []
+        check_listing(address, tuple(file.rfilename for file in files))
+        if not re.fullmatch("[0-9a-f]{40}", info.sha or ""):
+            raise HubError(f"{address} is at {info.sha!r}, expected a commit of 40 hex digits.")
+        return info.sha, {file.rfilename: _listed(file, address) for file in files}
+
+    def tags(self, repository: str) -> tuple[str, ...]:
+        """The names of a repository's tags, none if there is no such repository."""
+
+        def ask() -> tuple[str, ...]:
+            from huggingface_hub.errors import RepositoryNotFoundError  # noqa: PLC0415
+
+            try:
+                refs = self._api().list_repo_refs(repository, repo_type=KIND)
+            except RepositoryNotFoundError:
+                return ()
+            return tuple(tag.name for tag in refs.tags)
+
+        return self._ask(f"asking for the versions of {repository}", ask)
+
+    def repositories(self, organization: str) -> tuple[str, ...]:
+        """The names of an organization's repositories that have our tag."""
+
+        def ask() -> tuple[str, ...]:
+            found = self._api().list_datasets(author=organization, filter=TAG)
+            return tuple(info.id.partition("/")[2] for info in found)
+
+        return self._ask(f"asking for the datasets of {organization}", ask)
+
+    def download(self, repository: str, commit: str, path: str, folder: Path) -> None:
+        """Puts one file below `folder`, where a partial file of an earlier attempt is used."""
+        what = f"fetching {path} of {repository}@{commit[:12]}"
+
+        def fetch() -> None:
+            self._api().hf_hub_download(
+                repository, path, repo_type=KIND, revision=commit, local_dir=folder
+            )
+
+        def watch() -> None:
+            watched(fetch, Meter(self._pace, self._address), lambda: bytes_in(folder))
+
+        self._call(what, watch)
+
+    def create(self, repository: str) -> None:
+        """Makes an empty repository, unless it is there."""
+        self._call(
+            f"making {repository}",
+            lambda: self._api().create_repo(repository, repo_type=KIND, exist_ok=True),
+        )
+
+    def commit(
+        self,
+        repository: str,
+        parent: str,
+        message: str,
+        files: Mapping[str, Path],
+        stale: Sequence[str],
+        settled: Callable[[], str | None],
+    ) -> str:
+        """Sends large files, then makes one commit that adds `files` and deletes `stale`.
+
+        Args:
+            repository: with its organization.
+            parent: commit that `main` must still be at.
+            message: of the commit.
+            files: local files by their path in the repository.
+            stale: paths to delete.
+            settled: asked after a failure or a conflict; returns the commit if it was made after
+                all, None if `main` is unchanged, and raises if someone else made one.
+        """
+        from huggingface_hub import CommitOperationAdd, CommitOperationDelete  # noqa: PLC0415
+
+        def attempt() -> str:
+            adds = [CommitOperationAdd(name, str(path)) for name, path in files.items()]
+            deletes = [CommitOperationDelete(name) for name in stale]
+            try:
+                made = self._api().create_commit(
+                    repository,
+                    [*adds, *deletes],
+                    commit_message=message,
+                    repo_type=KIND,
+                    parent_commit=parent,
+                )
+            except Exception:  # whatever it was, the commit may have been made
+                commit = settled()
+                if commit is None:
+                    raise
+                return commit
+            return str(made.oid)
+
+        return self._call(f"committing to {repository}", attempt)
+
+    def tag(self, repository: str, tag: str, commit: str) -> bool:
+        """Gives a commit a tag; False: the tag is there already, whoever made it."""
+
+        def make() -> bool:
+            try:
+                self._api().create_tag(repository, tag=tag, revision=commit, repo_type=KIND)
+            except Exception as error:
+                if status_of(error) == 409:
+                    return False
+                raise
+            return True
+
+        return self._call(f"tagging {repository}@{commit[:12]} as {tag}", make)
+
+    def _api(self) -> Any:
+        from huggingface_hub import HfApi  # noqa: PLC0415
+
+        return HfApi(endpoint=self._endpoint)
+
+    def _ask(self, what: str, action: Callable[[], T]) -> T:
+        return self._call(what, lambda: watched(action, Meter(self._pace, self._address)))
+
+    def _call(self, what: str, action: Callable[[], T]) -> T:
+        def attempt() -> T:
+            refuse_offline(self._address)
+            try:
+                return action()
+            except (HubError, TransientError):
+                raise
+            except Exception as error:
+                ours = explained(error, what)
+                if ours is None:
+                    raise
+                raise ours from error
+
+        return self._backoff.run(what, attempt)
+
+
+def _listed(file: Any, address: str) -> Listed:
+    if not isinstance(file.size, int):
+        raise HubError(f"{address} lists {file.rfilename!r} without its size.")
+    return Listed(file.size, file.blob_id, file.lfs.sha256 if file.lfs else None)
+
+
+_QUIET = threading.Lock()
+_quiet_users = 0
+_was_quiet = False
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Hides the client's own bar for each file; several threads may be inside."""
+    global _quiet_users, _was_quiet  # noqa: PLW0603  # the client's switch is global as well
+    import huggingface_hub.utils as client  # noqa: PLC0415
+
+    utils: Any = client  # the switches are public, but not marked as exported
+    with _QUIET:
+        if _quiet_users == 0:
+            _was_quiet = utils.are_progress_bars_disabled()
+            if not _was_quiet:
+                utils.disable_progress_bars()
+        _quiet_users += 1
+    try:
+        yield
+    finally:
+        with _QUIET:
+            _quiet_users -= 1
+            if _quiet_users == 0 and not _was_quiet:
+                utils.enable_progress_bars()

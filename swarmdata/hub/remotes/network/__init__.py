@@ -1,0 +1,1 @@
+"""Connections that are retried, interrupted and abandoned when they are too slow."""

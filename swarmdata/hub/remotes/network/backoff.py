@@ -1,0 +1,94 @@
+"""Backoff, how often and after how long a remote is asked again."""
+
+import errno
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from swarmdata.errors import HubError
+from swarmdata.hub.remotes.network.interruption import pause
+
+T = TypeVar("T")
+
+LOCAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""Failures of this machine's disk, which no other attempt and no other remote can change."""
+
+SLOW_ATTEMPTS = 2
+"""How often a server is asked that takes all of its time; `Backoff` asks others more often."""
+
+ADVICE = (
+    "Datasets in the cache still load. Try again later, or name another remote "
+    "(`swarmdata remote list` shows those that are asked)."
+)
+"""What to do when a remote does not answer."""
+
+
+class TransientError(Exception):
+    """A failure that may pass; `after` is how many seconds the server asked to wait."""
+
+    def __init__(self, message: str, after: float | None = None) -> None:
+        super().__init__(message)
+        self.after = after
+
+
+class TooSlowError(TransientError):
+    """A server is slower than it may be; asked once more, and then no more."""
+
+
+@dataclass(frozen=True)
+class Backoff:
+    """Tries again after waits that double.
+
+    Attributes:
+        attempts: how often at most, the first time included.
+        wait: seconds before the second attempt.
+        longest: most seconds between two attempts, whatever the server asks for.
+        sleep: waits; tests replace it.
+    """
+
+    attempts: int = 5
+    wait: float = 1.0
+    longest: float = 30.0
+    sleep: Callable[[float], None] = pause
+
+    def run(self, what: str, action: Callable[[], T]) -> T:
+        """Returns what `action` returns, once it does not raise `TransientError`.
+
+        Args:
+            what: is done, for the message, such as "asking hf://org for its datasets".
+            action: may raise `TransientError`; every other error ends the attempts.
+
+        Raises:
+            HubError: every attempt failed.
+        """
+        for attempt in range(1, self.attempts + 1):
+            try:
+                return action()
+            except TransientError as error:
+                limit = min(self.attempts, SLOW_ATTEMPTS)
+                if attempt == (limit if isinstance(error, TooSlowError) else self.attempts):
+                    times = "once" if attempt == 1 else f"{attempt} times"
+                    raise HubError(f"{what} failed {times}: {error}. {ADVICE}") from error
+                wait = self.wait * 2 ** (attempt - 1) if error.after is None else error.after
+            self.sleep(min(wait, self.longest))
+        raise ValueError(f"attempts is {self.attempts}, expected at least 1")
+
+
+def seconds(text: str | None) -> float | None:
+    """What a `Retry-After` header says, None if there is none or it is a date."""
+    return float(text) if text and text.strip().isdecimal() else None
+
+
+def refuse_offline(address: str) -> None:
+    """Raises where the user has said that no network shall be used.
+
+    Raises:
+        HubError: `HF_HUB_OFFLINE` or `SWARMDATA_OFFLINE` is set.
+    """
+    for name in ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE"):
+        if os.environ.get(name, "").strip().upper() in ("1", "ON", "YES", "TRUE"):
+            raise HubError(
+                f"{address} is not asked, because {name} is set. Datasets in the cache still load; "
+                f"unset {name} to use the network."
+            )

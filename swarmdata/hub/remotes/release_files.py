@@ -1,0 +1,80 @@
+"""Which files a published dataset consists of."""
+
+from pathlib import Path
+
+from swarmdata.errors import HubError, ManifestError
+from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
+from swarmdata.store.manifest import MAX_BYTES, Manifest, read_manifest
+
+SIDE_FILES = (CARD, REFERENCES)
+"""Files beside those that the manifest lists; a release may lack them."""
+
+MAX_SMALL = MAX_BYTES
+"""Most bytes of a file that is not an array's data."""
+
+
+def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
+    """Every file of a finished dataset, those of the arrays first and the manifest last.
+
+    Raises:
+        DatasetError: the manifest cannot be read, is of another id, or names what it must not.
+    """
+    manifest = read_manifest(folder)
+    problems = contradictions(manifest)
+    if manifest.id != dataset_id:
+        problems = (f"it is of {manifest.id}, not of {dataset_id}", *problems)
+    if problems:
+        raise ManifestError(f"{folder / MANIFEST} cannot be published: {'; '.join(problems)}.")
+    side = [name for name in SIDE_FILES if (folder / name).is_file()]
+    return (*sorted(manifest.files), *side, MANIFEST)
+
+
+def files_to_publish(folder: Path, dataset_id: str, beside: Path | None) -> dict[str, Path]:
+    """Every file to publish by its path there, the manifest last.
+
+    Args:
+        folder: of a finished dataset.
+        dataset_id: its id.
+        beside: a folder of more files.
+
+    Raises:
+        DatasetError: as `published_files` says.
+    """
+    own = {name: folder / name for name in published_files(folder, dataset_id)}
+    paths = sorted(beside.rglob("*")) if beside is not None else []
+    more = {path.relative_to(str(beside)).as_posix(): path for path in paths if path.is_file()}
+    return more | own
+
+
+def contradictions(manifest: Manifest) -> tuple[str, ...]:
+    """What speaks against fetching what a manifest lists, before any of it is fetched."""
+    names = unsafe_names([*manifest.files, *SIDE_FILES, MANIFEST])
+    if names:
+        return names
+    shards = {name: entry.shard for name, entry in manifest.arrays.items()}
+    problems = []
+    differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
+    if differing:
+        problems.append(f"files {differing} are listed without their array or absent")
+    sizes = {array_file(name, len(s.shape)): s.file_bytes for name, s in shards.items()}
+    for name, entry in manifest.files.items():
+        if name in sizes and entry.size != sizes[name]:
+            problems.append(f"{name} is listed with {entry.size} bytes, expected {sizes[name]}")
+        elif name not in sizes and entry.size > MAX_SMALL:
+            problems.append(f"{name} is listed with {entry.size} bytes, expected <= {MAX_SMALL}")
+    return tuple(problems)
+
+
+def check_listing(address: str, names: tuple[str, ...]) -> None:
+    """Refuses a remote's listing as a whole if any name in it is unsafe.
+
+    Raises:
+        HubError: naming what is wrong.
+    """
+    problems = hostile_names(names)
+    if problems:
+        raise HubError(
+            f"{address} lists files that no dataset has: {'; '.join(problems[:5])}. Nothing of it "
+            "is used; tell whoever publishes there."
+        )

@@ -1,6 +1,0 @@
-"""What others need to find and show a dataset: an episode table, Croissant, the hub's card."""
-
-from swarmdata.metadata.episodes import write_episode_parquet
-from swarmdata.metadata.hub import hub_card, metadata_files, write_beside
-
-__all__ = ["hub_card", "metadata_files", "write_beside", "write_episode_parquet"]

@@ -1,0 +1,132 @@
+"""From an id to an open dataset."""
+
+import warnings
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+
+from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.hub.catalog import catalog, identity
+from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
+from swarmdata.registry.published import Interval, Published, TaskReferences
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.store.publication import publication
+
+TINY = Recipe(
+    id="coop_nav-tiny-v0",
+    tier="random",
+    spec=TaskSpec(horizon=40),
+    policies=(PolicySource(label="random", name="random"),),
+    n_steps=800,
+    part_episodes=8,
+)
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes every id mean a recipe that is built in a second."""
+    monkeypatch.setattr(catalog, "find_recipe", lambda dataset_id: TINY)
+
+
+def test_list_shows_every_tier_and_its_mini() -> None:
+    infos = {info.id: info for info in list_datasets()}
+
+    assert list(infos) == sorted(infos)
+    assert {"coop_nav-random-v0", "coop_nav-scripted-mini-v0"} <= set(infos)
+    mini = infos["coop_nav-scripted-mini-v0"]
+    assert (mini.task, mini.tier, mini.n_agents) == ("coop_nav", "scripted", 4)
+    assert not mini.is_cached
+
+
+def test_unknown_id_names_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'coop_nav-scripted'"):
+        load("coop_nav-scirpted")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
+    first = load("coop_nav-tiny", workers=1, progress=False)
+    before = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
+    second = load("coop_nav-tiny")
+    after = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
+
+    assert (first.source, second.source) == ("rebuilt", "cache")
+    assert first.path == cache_folder / "datasets" / TINY.id
+    assert first.digest == second.digest
+    assert first.card.count("# coop_nav-tiny-v0") == 1
+    assert before == after, "a cache that cannot be written to must do"
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> None:
+    dataset = load("coop_nav-tiny", path=tmp_path / "mine", workers=1, progress=False)
+
+    assert dataset.path == tmp_path / "mine"
+    assert load("coop_nav-tiny", path=tmp_path / "mine").source == "folder"
+    assert not (cache_folder / "datasets").exists()
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_through_other_models(cache_folder: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
+        load("coop_nav-tiny", observation="lidra")
+    with pytest.raises(SpecError, match="learned messages of 2 values"):
+        load("coop_nav-tiny", communication="learned-2")
+    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
+    seen = load(
+        "coop_nav-tiny", observation="lidar", communication="lossy-30", workers=1, progress=False
+    )
+    recorded = load("coop_nav-tiny")
+
+    assert seen.task.observation.kind == "lidar"
+    assert (seen.digest, seen.source) == (recorded.digest, "rebuilt")
+    assert (seen.view is None, recorded.view is None) == (False, True)
+    assert load("coop_nav-tiny", observation="state", communication="none").view is None
+
+
+@pytest.mark.usefixtures("tiny")
+def test_other_digest_than_the_published_is_kept_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = publication(load("x", path=tmp_path / "d", workers=1, progress=False).stored)
+    wrong = Published(
+        **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
+    )
+
+    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: right}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load("x", path=tmp_path / "d")
+    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: wrong}))
+    with pytest.warns(RebuiltDifferentlyWarning, match="instead of 1.2.3"):
+        dataset = load("x", path=tmp_path / "d")
+    assert dataset.digest == right.digest
+
+
+@pytest.mark.usefixtures("tiny")
+def test_references_of_the_same_spec_anchor_the_score(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def references_of(spec_hash: str) -> TaskReferences:
+        returns = {"idle": -4.0, "random": -12.0, "expert": 6.0}
+        return TaskReferences(
+            spec_hash=spec_hash,
+            n_episodes=10,
+            made_with={},
+            policies={
+                name: {"return": Interval(value=value, low=value, high=value)}
+                for name, value in returns.items()
+            },
+        )
+
+    monkeypatch.setattr(catalog, "references_of", references_of)
+    dataset = load("x", path=tmp_path / "d", workers=1, progress=False)
+
+    assert dataset.normalized_score([-4.0, 1.0, 6.0]).tolist() == [0.0, 50.0, 100.0]
+
+
+@pytest.mark.usefixtures("tiny")
+def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):
+        load("x", path=tmp_path)

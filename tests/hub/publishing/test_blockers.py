@@ -1,0 +1,85 @@
+"""The gate names every reason against publishing, and lets through what is in order."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
+from swarmdata.cards.render import write_card
+from swarmdata.hub.catalog import identity
+from swarmdata.hub.publishing import blockers
+from swarmdata.hub.publishing.blockers import reasons_against
+from swarmdata.hub.remotes import push
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.registry.published import published
+from swarmdata.store import open_store
+
+
+@pytest.fixture(scope="module")
+def good(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("gate") / "good"
+    spec = SPECS["coop_nav"].with_updates(horizon=50)
+    record(folder, spec, ("random",))
+    write_card(folder)
+    return folder
+
+
+@pytest.fixture
+def remote(tmp_path: Path) -> FolderRemote:
+    (tmp_path / "remote").mkdir()
+    return FolderRemote(f"file://{tmp_path}/remote")
+
+
+def test_what_is_in_order_passes_and_passes_again(good: Path, remote: FolderRemote) -> None:
+    def check(folder: Path) -> tuple[str, ...]:
+        return reasons_against(folder, remote)
+
+    release = push(good, remote, check)
+    assert push(good, remote, check) == release
+
+
+def test_damage_is_the_only_reason_that_counts(
+    good: Path, remote: FolderRemote, tmp_path: Path
+) -> None:
+    broken = Path(shutil.copytree(good, tmp_path / "broken"))
+    file = next(broken.glob("data.zarr/states/c.*"))
+    file.write_bytes(file.read_bytes()[:-1] + b"x")
+    (broken / "card.md").unlink()
+    (reason,) = reasons_against(broken, remote)
+    assert str(file) in reason
+
+
+def test_cards(good: Path, remote: FolderRemote, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(good, tmp_path / "copy"))
+    (copy / "card.md").write_text((copy / "card.md").read_text().replace("1", "2"))
+    (reason,) = reasons_against(copy, remote)
+    assert "card.md, line" in reason
+    assert "swarmdata card" in reason
+    (copy / "card.md").unlink()
+    (reason,) = reasons_against(copy, remote)
+    assert "there is no card.md" in reason
+
+
+def test_a_version_that_is_taken(
+    good: Path, remote: FolderRemote, record: Callable[..., Path], tmp_path: Path
+) -> None:
+    another = record(tmp_path / "another", SPECS["coop_nav"].with_updates(horizon=60), ("random",))
+    write_card(another)
+    push(good, remote, lambda folder: ())
+    (reason,) = reasons_against(another, remote)
+    assert "a published version never changes" in reason
+
+
+def test_an_id_of_the_package_is_one_dataset(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stored = open_store(good)
+    key = stored.recipe.id
+    shipped = next(iter(shipped_recipes().values()))
+    with monkeypatch.context() as patch:
+        patch.setattr(identity, "shipped_recipes", lambda: {key: shipped})
+        (reason,) = blockers._of_identity(stored)
+        assert "another dataset under the shipped name" in reason
+    monkeypatch.setattr(identity, "published", lambda: {key: next(iter(published().values()))})
+    (reason,) = blockers._of_identity(stored)
+    assert "another dataset under the published name" in reason

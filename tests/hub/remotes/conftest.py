@@ -1,0 +1,100 @@
+"""A small dataset with a card, remotes that do not wait, and servers on this machine."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.store import assemble, merge_order
+from swarmdata.testing.synthetic import make_recipe, make_streams, write_streams
+from tests.hub.remotes.loopback_hub import LoopbackHub
+
+CARD = "---\ntags:\n- swarmdata\n---\n# Synthetic\n"
+ID, NEXT = "coop_nav-synthetic-v0", "coop_nav-synthetic-v1"
+TOKEN = "hf_" + "s3cret" * 6
+
+
+def write(folder: Path, lengths: list[int], dataset_id: str = ID) -> Path:
+    """Writes a finished dataset with a card."""
+    streams = make_streams([lengths])
+    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
+    recipe = make_recipe(n_steps=100).model_copy(update={"id": dataset_id})
+    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, [lengths]).order)
+    (folder / "card.md").write_text(CARD)
+    (folder / "references.json").write_text("{}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished dataset; nobody may change it."""
+    return write(tmp_path_factory.mktemp("published") / ID, [30, 10, 70, 40, 20])
+
+
+@pytest.fixture(scope="session")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Another dataset of the same id."""
+    return write(tmp_path_factory.mktemp("other") / ID, [30, 10, 71, 40, 20])
+
+
+@pytest.fixture(scope="session")
+def successor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The next version."""
+    return write(tmp_path_factory.mktemp("next") / NEXT, [30, 10, 72, 40, 20], NEXT)
+
+
+@pytest.fixture
+def beside(tmp_path: Path) -> Path:
+    """What goes with a dataset: the README, whose tags a Hub finds it by."""
+    folder = tmp_path / "beside"
+    (folder / "more").mkdir(parents=True)
+    (folder / "README.md").write_text(CARD)
+    (folder / "more/table.parquet").write_bytes(b"PAR1")
+    return folder
+
+
+@pytest.fixture
+def backoff() -> Backoff:
+    """Three attempts without waiting."""
+    return Backoff(attempts=3, sleep=lambda seconds: None)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The client's own waits between attempts take hardly any time."""
+    sleep = time.sleep
+    monkeypatch.setattr(time, "sleep", lambda seconds: sleep(min(seconds, 0.01)))
+
+
+@pytest.fixture
+def hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, impatient: None) -> Iterator[LoopbackHub]:
+    """A hub whose large files go through LFS, and the environment to reach it."""
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DISABLE_XET", True)
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hf"))
+    monkeypatch.setenv("HF_TOKEN", TOKEN)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
+    with LoopbackHub() as server:
+        monkeypatch.setenv("HF_ENDPOINT", server.url)
+        yield server
+
+
+@pytest.fixture
+def remote(hub: LoopbackHub, backoff: Backoff) -> HubRemote:
+    """The organization `org` of the hub."""
+    return HubRemote("hf://org", backoff=backoff)
+
+
+def same_files(one: Path, two: Path) -> bool:
+    """Whether two folders hold the same bytes under the same names."""
+
+    def contents(folder: Path) -> dict[str, bytes]:
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+
+    return contents(one) == contents(two)

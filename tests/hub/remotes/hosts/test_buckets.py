@@ -1,0 +1,216 @@
+"""S3 through moto's server, and what every object store must do through fsspec's in memory."""
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+import s3fs
+from fsspec.implementations.memory import MemoryFileSystem
+
+from swarmdata.errors import (
+    AbsentFileError,
+    ConflictError,
+    HubError,
+    MissingExtraError,
+    VersionTakenError,
+)
+from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.remotes.hosts.buckets import CLAIM, BucketRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.pull import pull
+from tests.hub.remotes.conftest import ID, NEXT, same_files
+from tests.hub.remotes.faults import Fault
+from tests.hub.remotes.object_store import ObjectStore
+
+memory = MemoryFileSystem()
+
+
+@pytest.fixture
+def remote(backoff: Backoff) -> BucketRemote:
+    return BucketRemote(f"memory://{uuid4().hex}/prefix", backoff=backoff)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[ObjectStore]:
+    with ObjectStore() as server:
+        s3fs.S3FileSystem(**server.options).mkdir("bucket")
+        yield server
+    s3fs.S3FileSystem.clear_instance_cache()
+
+
+@pytest.fixture
+def store(server: ObjectStore, monkeypatch: pytest.MonkeyPatch) -> ObjectStore:
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
+    server.log.clear()
+    server.faults.clear()
+    return server
+
+
+def objects(remote: BucketRemote) -> set[str]:
+    root = remote.address.removeprefix("memory:/")
+    return {path.removeprefix(f"{root}/") for path in memory.find(root)}
+
+
+def test_round_trip_through_s3(
+    store: ObjectStore, backoff: Backoff, dataset: Path, other: Path, tmp_path: Path
+) -> None:
+    remote = BucketRemote("s3://bucket/some/prefix", backoff=backoff, options=store.options)
+    assert remote.find(ID) is None
+    assert remote.ids() == ()
+
+    release = remote.publish(dataset, ID)
+
+    assert release == Release(ID, f"s3://bucket/some/prefix/{ID}")
+    assert remote.find(ID) == release
+    assert remote.ids() == (ID,)
+    assert remote.publish(dataset, ID) == release
+    with pytest.raises(VersionTakenError, match="never changes"):
+        remote.publish(other, ID)
+    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+
+
+def test_s3_with_the_environment_of_its_tools(
+    store: ObjectStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AWS_ENDPOINT_URL", store.url)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "testing")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "testing")
+    assert open_remote("s3://bucket/prefix").find(ID) is None
+    assert store.log
+
+
+@pytest.mark.slow
+def test_s3_survives_faults(
+    store: ObjectStore, backoff: Backoff, dataset: Path, tmp_path: Path, impatient: None
+) -> None:
+    """Codes, cuts and lost answers on the way in and out."""
+    remote = BucketRemote("s3://bucket/p", backoff=backoff, options=store.options)
+    store.faults += [
+        Fault("PUT .*states", 503, times=1),
+        Fault("PUT .*actions", lose=True, times=1),
+        Fault("PUT .*rewards", 500, times=2),
+    ]
+    release = remote.publish(dataset, ID)
+    store.faults[:] = [
+        Fault("GET .*manifest.json", 503, times=1),
+        Fault("GET .*actions/c", cut=100, times=1),
+        Fault("GET .*observations/c", corrupt=True, times=1),
+    ]
+    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert all(fault.times == 0 for fault in store.faults)
+
+
+def test_without_s3fs(monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "s3fs" else find(name)
+    )
+    with pytest.raises(MissingExtraError, match=r"pip install 'swarmdata\[s3\]'"):
+        open_remote("s3://bucket/prefix")
+
+
+def test_a_dataset_is_visible_from_its_manifest_on(
+    remote: BucketRemote, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[str] = []
+    put = MemoryFileSystem.put_file
+
+    def put_some(self: MemoryFileSystem, source: str, target: str) -> None:
+        sent.append(target)
+        if len(sent) >= 20:
+            raise RuntimeError("out of order")
+        assert remote.find(ID) is None
+        put(self, source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MemoryFileSystem, "put_file", put_some)
+        with pytest.raises(HubError, match="failed 3 times: RuntimeError: out of order"):
+            remote.publish(dataset, ID)
+    assert remote.find(ID) is None
+    assert remote.ids() == ()
+    assert f"{ID}/{CLAIM}" in objects(remote)
+
+    release = remote.publish(dataset, ID)
+
+    assert remote.find(ID) == release
+    files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
+    assert objects(remote) == {"index.json", *(f"{ID}/{file}" for file in files)}
+
+
+def test_large_files_are_not_sent_twice(
+    remote: BucketRemote, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmdata.hub.remotes.hosts.buckets.LARGE", 2_000)
+    create = MemoryFileSystem.pipe_file
+
+    def fail_on_manifest(
+        self: MemoryFileSystem, path: str, value: bytes, mode: str = "overwrite"
+    ) -> None:
+        if path.endswith("manifest.json"):
+            raise ConnectionError("gone")
+        create(self, path, value, mode=mode)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MemoryFileSystem, "pipe_file", fail_on_manifest)
+        with pytest.raises(HubError, match="gone"):
+            remote.publish(dataset, ID)
+
+    sent: list[str] = []
+    put = MemoryFileSystem.put_file
+
+    def note(self: MemoryFileSystem, source: str, target: str) -> None:
+        sent.append(target)
+        put(self, source, target)
+
+    monkeypatch.setattr(MemoryFileSystem, "put_file", note)
+    remote.publish(dataset, ID)
+    assert sent
+    assert not any("observations/c" in path for path in sent)
+
+
+def test_two_pushers_do_not_mix(remote: BucketRemote, dataset: Path) -> None:
+    claim = f"{remote.address.removeprefix('memory:/')}/{ID}/{CLAIM}"
+    memory.pipe_file(claim, b"0" * 64)
+    with pytest.raises(ConflictError, match=r"delete memory://.*\.pushing and push again"):
+        remote.publish(dataset, ID)
+    assert objects(remote) == {f"{ID}/{CLAIM}"}
+
+
+def test_reading_what_is_not_there_or_too_large(
+    remote: BucketRemote, dataset: Path, tmp_path: Path
+) -> None:
+    release = remote.publish(dataset, ID)
+    with pytest.raises(AbsentFileError, match="not there"):
+        remote.read(release, "nothing", tmp_path / "x", 100)
+    with pytest.raises(HubError, match="expected at most 10"):
+        remote.read(release, "recipe.json", tmp_path / "x", 10)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_index_lists_what_is_there(
+    remote: BucketRemote, dataset: Path, successor: Path
+) -> None:
+    remote.publish(dataset, ID)
+    remote.publish(successor, NEXT)
+    assert remote.ids() == (ID, NEXT)
+    index = f"{remote.address.removeprefix('memory:/')}/index.json"
+    assert ID.encode() in memory.cat_file(index)
+    assert NEXT.encode() in memory.cat_file(index)
+
+
+def test_missing_credentials_are_not_tried_again(
+    remote: BucketRemote, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def refuse(self: MemoryFileSystem, path: str) -> None:
+        asked.append(path)
+        raise PermissionError("Access Denied")
+
+    monkeypatch.setattr(MemoryFileSystem, "info", refuse)
+    with pytest.raises(HubError, match="credentials"):
+        remote.find(ID)
+    assert len(asked) == 1

@@ -1,0 +1,90 @@
+"""Folders on a disk: published in one rename, read with limits."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTakenError
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.pull import pull
+from tests.hub.remotes.conftest import ID, NEXT, same_files
+from tests.tiny import abandoned
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    folder = tmp_path / "with space"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def remote(root: Path) -> FolderRemote:
+    return FolderRemote(f"file://{str(root).replace(' ', '%20')}")
+
+
+def test_round_trip(
+    remote: FolderRemote, root: Path, dataset: Path, other: Path, tmp_path: Path
+) -> None:
+    assert remote.find(ID) is None
+    release = remote.publish(dataset, ID)
+    assert remote.find(ID) == release == remote.publish(dataset, ID)
+    assert remote.ids() == (ID,)
+    with pytest.raises(VersionTakenError, match="never changes"):
+        remote.publish(other, ID)
+    assert same_files(root / ID, dataset)
+    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+
+
+def test_an_interrupted_push_is_invisible(
+    remote: FolderRemote, root: Path, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copied: list[str] = []
+    copy = shutil.copyfile
+
+    def copy_some(source: Path, target: Path) -> None:
+        copied.append(str(source))
+        if len(copied) > 10:
+            raise OSError(28, "No space left on device")
+        copy(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "copyfile", copy_some)
+        with pytest.raises(HubError, match="no space is left"):
+            remote.publish(dataset, ID)
+    assert remote.ids() == ()
+    assert [path.name for path in root.iterdir()] == [".publish.lock"]
+
+    abandoned(root / ID)
+    (root / ".tmp-notes").mkdir()
+    assert remote.find(remote.publish(dataset, ID).id) is not None
+    left = {path.name for path in root.iterdir()}
+    assert left == {".publish.lock", ".tmp-notes", "index.json", ID}
+
+
+def test_only_what_it_says_it_is_is_published(remote: FolderRemote, dataset: Path) -> None:
+    with pytest.raises(ManifestError, match="not of coop_nav-synthetic-v1"):
+        remote.publish(dataset, NEXT)
+
+
+def test_reading(remote: FolderRemote, root: Path, dataset: Path, tmp_path: Path) -> None:
+    release = remote.publish(dataset, ID)
+    with pytest.raises(AbsentFileError, match="no file 'nothing'"):
+        remote.read(release, "nothing", tmp_path / "x", 10)
+    with pytest.raises(HubError, match="expected at most 10"):
+        remote.read(release, "recipe.json", tmp_path / "x", 10)
+    (root / ID / "link").symlink_to("/etc/hostname")
+    with pytest.raises(HubError, match="leads out of"):
+        remote.read(release, "link", tmp_path / "x", 10_000)
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_unmounted_folder_is_not_an_empty_one(tmp_path: Path) -> None:
+    remote = FolderRemote(f"file://{tmp_path}/gone")
+    for ask in (lambda: remote.find(ID), remote.ids):
+        with pytest.raises(HubError, match="mount what it is on"):
+            ask()
+    with pytest.raises(HubError, match="mount what it is on"):
+        remote.read(Release(ID, "file:///gone"), "x", tmp_path / "x", 1)

@@ -1,0 +1,188 @@
+"""The true huggingface_hub client against a hub on this machine."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import AbsentFileError, ConflictError, HubError, VersionTakenError
+from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.pull import pull
+from swarmdata.store import open_store
+from tests.hub.remotes.conftest import CARD, ID, NEXT, TOKEN, same_files
+from tests.hub.remotes.faults import Fault
+from tests.hub.remotes.loopback_hub import LoopbackHub
+
+pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
+
+NAME = "org/coop_nav-synthetic"
+
+
+def test_round_trip(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path) -> None:
+    assert remote.find(ID) is None
+    release = remote.publish(dataset, ID)
+    assert remote.find(ID) == release
+
+    pulled = pull(remote, release, tmp_path / "cache" / ID, progress=False)
+
+    assert same_files(pulled, dataset)
+    open_store(pulled, "full")
+    assert [path.name for path in pulled.parent.iterdir() if path.suffix != ".lock"] == [ID]
+
+
+def test_a_push_is_one_commit_and_a_tag(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, beside: Path
+) -> None:
+    release = remote.publish(dataset, ID, beside)
+
+    repository = hub.repositories[NAME]
+    assert repository.titles == ["initial commit", ID]
+    assert repository.tags == {"v0": repository.branches["main"]}
+    assert release == Release(ID, f"hf://org/coop_nav-synthetic@{repository.tags['v0']}")
+    assert repository.main["card.md"].data == CARD.encode()
+    assert {"README.md", "more/table.parquet"} <= repository.main.keys()
+    assert any(blob.sha256 for blob in repository.main.values())
+    assert remote.ids() == (ID,)
+
+
+def test_the_same_again_changes_nothing_and_another_is_refused(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, other: Path
+) -> None:
+    release = remote.publish(dataset, ID)
+    before = dict(hub.repositories[NAME].commits)
+
+    assert remote.publish(dataset, ID) == release
+    with pytest.raises(VersionTakenError, match="a published version never changes"):
+        remote.publish(other, ID)
+    assert hub.repositories[NAME].commits == before
+
+
+def test_a_next_version_replaces_the_data_and_nothing_else(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path, beside: Path
+) -> None:
+    first = remote.publish(dataset, ID, beside)
+    repository = hub.repositories[NAME]
+    old = repository.main["recipe.json"]
+    repository.commit({**repository.main, "LICENSE": old, "data.zarr/stale": old}, "by hand")
+
+    second = remote.publish(successor, NEXT, beside)
+
+    assert "LICENSE" in repository.main
+    assert "data.zarr/stale" not in repository.main
+    assert remote.ids() == (ID, second.id)
+    assert remote.at("coop_nav-synthetic") == second
+    assert remote.at("coop_nav-synthetic", "v0") == first
+    commit = first.address.rpartition("@")[2]
+    assert remote.at("coop_nav-synthetic", commit) == first
+    assert remote.at("coop_nav-synthetic", "v7") is None
+    assert remote.at("coop_nav-nothing") is None
+
+
+def test_reads_are_pinned(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path
+) -> None:
+    release = remote.publish(dataset, ID)
+    repository = hub.repositories[NAME]
+    repository.tags["v0"] = repository.commit({}, "the tag was moved")
+
+    remote.read(release, "recipe.json", tmp_path / "out", 1 << 20)
+    assert (tmp_path / "out").read_bytes() == (dataset / "recipe.json").read_bytes()
+    with pytest.raises(HubError, match="not pinned"):
+        remote.read(Release(ID, "hf://org/coop_nav-synthetic@v0"), "x", tmp_path / "x", 1)
+
+
+def test_reading_what_is_not_there_or_too_large(
+    remote: HubRemote, dataset: Path, tmp_path: Path
+) -> None:
+    release = remote.publish(dataset, ID)
+    with pytest.raises(AbsentFileError, match="no file 'nothing'"):
+        remote.read(release, "nothing", tmp_path / "x", 100)
+    with pytest.raises(HubError, match="expected at most 10"):
+        remote.read(release, "recipe.json", tmp_path / "x", 10)
+    nowhere = Release(ID, f"hf://org/coop_nav-synthetic@{'0' * 40}")
+    with pytest.raises(AbsentFileError, match="no commit"):
+        remote.read(nowhere, "recipe.json", tmp_path / "x", 10)
+
+
+def test_finding_is_one_request(remote: HubRemote, hub: LoopbackHub, dataset: Path) -> None:
+    """`find` is one request; what it has seen is not asked for again."""
+    remote.publish(dataset, ID)
+    hub.log.clear()
+    fresh = HubRemote("hf://org")
+    assert fresh.find(ID) is not None
+    asked = [line.lower() for line in hub.log if "agent-harnesses" not in line]
+    assert asked == ["get /api/datasets/org/coop_nav-synthetic/revision/v0?blobs=true"]
+
+
+@pytest.mark.parametrize("variable", ["HF_HUB_OFFLINE", "SWARMDATA_OFFLINE"])
+def test_offline_asks_nothing(
+    remote: HubRemote, hub: LoopbackHub, monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
+    monkeypatch.setenv(variable, "1")
+    with pytest.raises(HubError, match=f"because {variable} is set"):
+        remote.find(ID)
+    assert hub.log == []
+
+
+@pytest.mark.parametrize("status", [401, 403])
+def test_refusals_say_what_to_do_and_hide_the_token(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path, status: int
+) -> None:
+    remote.publish(dataset, ID)
+    hub.faults.append(Fault("POST .*/commit/", status, {"X-Error-Message": f"bad {TOKEN}"}))
+    with pytest.raises(HubError, match="hf auth login") as caught:
+        remote.publish(successor, NEXT)
+    assert TOKEN not in str(caught.value)
+
+
+def test_someone_elses_commit_is_a_conflict(
+    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path
+) -> None:
+    remote.publish(dataset, ID)
+    repository = hub.repositories[NAME]
+    fault_of = hub.fault_of
+
+    def push_in_between(request: str) -> Fault | None:
+        if request.startswith("POST") and "/commit/" in request:
+            repository.commit({"recipe.json": repository.main["recipe.json"]}, "other")
+        return fault_of(request)
+
+    hub.fault_of = push_in_between  # type: ignore[method-assign]
+    with pytest.raises(ConflictError, match="swarmdata pull"):
+        remote.publish(successor, NEXT)
+    assert repository.titles[-1] == "other"
+    assert repository.tags.keys() == {"v0"}
+
+
+def test_without_a_card(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path) -> None:
+    bare = Path(shutil.copytree(dataset, tmp_path / "bare"))
+    (bare / "card.md").unlink()
+    release = remote.publish(bare, ID)
+
+    assert "card.md" not in hub.repositories[NAME].main
+    with pytest.raises(AbsentFileError):
+        remote.read(release, "card.md", tmp_path / "card.md", 1_000)
+
+
+def test_real_xet(
+    hub: LoopbackHub,
+    remote: HubRemote,
+    dataset: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The client chunks, sends and fetches through its own storage protocol, against a folder."""
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DISABLE_XET", False)
+    hub.cas = tmp_path / "cas"
+    hub.cas.mkdir()
+    release = remote.publish(dataset, ID)
+    assert hub.lfs == {}
+    assert any("xet-write-token" in line for line in hub.log)
+    for path in filter(Path.is_file, dataset.rglob("*")):
+        hub.register_xet(path)
+
+    hub.log.clear()
+    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert any("xet-read-token" in line for line in hub.log)
+    assert not any("_lfs" in line for line in hub.log)

@@ -1,0 +1,141 @@
+"""Static hosts: a real web server over a published folder."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import AbsentFileError, HubError
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.hosts.web import WebRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.network.pace import Pace
+from swarmdata.hub.remotes.pull import pull
+from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.faults import Fault
+from tests.hub.remotes.static_host import StaticHost
+
+
+@pytest.fixture
+def folder(tmp_path: Path, dataset: Path) -> Path:
+    """A published folder with one dataset."""
+    root = tmp_path / "host"
+    root.mkdir()
+    FolderRemote(f"file://{root}").publish(dataset, ID)
+    return root
+
+
+@pytest.fixture
+def host(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StaticHost]:
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
+    with StaticHost(folder) as server:
+        yield server
+
+
+@pytest.fixture
+def remote(host: StaticHost, backoff: Backoff) -> WebRemote:
+    return WebRemote(host.url, backoff=backoff, pace=Pace(2.0, 100.0, 2.0))
+
+
+def test_round_trip(remote: WebRemote, dataset: Path, tmp_path: Path) -> None:
+    release = remote.find(ID)
+    assert release == Release(ID, f"{remote.address}/{ID}")
+    assert remote.ids() == (ID,)
+    assert remote.find("coop_nav-nothing-v0") is None
+    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+
+
+@pytest.mark.parametrize("ranges", [True, False])
+def test_a_cut_file_goes_on_where_it_ended(
+    remote: WebRemote, host: StaticHost, dataset: Path, tmp_path: Path, ranges: bool
+) -> None:
+    host.ranges = ranges
+    host.faults.append(Fault("GET .*observations/c", cut=1_000, times=2))
+    release = Release(ID, f"{remote.address}/{ID}")
+    file = next(dataset.glob("data.zarr/observations/c.*"))
+    name = str(file.relative_to(dataset))
+
+    remote.read(release, name, tmp_path / "out", file.stat().st_size)
+
+    assert (tmp_path / "out").read_bytes() == file.read_bytes()
+    assert len([line for line in host.log if "observations/c" in line]) == 3
+    assert not (tmp_path / "out.part").exists()
+
+
+@pytest.mark.parametrize("ranges", [True, False])
+@pytest.mark.parametrize("there", [b"", b"wrong", b"x" * 100_000])
+def test_leftovers_of_an_earlier_attempt_do_no_harm(
+    remote: WebRemote, host: StaticHost, dataset: Path, tmp_path: Path, there: bytes, ranges: bool
+) -> None:
+    """At worst the content is wrong, which the caller finds, and the second time it is right."""
+    host.ranges = ranges
+    release = Release(ID, f"{remote.address}/{ID}")
+    expected = (dataset / "recipe.json").read_bytes()
+    (tmp_path / "out.part").write_bytes(there)
+    remote.read(release, "recipe.json", tmp_path / "out", len(expected))
+    assert (tmp_path / "out").stat().st_size == len(expected)
+    remote.read(release, "recipe.json", tmp_path / "out", len(expected))
+    assert (tmp_path / "out").read_bytes() == expected
+
+
+def test_a_stalled_server_is_left(remote: WebRemote, host: StaticHost, tmp_path: Path) -> None:
+    host.faults.append(Fault("GET .*recipe", stall=9.0, times=1))
+    remote.read(Release(ID, f"{remote.address}/{ID}"), "recipe.json", tmp_path / "out", 1 << 20)
+    assert len([line for line in host.log if "recipe" in line]) == 2
+
+
+def test_waits_as_long_as_the_server_asks(host: StaticHost) -> None:
+    waits: list[float] = []
+    patient = WebRemote(host.url, backoff=Backoff(attempts=4, sleep=waits.append))
+    host.faults.append(Fault("manifest", 429, {"Retry-After": "7"}, times=1))
+    host.faults.append(Fault("manifest", 503, {"Retry-After": "Sat, 21 Nov 2026"}, times=1))
+    host.faults.append(Fault("manifest", 503, {"Retry-After": "86400"}, times=1))
+    assert patient.find(ID) is not None
+    assert waits == [7.0, 2.0, 30.0]
+
+
+def test_refusals_are_final(remote: WebRemote, host: StaticHost, tmp_path: Path) -> None:
+    host.faults.append(Fault("manifest", 403))
+    with pytest.raises(HubError, match="HTTP 403"):
+        remote.find(ID)
+    assert len(host.log) == 1
+    release = Release(ID, f"{remote.address}/{ID}")
+    with pytest.raises(AbsentFileError, match="there is no"):
+        remote.read(release, "nothing", tmp_path / "x", 10)
+    with pytest.raises(HubError, match="larger than the 10 bytes"):
+        remote.read(release, "recipe.json", tmp_path / "x", 10)
+    assert not (tmp_path / "x").exists()
+    with pytest.raises(HubError, match="read only"):
+        remote.publish(tmp_path, ID)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"garbage", "not JSON"),
+        (b"[" * 10_000, "not JSON"),
+        (b"[]", "no list of names"),
+        (b'{"ids": [1]}', "no list of names"),
+        (b'{"ids": ["../../etc-x-v0"]}', "not ids of datasets"),
+        (b'{"ids": ["coop_nav-a-v0", "coop_nav-a-v0"]}', "listed twice"),
+    ],
+)
+def test_an_index_that_cannot_be_used(
+    remote: WebRemote, folder: Path, content: bytes, problem: str
+) -> None:
+    (folder / "index.json").write_bytes(content)
+    with pytest.raises(HubError, match=problem):
+        remote.ids()
+
+
+def test_without_an_index(remote: WebRemote, folder: Path) -> None:
+    (folder / "index.json").unlink()
+    with pytest.raises(HubError, match="cannot say which datasets"):
+        remote.ids()
+    assert remote.find(ID) is not None
+
+
+def test_nobody_listens(backoff: Backoff) -> None:
+    with pytest.raises(HubError, match="Datasets in the cache still load"):
+        WebRemote("http://127.0.0.1:9", backoff=backoff).find(ID)

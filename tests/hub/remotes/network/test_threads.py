@@ -1,0 +1,148 @@
+"""Jobs in threads: the first error and Ctrl-C stop the rest, hanging ones included."""
+
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from swarmdata.hub.remotes.network import threads
+from swarmdata.hub.remotes.network.backoff import TooSlowError
+from swarmdata.hub.remotes.network.interruption import StoppedError, check_stop, pause
+from swarmdata.hub.remotes.network.pace import Meter, Pace
+from swarmdata.hub.remotes.network.threads import bytes_in, run_all, watched
+
+
+def nothing() -> None:
+    """A tick that is not looked at."""
+
+
+def ignored(event: threading.Event) -> None:
+    """Waits as a client library does, whatever happens meanwhile."""
+    event.wait(60.0)
+
+
+def fail() -> None:
+    raise ZeroDivisionError
+
+
+def test_all_jobs_are_done_a_few_at_a_time() -> None:
+    done: list[int] = []
+    running, most = [0], [0]
+    lock = threading.Lock()
+
+    def job(number: int) -> None:
+        with lock:
+            running[0] += 1
+            most[0] = max(most[0], running[0])
+        time.sleep(0.01)
+        with lock:
+            running[0] -= 1
+            done.append(number)
+
+    ticks: list[int] = []
+    run_all([partial(job, k) for k in range(20)], 3, lambda: ticks.append(0), 0.005)
+    assert sorted(done) == list(range(20))
+    assert most[0] == 3
+    assert ticks
+    run_all([], 3, nothing, 0.1)
+
+
+@pytest.mark.parametrize("wait", [partial(pause, 60.0), check_stop], ids=["waiting", "looking"])
+def test_the_first_error_stops_the_rest(wait: Callable[[], None]) -> None:
+    ended: list[type[BaseException]] = []
+    began = threading.Event()
+
+    def wait_long() -> None:
+        began.set()
+        try:
+            while True:
+                wait()
+                time.sleep(0.001)
+        except BaseException as error:
+            ended.append(type(error))
+            raise
+
+    def fail_later() -> None:
+        began.wait()
+        fail()
+
+    never: list[int] = []
+    started = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        run_all([wait_long, fail_later, lambda: never.append(0)], 2, nothing, 0.1)
+    assert time.monotonic() - started < threads.GRACE + 1.0
+    assert ended == [StoppedError]
+    assert never == []
+
+
+def test_nothing_waits_long_for_a_job_that_hangs() -> None:
+    hanging = threading.Event()
+    started = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        run_all([partial(ignored, hanging), fail], 2, nothing, 0.1)
+    assert time.monotonic() - started < threads.GRACE + 1.0
+    hanging.set()
+
+
+def test_ctrl_c_stops_all_jobs() -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_all([partial(pause, 60.0)] * 3, 2, interrupt, 0.05)
+    assert time.monotonic() - started < threads.GRACE + 1.0
+
+
+def test_a_pause_without_jobs_is_a_sleep() -> None:
+    started = time.monotonic()
+    pause(0.05)
+    check_stop()
+    assert time.monotonic() - started >= 0.05
+
+
+def test_a_watched_call_returns_or_raises() -> None:
+    assert watched(lambda: 3, Meter(Pace(), "x")) == 3
+    with pytest.raises(ZeroDivisionError):
+        watched(fail, Meter(Pace(), "x"))
+
+
+def test_a_watched_call_that_is_too_slow_is_left() -> None:
+    hanging = threading.Event()
+    with pytest.raises(TooSlowError, match=r"x did not answer within 0\.3 s"):
+        watched(lambda: hanging.wait(60.0), Meter(Pace(answer_seconds=0.3), "x"))
+    arrived = [0]
+
+    def slowly() -> int:
+        arrived[0] += 10
+        return arrived[0]
+
+    pace = Pace(least_rate=1000.0, window_seconds=0.6)
+    with pytest.raises(TooSlowError, match="fewer than the least rate of 1000 bytes/s"):
+        watched(lambda: hanging.wait(60.0), Meter(pace, "x"), slowly)
+    assert watched(lambda: hanging.wait(1.0), Meter(pace, "x"), time.monotonic_ns) is False
+    hanging.set()
+
+
+def test_a_watched_call_ends_with_the_jobs() -> None:
+    hanging = threading.Event()
+
+    def watch() -> None:
+        watched(partial(ignored, hanging), Meter(Pace(), "x"))
+
+    started = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        run_all([watch, fail], 2, nothing, 0.1)
+    assert time.monotonic() - started < threads.GRACE + 1.0
+    hanging.set()
+
+
+def test_bytes_in_a_folder_that_changes(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "x").write_bytes(b"123")
+    (tmp_path / "dangling").symlink_to("nowhere")
+    assert bytes_in(tmp_path) == 3
+    assert bytes_in(tmp_path / "nowhere") == 0

@@ -1,0 +1,157 @@
+"""The `https` remote against a real web server: TLS, byte ranges, limits, redirects."""
+
+import shutil
+import ssl
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import HubError
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.hosts.web import WebRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.network.pace import Pace
+from swarmdata.hub.remotes.pull import pull
+from swarmdata.store.scratch import scratch_folder
+from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.nginx import Nginx
+from tests.remotes import nginx
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(nginx.missing() is not None, reason=nginx.missing() or ""),
+]
+
+ARRAY = "data.zarr/observations/c.0.0.0"
+Serve = Callable[..., Nginx]
+
+
+@pytest.fixture
+def serve(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Serve]:
+    """Starts servers of a published folder, whose authority is trusted."""
+    folder = tmp_path / "published"
+    folder.mkdir()
+    FolderRemote(f"file://{folder}").publish(dataset, ID)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
+    running: list[Nginx] = []
+
+    def start(extra: str = "", *, is_trusted: bool = True) -> Nginx:
+        server = Nginx(folder, tmp_path / f"nginx-{len(running)}", extra)
+        if is_trusted:
+            monkeypatch.setenv("SSL_CERT_FILE", str(server.authority))
+        running.append(server.__enter__())
+        return server
+
+    yield start
+    for server in running:
+        server.__exit__()
+
+
+def remote(server: Nginx, pace: Pace | None = None) -> WebRemote:
+    return WebRemote(server.url, backoff=Backoff(attempts=2, sleep=lambda _: None), pace=pace)
+
+
+def test_round_trip(serve: Serve, dataset: Path, tmp_path: Path) -> None:
+    """Row 69: asked, listed, fetched over TLS; what is not there is not there."""
+    found = remote(serve())
+    release = found.find(ID)
+    assert release is not None
+    assert found.ids() == (ID,)
+    assert found.find("coop_nav-nothing-v0") is None
+    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+
+
+def test_a_pull_that_was_cut_goes_on_with_ranges(
+    serve: Serve, dataset: Path, tmp_path: Path
+) -> None:
+    """Row 69: with 206 for the rest, as the server's log says, and not from the beginning."""
+    server = serve()
+    scratch = scratch_folder(tmp_path / ID, "pull")
+    begun = scratch / f"{ARRAY}.arriving.part"
+    found = remote(server)
+    (scratch / "incoming").mkdir(parents=True)
+    shutil.copyfile(dataset / "manifest.json", scratch / "incoming" / "manifest.json")
+    begun.parent.mkdir(parents=True)
+    begun.write_bytes((dataset / ARRAY).read_bytes()[:1000])
+    release = Release(ID, f"{server.url}/{ID}")
+    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    (line,) = [each for each in server.log() if ARRAY in each]
+    left = (dataset / ARRAY).stat().st_size - 1000
+    assert f" 206 {left} " in line
+
+
+def test_a_file_that_is_there_whole_is_asked_for_no_more(
+    serve: Serve, dataset: Path, tmp_path: Path
+) -> None:
+    """Row 69: a range behind the end is 416 there; it is begun anew."""
+    server = serve()
+    found, release = remote(server), Release(ID, f"{server.url}/{ID}")
+    size = (dataset / ARRAY).stat().st_size
+    (tmp_path / "x.part").write_bytes((dataset / ARRAY).read_bytes())
+    found.read(release, ARRAY, tmp_path / "x", size + 10)
+    assert (tmp_path / "x").read_bytes() == (dataset / ARRAY).read_bytes()
+    codes = [line.split()[8] for line in server.log() if ARRAY in line]
+    assert codes == ["416", "200"]
+
+
+def test_an_unknown_authority_is_refused(serve: Serve) -> None:
+    """Row 69: with the certificate's problem, and without another attempt."""
+    with pytest.raises(HubError, match="has no valid certificate"):
+        remote(serve(is_trusted=False)).find(ID)
+
+
+def test_a_certificate_of_another_name_is_refused(serve: Serve) -> None:
+    """Row 69: the server is `localhost`, not its address."""
+    server = serve()
+    with pytest.raises(HubError, match="has no valid certificate"):
+        WebRemote(f"https://127.0.0.1:{server.port}", backoff=Backoff(attempts=1)).find(ID)
+
+
+def test_plain_http_to_a_port_of_tls(serve: Serve) -> None:
+    """Row 69: one error."""
+    server = serve()
+    with pytest.raises(HubError):
+        WebRemote(f"http://localhost:{server.port}", backoff=Backoff(attempts=1)).find(ID)
+
+
+def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_path: Path) -> None:
+    """Row 69: `limit_rate 1`, over TLS; what is quicker is not."""
+    server = serve("limit_rate 1;")
+    started = time.monotonic()
+    with pytest.raises(HubError, match=r"fewer than the least rate|did not answer within"):
+        pull(
+            remote(server, pace=Pace(2.0, 1000.0, 1.0)),
+            Release(ID, f"{server.url}/{ID}"),
+            tmp_path / ID,
+            progress=False,
+        )
+    assert time.monotonic() - started < 10.0
+
+
+def test_a_server_with_a_higher_limit_is_waited_for(
+    serve: Serve, dataset: Path, tmp_path: Path
+) -> None:
+    """Row 69: 20 kB/s are enough for a least rate of 1 kB/s."""
+    server = serve("limit_rate 20k;")
+    found = remote(server, pace=Pace(5.0, 1000.0, 1.0))
+    release = Release(ID, f"{server.url}/{ID}")
+    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+
+
+def test_redirects_of_a_real_server(serve: Serve) -> None:
+    """Row 69: within TLS they are followed, out of it they are not."""
+    server = serve()
+    backoff = Backoff(attempts=1)
+    assert WebRemote(f"{server.url}/moved", backoff=backoff).find(ID) is not None
+    with pytest.raises(HubError, match="expected another https:// address"):
+        WebRemote(f"{server.url}/plain", backoff=backoff).find(ID)
+
+
+def test_the_client_speaks_a_modern_tls() -> None:
+    """Row 69: nothing before 1.2, whatever the server offers."""
+    context = ssl.create_default_context()
+    assert context.minimum_version >= ssl.TLSVersion.TLSv1_2
+    assert context.verify_mode == ssl.CERT_REQUIRED

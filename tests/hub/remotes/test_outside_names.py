@@ -1,0 +1,71 @@
+"""Ids and file names from outside."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import AddressError
+from swarmdata.hub.remotes.outside_names import hostile_names, is_id, split_id, unsafe_names
+from swarmdata.store.arrays.layout import FIELDS, GROUP_FILES, array_file, metadata_file
+
+
+def test_ids() -> None:
+    assert split_id("coop_nav-medium-v0") == ("coop_nav-medium", "v0")
+    assert split_id("formation-n8-medium-expert-mini-v12")[1] == "v12"
+
+
+@given(st.text(max_size=120))
+def test_what_is_an_id_is_safe_everywhere(text: str) -> None:
+    if is_id(text):
+        assert not unsafe_names([text])
+        assert text.isascii()
+        assert "-".join(split_id(text)) == text
+    else:
+        with pytest.raises(AddressError, match="is not the id of a dataset"):
+            split_id(text)
+
+
+@pytest.mark.parametrize(
+    ("names", "problem"),
+    [
+        (["../x"], "plain"),
+        (["a/../../x"], "plain"),
+        (["/etc/passwd"], "plain"),
+        (["C:\\x"], "plain"),
+        (["C:x"], "plain"),
+        (["a\\..\\x"], "plain"),
+        (["a//b"], "plain"),
+        (["a/"], "plain"),
+        ([""], "plain"),
+        ([".hidden"], "plain"),
+        (["a\n"], "plain"),
+        (["a\x00b"], "plain"),
+        (["aux"], "plain"),
+        (["data.zarr/NUL.json"], "plain"),
+        (["ä"], "plain"),
+        (["x" * 241], "longer"),
+        (["a", "a"], "same file"),
+        (["data/A", "data/a"], "same file"),
+    ],
+)
+def test_unsafe_names(names: list[str], problem: str) -> None:
+    (found,) = unsafe_names(["recipe.json", *names])
+    assert problem in found
+
+
+def test_the_files_of_a_dataset_are_safe() -> None:
+    arrays = [array_file(name, len(field.dimensions)) for name, field in FIELDS.items()]
+    names = [*arrays, *map(metadata_file, FIELDS), *GROUP_FILES, "recipe.json", "card.md"]
+    assert unsafe_names(names) == hostile_names(names) == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "a/../b", "/x", "C:\\x", "c:x", "a\\b", "", "a//b", "./a", "a\x00", "a/"]
+)
+def test_hostile_names(name: str) -> None:
+    assert hostile_names([name, "LICENSE"])
+
+
+def test_names_that_people_use_are_not_hostile() -> None:
+    assert hostile_names([".gitattributes", "pictures/my robot ü.png", "LICENSE"]) == ()
+    assert hostile_names(["readme.md", "README.md"])
