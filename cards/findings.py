@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.analysis.coverage import N_ROWS, Coverage, coverage, sample_steps
 from swarmdata.store import StoredDataset
 
 LOG_PROBS = "log_probs"

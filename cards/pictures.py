@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.analysis.coverage import places_of, sample_steps
 from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw_returns
 from swarmdata.cards.recorded_picture import draw_recorded
 from swarmdata.cards.tracks import choose_episodes, draw_track
-from swarmdata.coverage import places_of, sample_steps
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.analysis.coverage import sample_steps
 from swarmdata.cards.panels import draw_returns, draw_rows, finish, stack_lengths
-from swarmdata.coverage import sample_steps
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.figures import GRAY, figure
 from swarmdata.specs.origins import RecordedSpec

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmdata.encounters import MOVING, OPPOSED, REACH
+from swarmdata.analysis.passings import MOVING, OPPOSED, REACH
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.types import Float, Step
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from swarmdata.analysis.coverage import spread
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import made_with
-from swarmdata.coverage import spread
 from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import yaml
 
+from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
+from swarmdata.analysis.passings import Passings
+from swarmdata.analysis.visits import Occupancy
 from swarmdata.cards.facts import Facts
 from swarmdata.cards.fields import observation_rows
 from swarmdata.cards.findings import Findings, LogProbabilities
 from swarmdata.cards.render import check, render
 from swarmdata.cards.statistics import histogram
-from swarmdata.coverage import Coverage, Dependence, Entropies
-from swarmdata.encounters import Passings
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.occupancy import Occupancy
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS

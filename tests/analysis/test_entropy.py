@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import SchemaError
-from swarmdata.information import (
+from swarmdata.analysis.entropy import (
     EULER,
     at_bounds,
     correlation,
@@ -18,6 +17,7 @@ from swarmdata.information import (
     knn_entropy,
     mutual_information,
 )
+from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
 SEEDS = st.integers(0, 2**32 - 1)

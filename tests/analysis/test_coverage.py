@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.coverage import (
+from swarmdata.analysis.coverage import (
     FEWEST,
     N_PAIR_ROWS,
     RESOLUTION,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.encounters import Passings, passings, total
+from swarmdata.analysis.passings import Passings, passings, total
 from swarmdata.errors import SchemaError
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Role, TaskSpec

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.analysis.visits import occupancy
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import BOX
-from swarmdata.occupancy import occupancy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Arena, Role, TaskSpec

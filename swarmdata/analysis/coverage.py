@@ -10,9 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from swarmdata.encounters import Passings, passings, total
-from swarmdata.errors import SchemaError
-from swarmdata.information import (
+from swarmdata.analysis.entropy import (
     NEIGHBOR,
     at_bounds,
     correlation,
@@ -21,8 +19,10 @@ from swarmdata.information import (
     knn_entropy,
     mutual_information,
 )
+from swarmdata.analysis.passings import Passings, passings, total
+from swarmdata.analysis.visits import Occupancy, occupancy
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.occupancy import Occupancy, occupancy
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

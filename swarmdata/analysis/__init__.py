@@ -1,0 +1,1 @@
+"""What recorded states show: coverage, visits, passings, entropy."""
