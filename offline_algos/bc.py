@@ -19,13 +19,13 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.actor import StackedActor
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.fusing import fusable
-from swarmdata.learn.optimizer import StackedAdam, cosine
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.networks.actor import StackedActor
+from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch
 
 

@@ -33,8 +33,12 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from swarmdata.learn.conservative import counterfactual_samples, draw_agents, soft_maximum
-from swarmdata.learn.pessimistic import PessimisticConfig, PessimisticTeam
+from swarmdata.learn.objectives.conservative import (
+    counterfactual_samples,
+    draw_agents,
+    soft_maximum,
+)
+from swarmdata.learn.objectives.pessimistic import PessimisticConfig, PessimisticTeam
 from swarmdata.types import Batch
 
 

@@ -42,16 +42,16 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.actor import DelayedActor
-from swarmdata.learn.factored_critics import MIXER_STREAM, FactoredCritics
-from swarmdata.learn.inputs import generator_states, generators, restore_generators
-from swarmdata.learn.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
-from swarmdata.learn.normalizer import Normalizer
-from swarmdata.learn.optimizer import cosine
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
-from swarmdata.learn.targets import td_target, team_reward
+from swarmdata.learn.networks.actor import DelayedActor
+from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
+from swarmdata.learn.networks.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
+from swarmdata.learn.networks.network_inputs import generator_states, generators, restore_generators
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.objectives.td_targets import td_target, team_reward
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch
 
 MIXERS: dict[str, type[HyperMixer] | None] = {

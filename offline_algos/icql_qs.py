@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.conservative import draw_agents, replace_drawn
+from swarmdata.learn.objectives.conservative import draw_agents, replace_drawn
 from swarmdata.offline_algos.cfcql import CFCQL, CFCQLConfig
 from swarmdata.types import Batch
 

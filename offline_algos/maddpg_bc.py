@@ -39,14 +39,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.critics import JointGradient
-from swarmdata.learn.exploration import normal_like
-from swarmdata.learn.fusing import fusable
-from swarmdata.learn.joint import JointActorCritic, imitation
-from swarmdata.learn.optimizer import cosine
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.objectives.joint_actor_critic import JointActorCritic, imitation
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.exploration import normal_like
 from swarmdata.types import Batch
 
 

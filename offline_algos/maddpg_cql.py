@@ -33,15 +33,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.conservative import (
+from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.objectives.conservative import (
     Samples,
     noisy_samples,
     soft_maximum,
     together,
     uniform_samples,
 )
-from swarmdata.learn.critics import JointGradient
-from swarmdata.learn.pessimistic import PessimisticConfig, PessimisticTeam
+from swarmdata.learn.objectives.pessimistic import PessimisticConfig, PessimisticTeam
 from swarmdata.types import Batch
 
 

@@ -43,22 +43,22 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.actor import DelayedActor
-from swarmdata.learn.conservative import soft_maximum, uniform_samples
-from swarmdata.learn.critics import Critics
-from swarmdata.learn.exploration import normal_like
-from swarmdata.learn.inputs import (
+from swarmdata.learn.networks.actor import DelayedActor
+from swarmdata.learn.networks.critics import Critics
+from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
     restore_generators,
     with_agent_id,
 )
-from swarmdata.learn.normalizer import Normalizer
-from swarmdata.learn.optimizer import cosine
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
-from swarmdata.learn.targets import td_target
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.objectives.conservative import soft_maximum, uniform_samples
+from swarmdata.learn.objectives.td_targets import td_target
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.exploration import normal_like
 from swarmdata.types import Batch
 
 

@@ -38,20 +38,24 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.actor import StackedActor
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.critics import information
-from swarmdata.learn.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
-from swarmdata.learn.in_sample import exponential_weights, soft_value_loss, weighted_cloning_loss
-from swarmdata.learn.mixers import LinearMixer
-from swarmdata.learn.networks import MLPShape
-from swarmdata.learn.normalizer import Normalizer
-from swarmdata.learn.optimizer import StackedAdam, cosine
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
-from swarmdata.learn.targets import polyak, td_target, team_reward
-from swarmdata.learn.team import Team
+from swarmdata.learn.networks.actor import StackedActor
+from swarmdata.learn.networks.critics import information
+from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
+from swarmdata.learn.networks.mixers import LinearMixer
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.team_networks import Team
+from swarmdata.learn.objectives.in_sample import (
+    exponential_weights,
+    soft_value_loss,
+    weighted_cloning_loss,
+)
+from swarmdata.learn.objectives.td_targets import polyak, td_target, team_reward
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch
 
 

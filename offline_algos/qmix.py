@@ -23,17 +23,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.choice_policy import ChoicePolicy
-from swarmdata.learn.factored_values import (
+from swarmdata.learn.choices.factored_values import (
     LOSSES,
     MIXER_STREAM,
     TWINS,
     FactoredConfig,
     FactoredValues,
 )
-from swarmdata.learn.mixers import MonotonicMixer
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch
 
 

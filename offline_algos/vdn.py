@@ -32,11 +32,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.choice_policy import ChoicePolicy
-from swarmdata.learn.factored_values import LOSSES, FactoredConfig, FactoredValues
-from swarmdata.learn.mixers import MeanMixer
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.choices.factored_values import LOSSES, FactoredConfig, FactoredValues
+from swarmdata.learn.networks.mixers import MeanMixer
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch
 
 

@@ -12,16 +12,16 @@ import torch
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn import bins
-from swarmdata.learn.bins import BinPolicy
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.decomposition import LOSSES, Decomposition, Rates
-from swarmdata.learn.exploration import LinearSchedule, epsilon_greedy
-from swarmdata.learn.mixers import Mixer
-from swarmdata.learn.networks import MLPShape
-from swarmdata.learn.optimizer import linear
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.team import Parameters, Team
+from swarmdata.learn.choices.bins import BinPolicy
+from swarmdata.learn.choices.choices import bins
+from swarmdata.learn.choices.decomposition import LOSSES, Decomposition, Rates
+from swarmdata.learn.networks.mixers import Mixer
+from swarmdata.learn.networks.optimizer import linear
+from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
 from swarmdata.online_algos.collecting import Collector, Plan
 from swarmdata.types import Batch
 

@@ -11,15 +11,15 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.inputs import (
+from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
     restore_generators,
     standardize,
 )
-from swarmdata.learn.replay import Replay, Shape
-from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.online_algos.inputs import Moments, measure_moments
 from swarmdata.online_algos.worlds import Worlds
 from swarmdata.perception.frames import find_frame

@@ -8,9 +8,9 @@ import torch
 from swarmdata.behavior_policies.actor import MAX_WEIGHT, Actor
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
-from swarmdata.learn.networks import Layer
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.policy_file import load_policy
+from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.training import SELECTION_OFFSET
 from swarmdata.registry.components import make_env

@@ -33,10 +33,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.exploration import LinearSchedule, gaussian, uniform_like
-from swarmdata.learn.optimizer import linear
-from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.networks.optimizer import linear
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.exploration import LinearSchedule, gaussian, uniform_like
 from swarmdata.online_algos.collecting import Collector, Plan
 from swarmdata.online_algos.maddpg_learner import Learner, MADDPGConfig
 from swarmdata.types import Batch

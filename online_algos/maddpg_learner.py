@@ -8,16 +8,16 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from swarmdata.learn.actor import ACTOR_STREAM
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.critics import JointCritics, JointGradient, information
-from swarmdata.learn.exploration import normal_like
-from swarmdata.learn.inputs import generator_states, generators, restore_generators
-from swarmdata.learn.networks import MLPShape, StackedMLP
-from swarmdata.learn.optimizer import StackedAdam
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.targets import polyak, td_target
-from swarmdata.learn.team import Parameters, Team
+from swarmdata.learn.networks.actor import ACTOR_STREAM
+from swarmdata.learn.networks.critics import JointCritics, JointGradient, information
+from swarmdata.learn.networks.network_inputs import generator_states, generators, restore_generators
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.td_targets import polyak, td_target
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.exploration import normal_like
 from swarmdata.types import Batch
 
 NOISE_STREAM = 2

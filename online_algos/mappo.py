@@ -44,13 +44,13 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.checkpoint import part
-from swarmdata.learn.inputs import generators as torch_generators
-from swarmdata.learn.inputs import standardize, with_agent_id
-from swarmdata.learn.networks import MLPShape, StackedMLP, initialize
-from swarmdata.learn.optimizer import StackedAdam
-from swarmdata.learn.policy import TorchPolicy
-from swarmdata.learn.team import Parameters, by_network, from_rows
+from swarmdata.learn.networks.network_inputs import generators as torch_generators
+from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
 from swarmdata.online_algos.clipping import clipped_losses
 from swarmdata.online_algos.detours import Detours

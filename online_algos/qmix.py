@@ -24,10 +24,10 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn import decomposition
-from swarmdata.learn.bins import BinPolicy
-from swarmdata.learn.mixers import MonotonicMixer
-from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.choices.bins import BinPolicy
+from swarmdata.learn.choices.choices import decomposition
+from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.online_algos.choosing import MIXER_STREAM, Choosing, ChoosingConfig
 
 

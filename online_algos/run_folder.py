@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.policy_file import load_policy
+from swarmdata.learn.policies.policy_file import load_policy
 
 POLICIES = "policies"
 

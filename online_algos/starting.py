@@ -8,7 +8,7 @@ from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
 from swarmdata.errors import BuildError, CheckpointError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.exporting import restored
 from swarmdata.online_algos.run_folder import last_policy

@@ -30,10 +30,10 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, SpecError, SwarmdataError
 from swarmdata.interfaces import OnlineAlgorithm, Policy
-from swarmdata.learn.checkpoint import load_checkpoint, save_checkpoint
-from swarmdata.learn.divergence import check_finite
-from swarmdata.learn.policy_file import save_policy
-from swarmdata.learn.run import CHECKPOINT, CONFIG, CURVE, Table, versions
+from swarmdata.learn.policies.policy_file import save_policy
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.divergence import check_finite
+from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.run_folder import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve

@@ -23,9 +23,9 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn import decomposition
-from swarmdata.learn.bins import BinPolicy
-from swarmdata.learn.mixers import MeanMixer
+from swarmdata.learn.choices.bins import BinPolicy
+from swarmdata.learn.choices.choices import decomposition
+from swarmdata.learn.networks.mixers import MeanMixer
 from swarmdata.online_algos.choosing import Choosing, ChoosingConfig
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.sizes import Sizes
+from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_env

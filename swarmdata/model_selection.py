@@ -19,12 +19,16 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
-from swarmdata.learn.framed import framed
-from swarmdata.learn.run import Loaded, kept_updates, load_algorithm, read_run
-from swarmdata.learn.statistics import Statistics
-from swarmdata.learn.transitions import Transitions
-from swarmdata.learn.validation import imitation_error, td_errors, weighted_imitation_error
+from swarmdata.learn.evaluation.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
+from swarmdata.learn.evaluation.transitions import Transitions
+from swarmdata.learn.evaluation.validation import (
+    imitation_error,
+    td_errors,
+    weighted_imitation_error,
+)
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
 from swarmdata.ranking import ranking_quality
 from swarmdata.ranking_record import (
     CRITERIA,

@@ -11,7 +11,7 @@ import numpy as np
 
 from swarmdata.cards import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.learn.run import CURVE, read_table
+from swarmdata.learn.training.run_folder import CURVE, read_table
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import SPEED, read_online_run

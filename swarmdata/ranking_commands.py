@@ -45,8 +45,8 @@ def rank(
 
     require("torch", "torch", "ranking policies")
     from swarmdata import model_selection
-    from swarmdata.learn.config import override
-    from swarmdata.learn.fqe import FQEConfig
+    from swarmdata.learn.evaluation.fqe import FQEConfig
+    from swarmdata.learn.training.overrides import override
 
     criterion = next((name for name in CRITERIA if name == by), None)
     if criterion is None:

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmdata.interfaces import Policy
-from swarmdata.learn.checkpoint import load_checkpoint
-from swarmdata.learn.policy_file import load_policy
-from swarmdata.learn.run import CHECKPOINT, load_run, read_run
+from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.learn.training.checkpoint import load_checkpoint
+from swarmdata.learn.training.run_folder import CHECKPOINT, load_run, read_run
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import read_online_run

@@ -10,8 +10,8 @@ import numpy as np
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.config import override
-from swarmdata.learn.trainer import Evaluate, Schedule, train
+from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.trainer import Evaluate, Schedule, train
 from swarmdata.online_algos.training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of

@@ -14,9 +14,9 @@ pytest.importorskip("torch", reason="ranking needs the torch extra")
 from swarmdata.cli import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.learn.fqe import FQEConfig
-from swarmdata.learn.run import load_algorithm, load_run
-from swarmdata.learn.trainer import Schedule, train
+from swarmdata.learn.evaluation.fqe import FQEConfig
+from swarmdata.learn.training.run_folder import load_algorithm, load_run
+from swarmdata.learn.training.trainer import Schedule, train
 from swarmdata.model_selection import rank
 from swarmdata.ranking_record import Ranking
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve

@@ -16,7 +16,7 @@ pytest.importorskip("matplotlib", reason="a sweep has figures")
 
 from swarmdata import sweeping, targets
 from swarmdata.errors import CheckpointError, ResultsError, SpecError
-from swarmdata.learn.run import read_run
+from swarmdata.learn.training.run_folder import read_run
 from swarmdata.result_files import Result
 from swarmdata.results import Case, read, reference_of
 from swarmdata.rollouts.evaluate import evaluate

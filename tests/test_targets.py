@@ -88,7 +88,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
 ) -> None:
     pytest.importorskip("torch", reason="training needs the torch extra")
     from swarmdata.errors import CheckpointError
-    from swarmdata.learn.run import read_run
+    from swarmdata.learn.training.run_folder import read_run
     from swarmdata.training import train_offline
 
     tiny = Recipe(
@@ -181,7 +181,7 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
     from typer.testing import CliRunner
 
     from swarmdata.cli import app
-    from swarmdata.learn.run import read_run
+    from swarmdata.learn.training.run_folder import read_run
 
     tiny = Recipe(
         id="coop_nav-tiny-v0",

@@ -15,7 +15,7 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
-from swarmdata.learn.config import override
+from swarmdata.learn.training.overrides import override
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.run_folder import last_policy
 from swarmdata.online_algos.shaping import Shaping

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
-from swarmdata.learn.config import override
+from swarmdata.learn.training.overrides import override
 from swarmdata.online_algos.run_folder import last_policy_path
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve

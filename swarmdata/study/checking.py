@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.learn.run import LOSSES, read_table
+from swarmdata.learn.training.run_folder import LOSSES, read_table
 from swarmdata.result_files import load
 from swarmdata.specs.frozen import Frozen
 from swarmdata.study.running import run_cells

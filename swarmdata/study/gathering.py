@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.learn.run import CURVE, LOSSES, read_table
+from swarmdata.learn.training.run_folder import CURVE, LOSSES, read_table
 from swarmdata.plots import Curve
 from swarmdata.result_files import Result, load
 from swarmdata.results import Case, ResultSet, gather

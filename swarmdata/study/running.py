@@ -13,7 +13,7 @@ from typing import Any
 from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
-from swarmdata.learn.run import LOSSES
+from swarmdata.learn.training.run_folder import LOSSES
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job
 from swarmdata.study.cells import Cell

@@ -24,9 +24,9 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.compact import compact
-from swarmdata.learn.run import CHECKPOINT
-from swarmdata.learn.trainer import Schedule, train
+from swarmdata.learn.training.compact import compact
+from swarmdata.learn.training.run_folder import CHECKPOINT
+from swarmdata.learn.training.trainer import Schedule, train
 from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
 from swarmdata.online_algos.selection import seeds_of
 from swarmdata.online_algos.training import describe_run, train_run

@@ -21,10 +21,10 @@ import numpy as np
 import torch
 
 from swarmdata import load
-from swarmdata.learn.fusing import fused, unfused
-from swarmdata.learn.normalizer import Normalizer
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.networks.compilation import fused, unfused
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section

@@ -225,11 +225,11 @@ def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
 def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
     """Row 63: one trains, the other waits and finds it done; the losses are those of one run."""
     pytest.importorskip("torch", reason="training needs torch")
-    from tests.learn.test_trainer import run
+    from tests.learn.training.test_trainer import run
 
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from pathlib import Path; from tests.learn.test_trainer import run\n"
+        "from pathlib import Path; from tests.learn.training.test_trainer import run\n"
         "run('bc', Path(sys.argv[1]), progress=True)"
     )
 

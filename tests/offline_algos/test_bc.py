@@ -8,8 +8,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
-from swarmdata.learn.statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

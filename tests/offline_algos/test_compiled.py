@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="compiling needs torch")
 
-from swarmdata.learn.fusing import fused, has_fusable  # noqa: E402
+from swarmdata.learn.networks.compilation import fused, has_fusable  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from tests.contract.test_algorithms import SIZES, SMALL, draw, statistics  # noqa: E402
 

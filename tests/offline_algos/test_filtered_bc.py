@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.run import load_run, read_run  # noqa: E402
-from swarmdata.learn.trainer import train  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
+from swarmdata.learn.training.trainer import train  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
 from swarmdata.testing.memory import MemoryDataset  # noqa: E402

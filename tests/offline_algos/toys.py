@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from swarmdata.learn.networks import StackedMLP
-from swarmdata.learn.sizes import Sizes
-from swarmdata.learn.statistics import Statistics
+from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.testing.memory import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, no_messages
 

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.inputs import generators  # noqa: E402
+from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
 from swarmdata.online_algos.inputs import Moments, measure_moments  # noqa: E402
 from swarmdata.online_algos.worlds import Worlds  # noqa: E402
 from swarmdata.perception.frames import find_frame  # noqa: E402

@@ -9,9 +9,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.learn.critics import information  # noqa: E402
-from swarmdata.learn.networks import StackedMLP  # noqa: E402
-from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.critics import information  # noqa: E402
+from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG  # noqa: E402
 from swarmdata.online_algos.maddpg_learner import Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

@@ -8,7 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.qmix import QMIX, QMIXConfig, make_mixer  # noqa: E402
 
 SMALL: dict[str, Any] = {

@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
-from swarmdata.learn.policy_file import load_policy
+from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.online_algos import selection
 from swarmdata.online_algos.exporting import export
 from swarmdata.online_algos.mappo import MAPPOConfig

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.learned import Learned
 from swarmdata.behavior_policies.tiers import SPECS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
-from swarmdata.learn.policy_file import save_policy
+from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.online_algos.maddpg import MADDPG
 from swarmdata.online_algos.maddpg_learner import MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig

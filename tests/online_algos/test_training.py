@@ -14,8 +14,8 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import BuildError, DivergedError, SpecError
-from swarmdata.learn.policy_file import load_policy
-from swarmdata.learn.run import read_table
+from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.learn.training.run_folder import read_table
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos import starting, training
 from swarmdata.online_algos.cloning import CloneConfig

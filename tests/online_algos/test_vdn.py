@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn import bins  # noqa: E402
-from swarmdata.learn.mixers import MeanMixer  # noqa: E402
-from swarmdata.learn.sizes import Sizes  # noqa: E402
+from swarmdata.learn.choices.choices import bins  # noqa: E402
+from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.choosing import Choosing, make_learner  # noqa: E402
 from swarmdata.online_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

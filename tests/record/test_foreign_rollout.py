@@ -112,7 +112,7 @@ def test_another_environment_is_refused(dataset: Dataset) -> None:
 
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
 def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
-    from swarmdata.learn.run import load_run
+    from swarmdata.learn.training.run_folder import load_run
     from swarmdata.targets import find_target
     from swarmdata.trained import read_trained
     from swarmdata.training import train_offline
@@ -138,7 +138,7 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
 
 def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
     """Actions say the time, and so do observations."""
-    from swarmdata.learn.trainer import train
+    from swarmdata.learn.training.trainer import train
     from swarmdata.offline_algos.bc import BC
 
     with Recorder(Counting(), id="counting_v1-mine-v0", path=tmp_path / "ds") as recorder:
@@ -156,7 +156,7 @@ def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
 
 
 def test_choices_cannot_be_learned_as_numbers(tmp_path: Path) -> None:
-    from swarmdata.learn.trainer import train
+    from swarmdata.learn.training.trainer import train
 
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 5)

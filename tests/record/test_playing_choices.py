@@ -93,7 +93,7 @@ def test_choices_are_learned_and_played(
     dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str
 ) -> None:
     """Random data; a policy that names every number gets (1.5 + 1) / 2 a step, chance 0.625."""
-    from swarmdata.learn.run import load_run
+    from swarmdata.learn.training.run_folder import load_run
     from swarmdata.training import train_offline
 
     changes = {
@@ -176,7 +176,7 @@ def test_actions_are_those_of_the_environment(dataset: Dataset) -> None:
 
 
 def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
-    from swarmdata.learn.trainer import train
+    from swarmdata.learn.training.trainer import train
 
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 5)

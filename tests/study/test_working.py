@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.learn.checkpoint import load_checkpoint
-from swarmdata.learn.run import CHECKPOINT
+from swarmdata.learn.training.checkpoint import load_checkpoint
+from swarmdata.learn.training.run_folder import CHECKPOINT
 from swarmdata.result_files import load
 from swarmdata.study.cells import Cell, cells_of
 from swarmdata.study.costs import Cost

@@ -1,0 +1,1 @@
+"""Discrete choices: bins of continuous actions, behavior heads, value decomposition."""

@@ -1,0 +1,148 @@
+"""Transitions, a whole split as tensors: what a critic reads when it is fitted over and over."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from swarmdata.datasets.action_scaling import action_scale
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.critics import information
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go
+from swarmdata.learn.training.training_data import Data
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.types import Double, Episode, Float
+
+
+@runtime_checkable
+class Actor(Protocol):
+    """A team whose actions are functions of what the robots see now, as offline runs give them."""
+
+    def actions(self, observations: Float) -> Float: ...  # [B, N, O] -> [B, N, A]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """n transitions of E episodes, float32; x has a row for each state, n + E in all.
+
+    It takes 4 (S + N (O + A)) bytes per step, 1 GB for a million steps of four robots.
+    """
+
+    sizes: Sizes
+    x: Tensor  # [n + E, S + N O] normalized states and observations
+    actions: Tensor  # [n, N, A] in [-1, 1]
+    rewards: Tensor  # [n] of the team
+    returns: Tensor  # [n] discounted team rewards from this step to the end of its episode
+    terminations: Tensor  # [n]
+    here: Tensor  # [n] row of x in which the action was taken; the next row is what it reached
+    first: Tensor  # [E] row of x of each episode's first state
+
+    @classmethod
+    def read(
+        cls,
+        dataset: Data,
+        statistics: Statistics,
+        discount: float,
+        device: torch.device | str = "cpu",
+    ) -> "Transitions":
+        """Reads all episodes of a dataset, usually one split.
+
+        Args:
+            dataset: what to read.
+            statistics: for the normalization.
+            discount: factor per step of `returns`.
+            device: where the tensors are.
+
+        Raises:
+            SchemaError: there are no episodes, the actions are not continuous and bounded, or
+                returns are too large for float32.
+        """
+        if not len(dataset):
+            raise SchemaError(f"there are no episodes of {dataset.id} to read; widen the filter")
+        spec, known = dataset.spec, Normalizer(statistics, "cpu")
+        scale = action_scale(spec) if isinstance(spec, RecordedSpec) else None
+        columns: list[tuple[NDArray[Any], ...]] = []
+        for episode in dataset:
+            actions = episode.actions if scale is None else scale.to_unit(episode.actions)
+            team = episode.rewards.mean(axis=1, dtype=np.float64)
+            columns.append((
+                _information(episode, known),
+                actions if episode.alive is None else actions * episode.alive[:-1, :, None],
+                team.astype(np.float32),
+                _in_float32(returns_to_go(team, discount), dataset.id),
+                episode.terminations,
+            ))  # fmt: skip
+        lengths = np.array([len(rows[2]) for rows in columns])
+        number = np.arange(len(lengths))
+        first = np.cumsum(lengths) - lengths + number
+        here = np.arange(int(lengths.sum())) + np.repeat(number, lengths)
+        joined = (np.concatenate(rows) for rows in zip(*columns, strict=True))
+        tensors = (torch.from_numpy(array).to(device) for array in (*joined, here, first))
+        return cls(_sizes(next(iter(dataset))), *tensors)
+
+    @property
+    def initial_returns(self) -> Tensor:
+        """The discounted return of each episode, [E]."""
+        return self.returns[self.first - torch.arange(len(self.first), device=self.first.device)]
+
+    def __len__(self) -> int:
+        """Number of transitions, n."""
+        return len(self.rewards)
+
+
+def _in_float32(returns: Double, name: str) -> Float:
+    most = float(np.abs(returns).max(initial=0.0))
+    if most > float(np.finfo(np.float32).max):
+        raise SchemaError(
+            f"returns of {name} reach {most:.2g}, expected at most 3.4e38, which float32 holds. "
+            "Make the dataset with smaller rewards."
+        )
+    return returns.astype(np.float32)
+
+
+def _sizes(episode: Episode) -> Sizes:
+    (_, n_agents, n_seen), n_actions = episode.observations.shape, episode.actions.shape[-1]
+    return Sizes(n_agents, n_seen, n_actions, episode.states.shape[-1])
+
+
+def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
+    """What critics see besides actions, x = (s, o_1, ..., o_N), normalized, [T+1, S + N O]."""
+    # copies, because torch has no read-only tensors
+    states = known.states(torch.tensor(episode.states))
+    observations = known.observations(torch.tensor(episode.observations))
+    return information(states[None], observations[None])[0].numpy()
+
+
+def actions_of(policies: Sequence[object], dataset: Data) -> Float:
+    """Returns what K policies do in every state of a dataset, float32 [K, n + E, N, A].
+
+    Rows are those of `Transitions.x`. It takes 4 K N A bytes per step, 32 MB for each policy and
+    million steps of four robots. Who has left an episode does nothing.
+
+    Args:
+        policies: each an `Actor`.
+        dataset: what the transitions were read from.
+
+    Raises:
+        SchemaError: a policy does not tell its actions, or was trained on other observations.
+    """
+    actors = [policy for policy in policies if isinstance(policy, Actor)]
+    if len(actors) < len(policies):
+        silent = sorted({type(each).__name__ for each in policies if not isinstance(each, Actor)})
+        raise SchemaError(
+            f"{', '.join(silent)} has no `actions(observations)`, expected policies whose actions "
+            "are functions of what the robots see now: what others would have done in recorded "
+            "states is not known."
+        )
+    answers: list[Float] = []
+    for episode in dataset:
+        seen = np.array(episode.observations)
+        joint = np.stack([actor.actions(seen) for actor in actors]).astype(np.float32, copy=False)
+        answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
+    return np.concatenate(answers, axis=1)

@@ -1,0 +1,1 @@
+"""Networks of many seeds at once, their inputs, and their optimizer."""

@@ -1,0 +1,181 @@
+"""The deterministic policies of K seeds, each shared by all agents, and their slow copies."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.exploration import normal_like
+
+ACTOR_STREAM, CRITIC_STREAM = 0, 1
+"""Streams of a seed's initial parameters."""
+
+
+class StackedActor:
+    """Maps normalized observations and the agent's number to actions.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of the initial parameters, [K].
+        hidden: sizes of the hidden layers.
+        statistics: of the dataset, to normalize observations.
+        squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
+        device: where the parameters are.
+    """
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        hidden: tuple[int, ...],
+        statistics: Statistics,
+        *,
+        squash: bool,
+        device: torch.device | str,
+    ) -> None:
+        shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
+        self.network = StackedMLP(shape, len(seeds), device)
+        initialize(self.network, seeds, ACTOR_STREAM)
+        self.squash, self._frame = squash, sizes.frame
+        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
+        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
+        self._mean_here = self._mean.to(device, torch.float32)
+        self._std_here = self._std.to(device, torch.float32)
+
+    def inputs(self, observations: Tensor) -> Tensor:
+        """Returns the network's input rows, [K, B N, O + N], of observations [K, B, N, O]."""
+        standard = standardize(observations, self._mean_here, self._std_here)
+        return with_agent_id(standard).flatten(1, 2)
+
+    def __call__(self, observations: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns actions, [K, B, N, A], of observations [K, B, N, O].
+
+        Args:
+            observations: as recorded.
+            network: other parameters to use, such as those of the target policy.
+        """
+        outputs = (network or self.network)(self.inputs(observations))
+        actions = outputs.tanh() if self.squash else outputs
+        return actions.view(*observations.shape[:3], -1)
+
+    def policy(self, index: int) -> TorchPolicy:
+        """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
+        return TorchPolicy(
+            layers=self.network.extract(index, torch.float64),
+            observation_mean=self._mean,
+            observation_std=self._std,
+            squash=self.squash,
+            frame=self._frame,
+        )
+
+
+class DelayedActor:
+    """Squashed policies of K seeds, their slow copies for targets, and their optimizer.
+
+    Attributes:
+        online: the policies that are trained.
+        target: parameters of their slow copies.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of the initial parameters, [K].
+        hidden: sizes of the hidden layers.
+        statistics: of the dataset, to normalize observations.
+        step_size: of Adam.
+        max_norm: largest norm of one seed's gradient; None does not clip.
+        device: where to train.
+    """
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        hidden: tuple[int, ...],
+        statistics: Statistics,
+        *,
+        step_size: float,
+        max_norm: float | None,
+        device: torch.device | str,
+    ) -> None:
+        self.online = StackedActor(sizes, seeds, hidden, statistics, squash=True, device=device)
+        self.target = self.online.network.clone()
+        self.optimizer = StackedAdam(self.online.network, len(seeds), step_size, max_norm)
+
+    def __call__(self, observations: Tensor) -> Tensor:
+        """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""
+        return self.online(observations)
+
+    def smoothed(
+        self,
+        observations: Tensor,
+        generators: Sequence[torch.Generator],
+        deviation: float,
+        largest: float,
+    ) -> Tensor:
+        """Returns the slow copies' actions with clipped noise, [K, B, N, A], in [-1, 1].
+
+        Target policy smoothing (Fujimoto et al. 2018, eq. 14).
+
+        Args:
+            observations: as recorded, [K, B, N, O].
+            generators: of the noise, one per seed, [K].
+            deviation: of the Gaussian noise before it is clipped.
+            largest: noise is clipped to [-largest, largest].
+        """
+        size = self.target.shape.outputs
+        shape = observations[..., :1].expand(*observations.shape[:-1], size)
+        return self.smoothed_by(normal_like(generators, shape), observations, deviation, largest)
+
+    def smoothed_by(
+        self, noise: Tensor, observations: Tensor, deviation: float, largest: float
+    ) -> Tensor:
+        """As `smoothed`, a pure function: the noise was drawn before.
+
+        Args:
+            noise: standard normal, [K, B, N, A].
+            observations: as recorded, [K, B, N, O].
+            deviation: factor on the noise before it is clipped.
+            largest: noise is clipped to [-largest, largest].
+        """
+        actions = self.online(observations, self.target)
+        return (actions + (noise * deviation).clamp(-largest, largest)).clamp(-1, 1)
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None:
+        """Moves the policies down the sum over seeds of a loss [K].
+
+        Args:
+            loss: one value per seed.
+            scale: factor on the step size.
+        """
+        self.optimizer.step(loss, scale)
+
+    def follow(self, rate: float) -> None:
+        """Moves the slow copies by `rate` of the way to the policies (Polyak averaging)."""
+        polyak(self.target, self.online.network, rate)
+
+    def policy(self, index: int) -> TorchPolicy:
+        """Returns the policy of seed number `index`, as it is now."""
+        return self.online.policy(index)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, slow copies and Adam's moments, as copies."""
+        return {
+            "actor": self.online.network.flat.clone(),
+            "target_actor": self.target.flat.clone(),
+            **{f"actor_adam.{k}": v for k, v in self.optimizer.state_dict().items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        self.online.network.load(state["actor"])
+        self.target.load(state["target_actor"])
+        self.optimizer.load_state_dict(part(state, "actor_adam"))

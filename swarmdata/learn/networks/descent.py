@@ -1,0 +1,70 @@
+"""Networks that descend one loss together, and target copies that follow them."""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from torch import Tensor
+
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.perceptrons import StackedMLP, backward
+from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.training.checkpoint import part
+
+
+class Descent:
+    """Adam on several kinds of networks, whose gradients come from one backward pass.
+
+    Args:
+        networks: what to train, by name; the rows of each are grouped by seed.
+        n_seeds: number of groups, K.
+        step_size: Adam's alpha.
+        max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
+        followed: names of those that have a target copy.
+    """
+
+    def __init__(
+        self,
+        networks: Mapping[str, StackedMLP],
+        n_seeds: int,
+        step_size: float,
+        max_norm: float | None,
+        followed: Collection[str],
+    ) -> None:
+        self.networks = dict(networks)
+        self.targets = {name: self.networks[name].clone() for name in followed}
+        self._adams = {
+            name: StackedAdam(network, n_seeds, step_size, max_norm)
+            for name, network in self.networks.items()
+        }
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None:
+        """Descends one step on the sum over seeds of a loss.
+
+        Args:
+            loss: one value per seed, [K]; every network has a part in it.
+            scale: factor on the step size, for schedules.
+        """
+        backward(loss.sum(), list(self.networks.values()))
+        for adam in self._adams.values():
+            adam.descend(scale)
+
+    def follow(self, rate: float) -> None:
+        """Moves the targets by `rate` of their distance to the networks."""
+        for name, target in self.targets.items():
+            polyak(target, self.networks[name], rate)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, targets and Adam's moments, as copies."""
+        state = {name: network.flat.clone() for name, network in self.networks.items()}
+        state |= {f"target_{name}": target.flat.clone() for name, target in self.targets.items()}
+        for name, adam in self._adams.items():
+            state |= {f"{name}_adam.{key}": value for key, value in adam.state_dict().items()}
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        for name, network in self.networks.items():
+            network.load(state[name])
+            self._adams[name].load_state_dict(part(state, f"{name}_adam"))
+        for name, target in self.targets.items():
+            target.load(state[f"target_{name}"])

@@ -1,0 +1,166 @@
+"""FactoredCritics: a joint action's worth as a mixture of what each agent's own action is worth.
+
+    Q_tot(s, o, a) = g(Q_1(o_1, a_1), ..., Q_N(o_N, a_N); x)
+
+(Peng et al. 2021, equation 4.) The agents share one network Q, which sees their number; the mixer g
+is one of `learn.mixers` and sees x = (state, all observations), as `learn.critics` says why.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.networks.actor import CRITIC_STREAM
+from swarmdata.learn.networks.critics import information
+from swarmdata.learn.networks.mixers import Mixer
+from swarmdata.learn.networks.network_inputs import with_agent_id
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.training.checkpoint import part
+
+MIXER_STREAM, VALUE_STREAM = 2, 3
+"""Streams of a seed's initial parameters, beside those of `learn.actor`."""
+
+
+class FactoredCritics:
+    """J factored critics of each of K seeds, their targets, and their optimizers.
+
+    Attributes:
+        utilities: the networks Q_i; rows are seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
+        target_utilities: their slow copies.
+        target_mixer: that of the mixer; None if nothing of it is learned.
+
+    Args:
+        sizes: numbers of agents and features.
+        seeds: of the initial parameters, [K].
+        hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
+        mixer: of K J networks with rows as `utilities` has them.
+        step_size: of Adam.
+        max_norm: largest norm of the gradient of one seed's Q_i, and of its mixers; None does not
+            clip.
+        n_critics: critics of a seed, J.
+        device: where to train.
+    """
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        hidden: tuple[int, ...],
+        mixer: Mixer,
+        *,
+        step_size: float,
+        max_norm: float | None,
+        n_critics: int = 2,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.n_critics, self.mixer = n_critics, mixer
+        inputs = sizes.observation + sizes.action + sizes.n_agents
+        shape = MLPShape(inputs, hidden, 1, layer_norm=True)
+        self.utilities = StackedMLP(shape, n_critics * len(seeds), device)
+        initialize(self.utilities, seeds, CRITIC_STREAM)
+        self.target_utilities = self.utilities.clone()
+        self.target_mixer = None if mixer.network is None else mixer.network.clone()
+        self._adams = {
+            name: StackedAdam(network, len(seeds), step_size, max_norm)
+            for name, network in self._trained().items()
+        }
+
+    def q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
+        """Returns all critics' Q_tot, [K, J, B].
+
+        Args:
+            states: normalized, [K, B, S].
+            observations: normalized, [K, B, N, O].
+            actions: joint actions, [K, B, N, A].
+        """
+        x = information(states, observations).repeat_interleave(self.n_critics, 0)
+        values = self.agent_values(observations, actions).flatten(0, 1)  # [K J, B, N]
+        return self.mixer(values, x).view(-1, self.n_critics, x.shape[1])
+
+    def target_q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
+        """Returns the Q_tot that the slow copies give, as `q`."""
+        x = information(states, observations).repeat_interleave(self.n_critics, 0)
+        values = self.agent_values(observations, actions, self.target_utilities).flatten(0, 1)
+        return self.mixer(values, x, self.target_mixer).view(-1, self.n_critics, x.shape[1])
+
+    def agent_values(
+        self, observations: Tensor, actions: Tensor, network: StackedMLP | None = None
+    ) -> Tensor:
+        """Returns Q_i of every agent, [K, J, B, N].
+
+        Args:
+            observations: normalized, [K, B, N, O].
+            actions: joint actions, [K, B, N, A].
+            network: other parameters to use, those of the slow copies.
+        """
+        inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
+        values = (network or self.utilities)(inputs)
+        return values.view(-1, self.n_critics, *actions.shape[1:3])
+
+    def policy_values(self, states: Tensor, observations: Tensor, pi: Tensor) -> Tensor:
+        """Returns the first critics' Q_tot of the policies' joint actions, [K, B].
+
+        Parameters of Q_i and of the mixer are constants here: the policies' loss must not move
+        them.
+
+        Args:
+            states: normalized, [K, B, S].
+            observations: normalized, [K, B, N, O].
+            pi: actions of the policies, [K, B, N, A].
+        """
+        every = self.n_critics
+        values = self.utilities.frozen(_inputs(observations, pi), every).view(pi.shape[:3])
+        known = self.mixer.network
+        mixer = None if known is None else partial(known.frozen, every=every)
+        return self.mixer(values, information(states, observations), mixer)
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None:
+        """Moves Q_i and the mixers down the sum over seeds of a loss [K].
+
+        Args:
+            loss: one value per seed.
+            scale: factor on the step size.
+        """
+        backward(loss.sum(), list(self._trained().values()))
+        for adam in self._adams.values():
+            adam.descend(scale)
+
+    def follow(self, rate: float) -> None:
+        """Moves the slow copies by `rate` of the way to what is trained (Polyak averaging)."""
+        for name, network in self._trained().items():
+            polyak(self._targets()[name], network, rate)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, targets and Adam's moments, as copies."""
+        state = {}
+        for name, network in self._trained().items():
+            state[name] = network.flat.clone()
+            state[f"target_{name}"] = self._targets()[name].flat.clone()
+            state |= {f"{name}_adam.{k}": v for k, v in self._adams[name].state_dict().items()}
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        for name, network in self._trained().items():
+            network.load(state[name])
+            self._targets()[name].load(state[f"target_{name}"])
+            self._adams[name].load_state_dict(part(state, f"{name}_adam"))
+
+    def _trained(self) -> dict[str, StackedMLP]:
+        mixer = self.mixer.network
+        return {"utilities": self.utilities} | ({} if mixer is None else {"mixer": mixer})
+
+    def _targets(self) -> dict[str, StackedMLP]:
+        mixer = self.target_mixer
+        return {"utilities": self.target_utilities} | ({} if mixer is None else {"mixer": mixer})
+
+
+def _inputs(observations: Tensor, actions: Tensor) -> Tensor:
+    """What Q_i sees: the agent's observation, action and number, [K, B N, O + A + N]."""
+    return with_agent_id(torch.cat([observations, actions], -1)).flatten(1, 2)

@@ -1,0 +1,114 @@
+"""Adam for stacked networks: one fused call, gradients clipped seed by seed."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.networks.perceptrons import StackedMLP
+
+
+class StackedAdam:
+    """Adam (Kingma & Ba 2015) on the one buffer of stacked networks.
+
+    Adam works element by element, so the seeds do not see each other.
+
+    Args:
+        network: what to train; its rows are grouped by seed.
+        n_seeds: number of groups, K.
+        step_size: Adam's alpha.
+        max_norm: largest norm of one seed's gradient; None does not clip.
+    """
+
+    def __init__(
+        self, network: StackedMLP, n_seeds: int, step_size: float, max_norm: float | None = None
+    ) -> None:
+        self.network = network
+        self.n_seeds = n_seeds
+        self.max_norm = max_norm
+        self._adam = torch.optim.Adam([network.flat], lr=step_size, fused=True)
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None:
+        """Descends one step on the sum over seeds of a loss.
+
+        Args:
+            loss: one value per seed, [K].
+            scale: factor on the step size, for schedules.
+        """
+        self.network.backward(loss.sum())
+        self.descend(scale)
+
+    def descend(self, scale: float = 1.0) -> None:
+        """Descends one step along the gradient that the network has; clips it first.
+
+        Args:
+            scale: factor on the step size, for schedules.
+        """
+        if self.max_norm is not None:
+            clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
+        group = self._adam.param_groups[0]
+        step_size = group["lr"]
+        group["lr"] = step_size * scale
+        self._adam.step()
+        group["lr"] = step_size
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The moments [R, P] and the number of steps, as copies."""
+        state = self._adam.state[self.network.flat] or self._fresh()
+        return {name: value.clone() for name, value in state.items()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Restores what `state_dict` returned."""
+        flat = self.network.flat
+        fresh = self._fresh()
+        self._adam.state[flat] = {
+            name: state[name].to(flat.device, value.dtype, copy=True)
+            for name, value in fresh.items()
+        }
+
+    def _fresh(self) -> dict[str, Tensor]:
+        flat = self.network.flat
+        return {
+            "step": torch.zeros((), device=flat.device),
+            "exp_avg": torch.zeros_like(flat),
+            "exp_avg_sq": torch.zeros_like(flat),
+        }
+
+
+def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:
+    """Scales each seed's gradient down to a norm of at most `max_norm`, in place.
+
+    Args:
+        gradient: rows grouped by seed, [R, P].
+        n_seeds: number of groups, K.
+        max_norm: largest norm over all rows of one seed.
+
+    Returns:
+        The norms before clipping, [K].
+    """
+    grouped = gradient.view(n_seeds, -1)
+    norms: Tensor = torch.linalg.vector_norm(grouped, dim=1)
+    grouped.mul_((max_norm / (norms + 1e-6)).clamp(max=1.0)[:, None])
+    return norms
+
+
+def linear(progress: float, floor: float = 0.0) -> float:
+    """Returns the factor of a linear decay from 1 to `floor`.
+
+    Args:
+        progress: part that is done, 0 to 1; it stays at `floor` beyond.
+        floor: factor at the end.
+    """
+    return 1 + (floor - 1) * min(progress, 1.0)
+
+
+def cosine(update: int, n_updates: int, floor: float = 0.0) -> float:
+    """Returns the factor of a cosine decay (Loshchilov & Hutter 2017, eq. 5, without restarts).
+
+    Args:
+        update: updates made before this one, 0 to `n_updates`; it stays at `floor` beyond.
+        n_updates: length of the decay.
+        floor: factor at the end.
+    """
+    progress = min(update / n_updates, 1.0)
+    return floor + (1 - floor) * 0.5 * (1 + math.cos(math.pi * progress))

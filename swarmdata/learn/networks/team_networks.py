@@ -1,0 +1,94 @@
+"""The networks of a team: one that all robots share and that sees their number, or one for each."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.networks.network_inputs import with_agent_id
+from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize, mlp
+
+Parameters = Literal["shared", "separate"]
+"""One network for all robots of a seed, or one for each robot."""
+
+
+class Team:
+    """Maps what each robot sees to what it answers, for the teams of K seeds.
+
+    Args:
+        shape: of one network, its inputs without the robot's number.
+        n_agents: robots of a team, N.
+        seeds: of the initial parameters, [K].
+        stream: separates the draws of different networks of one seed.
+        parameters: `shared` networks see a one-hot robot number; of `separate` ones, rows are
+            seed 0 robot 0, seed 0 robot 1, ...
+        device: where the parameters are.
+        n_twins: teams of each seed, J, with parameters of their own; K is then J times the number
+            of seeds below, twins are neighbors.
+    """
+
+    def __init__(
+        self,
+        shape: MLPShape,
+        n_agents: int,
+        seeds: Sequence[int],
+        stream: int,
+        *,
+        parameters: Parameters,
+        device: torch.device | str,
+        n_twins: int = 1,
+    ) -> None:
+        self.parameters, self.n_agents = parameters, n_agents
+        is_shared = parameters == "shared"
+        self.n_rows = 1 if is_shared else n_agents  # networks of one seed
+        n_inputs = shape.inputs + (n_agents if is_shared else 0)
+        full = MLPShape(n_inputs, shape.hidden, shape.outputs, shape.layer_norm)
+        self.network = StackedMLP(full, len(seeds) * n_twins * self.n_rows, device)
+        initialize(self.network, seeds, stream)
+
+    def __call__(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns outputs [K, B, N, outputs] of features [K, B, N, F].
+
+        Args:
+            features: normalized observations.
+            network: other parameters to use, such as those of the target networks.
+        """
+        outputs = (network or self.network)(to_rows(features, self.parameters))
+        return from_rows(outputs, features.shape, self.parameters)
+
+    def extract(self, index: int) -> list[Layer]:
+        """Returns a copy of the networks of seed number `index`, float64, on the CPU."""
+        return self.network.extract(index * self.n_rows, torch.float64, self.n_rows)
+
+
+def answer(layers: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:
+    """Returns what the networks of one seed answer, [B, N, outputs], to features [B, N, F]."""
+    rows = features[None]
+    return from_rows(mlp(layers, to_rows(rows, parameters)), rows.shape, parameters)[0]
+
+
+def to_rows(features: Tensor, parameters: Parameters) -> Tensor:
+    """Returns features [K, B, N, F] by network: shared [K, B N, F + N], separate [K N, B, F]."""
+    return by_network(with_agent_id(features) if parameters == "shared" else features, parameters)
+
+
+def by_network(values: Tensor, parameters: Parameters) -> Tensor:
+    """Returns values [K, B, N, ...] by network: shared [K, B N, ...], separate [K N, B, ...]."""
+    if parameters == "shared":
+        return values.flatten(1, 2)
+    return values.transpose(1, 2).flatten(0, 1)
+
+
+def from_rows(outputs: Tensor, shape: Sequence[int], parameters: Parameters) -> Tensor:
+    """Returns network outputs by robot, [K, B, N, outputs]; undoes `by_network`.
+
+    Args:
+        outputs: of networks, on rows of features.
+        shape: of these features, (K, B, N, F).
+        parameters: as in `to_rows`.
+    """
+    k, b, n = shape[:3]
+    if parameters == "shared":
+        return outputs.view(k, b, n, -1)
+    return outputs.view(k, n, b, -1).transpose(1, 2)

@@ -1,0 +1,125 @@
+"""Conservative penalties: critics are to value the actions of the data above those nobody took.
+
+CQL (Kumar et al. 2020, eq. 4, its form CQL(H)) adds to a critic's loss, at the data's (x, a),
+
+    alpha E[ tau log integral exp(Q(x, b) / tau) db - Q(x, a) ]
+
+The integral is estimated from sampled actions b_m with densities p_m, as in the paper's appendix F:
+
+    log integral exp(Q / tau) ~ log 1/M sum_m exp(Q(x, b_m) / tau) / p_m
+
+The estimate is each critic's own: a critic that is penalized for another's values has no reason to
+lower its own (the second critic of og-marl's torch `maddpg_cql` is, at commit f4eb8f0).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.training.exploration import normal_like, uniform_like
+
+
+class Samples(NamedTuple):
+    """Sampled actions of N agents, and the log of the density each sample was drawn with."""
+
+    actions: Tensor  # [K, B, M, N, A]
+    log_density: Tensor  # [K, B, M]
+
+
+def uniform_samples(
+    generators: Sequence[torch.Generator], actions: Tensor, n_samples: int
+) -> Samples:
+    """Returns actions drawn evenly from [-1, 1].
+
+    Args:
+        generators: one per seed, [K].
+        actions: of the right shape, [K, B, N, A].
+        n_samples: for each row, M.
+    """
+    template = _repeated(actions, n_samples)
+    drawn = 2 * uniform_like(generators, template) - 1
+    width = math.prod(actions.shape[2:])
+    return Samples(drawn, torch.full_like(drawn[..., 0, 0], -width * math.log(2.0)))
+
+
+def noisy_samples(
+    generators: Sequence[torch.Generator], actions: Tensor, n_samples: int, deviation: float
+) -> Samples:
+    """Returns actions near given ones; the density is that of the noise before it is clipped.
+
+    Args:
+        generators: one per seed, [K].
+        actions: where to sample, [K, B, N, A].
+        n_samples: for each row, M.
+        deviation: of the Gaussian noise in each component.
+    """
+    centers = _repeated(actions, n_samples)
+    noise = normal_like(generators, centers)
+    log_density = -0.5 * noise.square() - math.log(deviation * math.sqrt(2 * math.pi))
+    return Samples((centers + deviation * noise).clamp(-1, 1), log_density.sum((3, 4)))
+
+
+def together(parts: Sequence[Samples]) -> Samples:
+    """Returns several draws of the same rows as one."""
+    actions, densities = zip(*parts, strict=True)
+    return Samples(torch.cat(actions, 2), torch.cat(densities, 2))
+
+
+def draw_agents(generators: Sequence[torch.Generator], actions: Tensor) -> Tensor:
+    """Returns one agent for each row, drawn evenly, as a mask, bool [K, B, N].
+
+    Args:
+        generators: one per seed, [K].
+        actions: [K, B, N, A].
+    """
+    n_agents = actions.shape[2]
+    number = (uniform_like(generators, actions[:, :, 0, 0]) * n_agents).long()
+    # the product rounds up to N in rare cases
+    number = number.clamp(max=n_agents - 1)
+    return number[..., None] == torch.arange(n_agents, device=actions.device)
+
+
+def replace_drawn(actions: Tensor, own: Tensor, agents: Tensor) -> Tensor:
+    """Returns `actions`, but of the drawn agents those of `own`; broadcasts.
+
+    Args:
+        actions: joint actions, [..., N, A].
+        own: what the drawn agents do instead, [..., N, A] or [..., 1, A].
+        agents: mask of the drawn agents, bool [..., N].
+    """
+    return torch.where(agents[..., None], own, actions)
+
+
+def counterfactual_samples(
+    generators: Sequence[torch.Generator], actions: Tensor, agents: Tensor, n_samples: int
+) -> Samples:
+    """Returns joint actions of the data but for one agent in each row, who acts evenly at random.
+
+    Args:
+        generators: one per seed, [K].
+        actions: of the data, [K, B, N, A].
+        agents: who leaves the data, bool [K, B, N], one in each row.
+        n_samples: for each row, M.
+    """
+    own = uniform_samples(generators, actions[:, :, :1], n_samples)  # [K, B, M, 1, A]
+    mixed = replace_drawn(actions[:, :, None], own.actions, agents[:, :, None])
+    return Samples(mixed, own.log_density)
+
+
+def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Tensor:
+    """Returns tau log 1/M sum_m exp(Q_m / tau) / p_m of each critic's own values, [K, J, B].
+
+    Args:
+        values: of sampled actions, [K, J, B, M].
+        log_density: of the samples, log p, [K, B, M].
+        temperature: tau; small, it is nearly the largest value, large, the mean and a constant.
+    """
+    weighted = values / temperature - log_density[:, None]
+    return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
+
+
+def _repeated(actions: Tensor, n_samples: int) -> Tensor:
+    return actions[:, :, None].expand(-1, -1, n_samples, -1, -1)

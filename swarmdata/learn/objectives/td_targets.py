@@ -1,0 +1,33 @@
+"""What critics learn: temporal-difference targets, team rewards, slowly moving copies."""
+
+from torch import Tensor
+
+from swarmdata.learn.networks.perceptrons import StackedMLP
+
+
+def team_reward(rewards: Tensor) -> Tensor:
+    """Returns the mean over agents, [...], of rewards [..., N]: what a team's return adds up."""
+    return rewards.mean(-1)
+
+
+def td_target(
+    rewards: Tensor, terminations: Tensor, next_values: Tensor, discount: float
+) -> Tensor:
+    """Returns r + discount * (1 - termination) * V(s').
+
+    A truncation does not stop the bootstrap: the horizon cut the episode, the task went on. It
+    needs `next_values` of the state that was reached, never of the next episode's first state
+    (Pardo et al. 2018, "Time limits in reinforcement learning", section 3).
+
+    Args:
+        rewards: team rewards, [...].
+        terminations: whether the task ended, bool [...].
+        next_values: values of the states reached, [...].
+        discount: factor per step, 0 to 1.
+    """
+    return rewards + discount * (~terminations) * next_values
+
+
+def polyak(target: StackedMLP, online: StackedMLP, rate: float) -> None:
+    """Moves the target's parameters by `rate` of their distance to the online ones, in place."""
+    target.flat.lerp_(online.flat, rate)

@@ -1,0 +1,110 @@
+"""TorchPolicy, the greedy policy of one seed, and what all policies without memory share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import standardize
+from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.team_networks import Parameters, answer
+from swarmdata.perception.frames import Frame, in_world
+from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
+from swarmdata.types import Float, Int, Step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memoryless(ABC):
+    """Acting of a policy that is one function of observations, without randomness or memory."""
+
+    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+
+    @abstractmethod
+    def actions(self, observations: Float) -> Float:
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+
+    def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
+        """Does nothing: the policy has no memory."""
+
+    def act(self, step: Step) -> Float:
+        actions = self.actions(step.observations)
+        self._last.keep(step, actions.astype(np.float64))
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        kept = self._last.recall(step)  # right after `act`: the network need not run again
+        chosen = self.actions(step.observations) if kept is None else kept.astype(np.float32)
+        return certain_log_probs(chosen, actions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorchPolicy(Memoryless):
+    """Actors on normalized observations: one for all agents, which sees their number, or one each.
+
+    It computes in float64 on the CPU and rounds once at the end: a product's summation order
+    depends on how many copies run together, and in float32 that would show in the actions.
+
+    Attributes:
+        layers: the actors' weights, float64; R = 1 if they are shared, else N.
+        observation_mean: subtracted from observations, float64 [O].
+        observation_std: what they are divided by, float64 [O].
+        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
+        frame: in which the actors see and act; None for the world's. What it adds to observations
+            is part of O.
+        parameters: whether the agents share one actor.
+    """
+
+    layers: Sequence[Layer]
+    observation_mean: Tensor
+    observation_std: Tensor
+    squash: bool
+    frame: Frame | None = None
+    uses_state: bool = False
+    parameters: Parameters = "shared"
+
+    def actions(self, observations: Float) -> Float:
+        """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
+        seen = observations if self.frame is None else self.frame.seen(observations)
+        outputs = outputs_of(
+            self.layers, seen, self.observation_mean, self.observation_std, self.parameters
+        )
+        actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
+        return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
+
+
+@torch.no_grad()
+def outputs_of(
+    layers: Sequence[Layer], seen: Float, mean: Tensor, std: Tensor, parameters: Parameters
+) -> Tensor:
+    """Returns what one seed's networks answer, float64 [E, N, outputs].
+
+    Args:
+        layers: the weights, float64.
+        seen: observations in the robots' frame, [E, N, O].
+        mean: subtracted from them, float64 [O].
+        std: what they are divided by, float64 [O].
+        parameters: whether the agents share one network.
+
+    Raises:
+        SchemaError: the observations are not those the networks were trained on.
+    """
+    n_agents, size = seen.shape[1:]
+    n_rows, n_inputs = layers[0].weight.shape[:2]
+    expected = len(mean)
+    n_known = n_inputs - expected if parameters == "shared" else n_rows
+    if size != expected or n_agents != n_known:
+        raise SchemaError(
+            f"policy got observations {seen.shape}, expected {expected} features "
+            f"of {n_known} agents. "
+            "Evaluate it on the task and observation model that it was trained on."
+        )
+    exact = torch.from_numpy(seen.astype(np.float64))
+    return answer(layers, standardize(exact, mean, std), parameters)

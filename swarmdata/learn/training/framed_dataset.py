@@ -1,0 +1,106 @@
+"""A dataset as robots see it that turn with an anchor: `frames.Frame` applied to every batch."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swarmdata.learn.training.training_data import Data, Sampler
+from swarmdata.perception.frames import Frame
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Batch, Double, Episode, Float, Int
+
+N_MEASURED = 20_000
+"""Transitions whose observations are measured to normalize them."""
+
+
+def framed(data: Data, frame: Frame | None) -> Data:
+    """Returns the same data with observations and actions in a frame; as they are without one."""
+    return data if frame is None else _FramedData(data, frame)
+
+
+@dataclass(frozen=True, slots=True)
+class _Moments:
+    observation_mean: Double  # [O + 2 + C]
+    observation_std: Double
+
+
+class _FramedData:
+    """Implements `Data`. Episodes that are read whole stay in the world's frame."""
+
+    def __init__(self, data: Data, frame: Frame) -> None:
+        self._data, self._frame = data, frame
+        sampler = self.sampler(N_MEASURED, seed=0)
+        observations = sampler.gather(sampler.draw()).observations.astype(np.float64)
+        self.statistics = _Moments(observations.mean((0, 1)), observations.std((0, 1)))
+
+    @property
+    def id(self) -> str:
+        return self._data.id
+
+    @property
+    def digest(self) -> str:
+        return self._data.digest
+
+    @property
+    def view(self) -> str | None:
+        return self._data.view
+
+    @property
+    def spec(self) -> TaskSpec | RecordedSpec:
+        return self._data.spec
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def __iter__(self) -> Iterator[Episode]:
+        return iter(self._data)
+
+    def sampler(self, batch_size: int, *, seed: int) -> Sampler:
+        return _FramedSampler(self._data.sampler(batch_size, seed=seed), self._frame)
+
+    def filter(self, *, min_return: float) -> Data:
+        return _FramedData(self._data.filter(min_return=min_return), self._frame)
+
+
+class _FramedSampler:
+    """Implements `Sampler`."""
+
+    def __init__(self, sampler: Sampler, frame: Frame) -> None:
+        self._sampler, self._frame = sampler, frame
+
+    def draw(self) -> Int:
+        return self._sampler.draw()
+
+    def gather(self, index: Int) -> Batch:
+        batch, frame = self._sampler.gather(index), self._frame
+        here, there = batch.observations, batch.next_observations
+        following = batch.next_actions
+        return replace(
+            batch,
+            observations=frame.seen(here),
+            next_observations=frame.seen(there),
+            actions=_turned(frame, here, batch.actions),
+            next_actions=None if following is None else _turned(frame, there, following),
+        )
+
+    def state_dict(self) -> dict[str, int]:
+        return self._sampler.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        self._sampler.load_state_dict(state)
+
+
+def _turned(frame: Frame, observations: Float, actions: Float) -> Float:
+    """Returns recorded actions in the frame, float32 [..., N, A], within [-1, 1].
+
+    Worlds clip a command to a norm of 1 (`envs.dynamics`): a longer one is recorded as it was
+    given, and means the same when it is clipped before it is turned.
+    """
+    x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
+    norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
+    clipped = actions.astype(np.float64)
+    clipped[..., 0], clipped[..., 1] = x / norm, y / norm
+    turned: Float = frame.to_local(observations, clipped).clip(-1, 1).astype(np.float32)
+    return turned

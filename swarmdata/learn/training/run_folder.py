@@ -1,0 +1,270 @@
+"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint.
+
+config.json             the run, completely (`Run`)
+losses.csv              mean losses of each seed, every `log_every` updates
+curve.csv               what the evaluation callback returned, every `evaluate_every` updates
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
+                        run that was made small (`learn.compact`), what its policies are made of
+checkpoints/            earlier ones, by update, if they were to be kept
+"""
+
+import csv
+import dataclasses
+import io
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from swarmdata import __version__
+from swarmdata.datasets.action_scaling import choices_of
+from swarmdata.errors import CheckpointError
+from swarmdata.interfaces import Algorithm, Policy
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training import checkpoint
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.perception.frames import Frame
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.runtime.atomic import disk_full_explained, write_file
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import AnySpec, RecordedSpec
+
+CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
+    "config.json",
+    "losses.csv",
+    "curve.csv",
+    "checkpoint.safetensors",
+    "checkpoints",
+)
+
+COMPACT = "is_compact"
+"""In the metadata of a checkpoint that lacks what policies do not need."""
+
+Count = Annotated[int, Field(ge=1)]
+
+
+class Run(Frozen):
+    """Everything that decides the result of an offline training run, and what it ran on."""
+
+    format_version: Literal[1] = 1
+    algorithm: str
+    config: dict[str, Any]  # of the algorithm, every default written out
+    dataset: str
+    digest: str  # of the dataset
+    view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
+    n_episodes: Count  # of the view that was trained on
+    min_return: float | None = None  # least team return in it, if the algorithm chose the best
+    spec: AnySpec
+    spec_hash: str
+    frame: Frame | None = None  # that the robots see and act in; None: the world's
+    n_agents: Count
+    observation_size: Count  # what the frame adds included
+    action_size: Count
+    state_size: Count
+    seeds: Annotated[tuple[int, ...], Field(min_length=1)]
+    log_every: Count
+    checkpoint_every: Count
+    evaluate_every: Count | None
+    device: str
+    versions: dict[str, str]
+
+    @property
+    def sizes(self) -> Sizes:
+        """Numbers of agents and features, and the choices of a recorded environment."""
+        choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
+        return Sizes(
+            n_agents=self.n_agents,
+            observation=self.observation_size,
+            action=self.action_size,
+            state=self.state_size,
+            choices=choices,
+            frame=self.frame,
+        )
+
+    def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
+        """Makes the algorithm as it is before its first update."""
+        kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
+        # JSON has no tuples
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
+        algorithm: Algorithm = kind(
+            self.sizes, self.seeds, kind.Config(**values), statistics=statistics, device=device
+        )
+        return algorithm
+
+
+def versions(*, is_compiled: bool = False) -> dict[str, str]:
+    """Versions of what the bits of a run depend on.
+
+    Args:
+        is_compiled: whether torch.compile makes the kernels, which round differently.
+    """
+    compiler = {"inductor": torch.__version__} if is_compiled else {}
+    return compiler | {
+        "swarmdata": __version__,
+        "torch": torch.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def read_run(folder: Path) -> Run:
+    """Reads a run folder's `config.json`.
+
+    Raises:
+        CheckpointError: there is none.
+        SpecError: it is malformed.
+    """
+    path = folder / CONFIG
+    try:
+        return Run.from_file(path)
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{folder} is not a run folder: there is no {CONFIG}") from error
+
+
+def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Policy]:
+    """Loads the policies of a run folder, one per seed, as of its last checkpoint.
+
+    Raises:
+        CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
+    """
+    return _load(Path(folder), CHECKPOINT, device)[0].policies
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A run's algorithm as of one of its checkpoints."""
+
+    run: Run
+    algorithm: Algorithm
+    statistics: Statistics
+    update: int
+
+    @property
+    def policies(self) -> list[Policy]:
+        """One per seed."""
+        return [self.algorithm.policy(index) for index in range(len(self.run.seeds))]
+
+
+def load_algorithm(
+    folder: Path | str, device: torch.device | str = "cpu", update: int | None = None
+) -> Loaded:
+    """Loads the algorithm of a run folder with all its networks.
+
+    Args:
+        folder: of the run.
+        device: where it computes.
+        update: of a checkpoint that was kept; None for the last one.
+
+    Raises:
+        CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
+            only what policies need (`learn.compact`).
+    """
+    path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
+    loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)
+    if is_compact:
+        raise CheckpointError(
+            f"{path} was made small: it has the policies and no critics. Train the run again, or "
+            "use what needs policies only."
+        )
+    return loaded
+
+
+def _load(folder: Path, name: Path | str, device: torch.device | str) -> tuple[Loaded, bool]:
+    """What a checkpoint of a run holds, and whether it is a compact one."""
+    run = read_run(folder)
+    tensors, metadata = checkpoint.load_checkpoint(folder / name)
+    statistics, is_compact = statistics_of(tensors), bool(metadata.get(COMPACT))
+    algorithm = run.build(statistics, device)
+    restore(algorithm, checkpoint.part(tensors, "algorithm"), is_compact=is_compact)
+    return Loaded(run, algorithm, statistics, int(metadata["update"])), is_compact
+
+
+def kept_path(folder: Path, update: int) -> Path:
+    """The checkpoint that a run has kept of an update."""
+    return folder / KEPT / f"{update}.safetensors"
+
+
+def kept_updates(folder: Path) -> tuple[int, ...]:
+    """The updates whose checkpoints a run has kept, in order; without `keep` it keeps none."""
+    return tuple(sorted(int(path.stem) for path in (folder / KEPT).glob("*.safetensors")))
+
+
+def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool = False) -> None:
+    """Gives an untrained algorithm the state of a checkpoint.
+
+    Args:
+        algorithm: as it was built.
+        state: what its `state_dict` returned; of a compact checkpoint, what its policies need.
+        is_compact: whether the rest is to stay as it was built.
+    """
+    algorithm.load_state_dict({**(algorithm.state_dict() if is_compact else {}), **state})
+
+
+def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:
+    """Reads the statistics back from a checkpoint's tensors."""
+    values: dict[str, Any] = {
+        name: tensor.numpy() if tensor.ndim else tensor.item()
+        for name, tensor in checkpoint.part(tensors, "statistics").items()
+    }
+    return Statistics(**values)
+
+
+def tensors_of(statistics: Statistics) -> dict[str, Tensor]:
+    """Returns the statistics as float64 tensors for a checkpoint."""
+    return {
+        f"statistics.{field.name}": torch.tensor(
+            getattr(statistics, field.name), dtype=torch.float64
+        )
+        for field in dataclasses.fields(statistics)
+    }
+
+
+class Table:
+    """A CSV file of a run: rows are appended, and dropped beyond the update a run resumes from.
+
+    Args:
+        path: of the file.
+        columns: names after the first two.
+        last: rows of a later time are dropped.
+        keys: names of the first two: what counts the time, and who the row is about.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[str],
+        last: int,
+        keys: tuple[str, str] = ("update", "seed"),
+    ) -> None:
+        self.path = path
+        self.columns = (*keys, *columns)
+        kept: list[list[str]] = []
+        if path.exists():
+            with path.open(newline="", encoding="utf-8") as file:
+                # a row that a crash cut short is later than the checkpoint, and is dropped
+                rows = [row for row in csv.reader(file) if len(row) == len(self.columns)]
+            kept = [row for row in rows if row[0].isdecimal() and int(row[0]) <= last]
+        write_file(path, _csv([self.columns, *kept]))
+
+    def append(self, now: int, who: int, values: Mapping[str, float]) -> None:
+        """Adds a row; a value that was not measured stays empty."""
+        cells = [format(values[c], ".6g") if c in values else "" for c in self.columns[2:]]
+        with disk_full_explained(self.path), self.path.open("ab") as file:
+            file.write(_csv([(str(now), str(who), *cells)]))
+
+
+def read_table(path: Path) -> list[dict[str, float]]:
+    """Reads the rows that `Table` wrote; values that were not measured are absent."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()

@@ -1,0 +1,363 @@
+"""Trains K seeds of an offline algorithm at once, in a folder from which it can be resumed.
+
+A run is a pure function of its `config.json` and the dataset: killed at any moment and started
+again with the same arguments, it ends with the same parameters, bit for bit, on the same machine.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from swarmdata.datasets.action_scaling import choices_of, has_choices
+from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.interfaces import Policy
+from swarmdata.learn.networks.compilation import Fusion, fused, has_fusable, unfused
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training import checkpoint
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.divergence import check_finite
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_folder import (
+    CHECKPOINT,
+    COMPACT,
+    CONFIG,
+    CURVE,
+    LOSSES,
+    Run,
+    Table,
+    kept_path,
+    read_run,
+    restore,
+    tensors_of,
+    versions,
+)
+from swarmdata.learn.training.training_data import Data, Sampler, Selective
+from swarmdata.perception.frames import Frame
+from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.locking import updating
+from swarmdata.specs.origins import RecordedSpec
+
+Evaluate = Callable[[Policy], Mapping[str, float]]
+"""Measures a policy; must return the same for the same policy, with the same names every time."""
+
+Report = Callable[[int], None]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Schedule:
+    """How often, in updates, a run does what else it does.
+
+    Raises:
+        SchemaError: a number is below 1, or checkpoints would fall between two rows of the losses.
+    """
+
+    log_every: int = 100
+    checkpoint_every: int = 1000
+    evaluate_every: int | None = None  # None: no learning curve
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        numbers = (
+            self.log_every,
+            self.checkpoint_every,
+            1 if self.evaluate_every is None else self.evaluate_every,
+        )
+        if min(numbers) < 1 or self.checkpoint_every % self.log_every:
+            raise SchemaError(
+                f"{self}: expected positive numbers and checkpoint_every a multiple of log_every"
+            )
+
+
+def train(
+    algorithm: str,
+    dataset: Data,
+    folder: Path | str,
+    *,
+    seeds: Sequence[int] = (0, 1, 2),
+    config: Any = None,
+    schedule: Schedule | None = None,
+    evaluate: Evaluate | None = None,
+    frame: Frame | None = None,
+    device: torch.device | str = "cpu",
+    n_threads: int = 1,
+    keep: bool = False,
+    compile: bool = False,
+    progress: bool = True,
+    report: Report | None = None,
+) -> list[Policy]:
+    """Trains, or goes on where the run in `folder` stopped, and returns one policy per seed.
+
+    Where another process trains in `folder`, this one waits for it.
+
+    Args:
+        algorithm: registered name.
+        dataset: what to learn from, usually the train split.
+        folder: of the run; made if absent.
+        seeds: one policy each; a seed's result does not depend on the others.
+        config: of the algorithm; None for its defaults.
+        schedule: of losses, checkpoints and evaluations.
+        evaluate: measures each seed's policy for the learning curve.
+        frame: in which the robots see and act; None for the world's.
+        device: where to train.
+        n_threads: of torch on the CPU; the networks are too small to gain from more.
+        keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
+        compile: whether torch.compile makes kernels first, which takes up to minutes and pays in
+            long runs. Results agree with those of `False` within rounding only, so a run goes on
+            as it began.
+        progress: whether to show a bar (on standard error, if that is a terminal).
+        report: is told at every row of the losses how many updates were made since the last one.
+
+    Raises:
+        UnknownNameError: no such algorithm.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, or has
+            nothing to compile.
+        ProgramError: `compile` found no working compiler.
+        CheckpointError: the folder holds another run, or a damaged one.
+        DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
+        DiskFullError: no space was left; the same.
+        KeyboardInterrupt: Ctrl-C; the folder can be resumed.
+    """
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    config = kind.Config() if config is None else config
+    schedule = schedule or Schedule()
+    _check_actions(algorithm, dataset)
+    if compile:
+        _check_fusable(algorithm, kind)
+    dataset, min_return = _select(framed(dataset, frame), config)
+    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
+    sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
+    run = _describe(
+        algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
+    )
+    path = Path(folder)
+    with updating(path / CONFIG, progress):
+        _claim(path, run)
+        statistics = Statistics.measure(dataset, config.discount)
+        trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
+        with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
+            trainer.fit(config.n_updates, evaluate, progress)
+    return [trainer.algorithm.policy(index) for index in range(len(seeds))]
+
+
+def _check_fusable(algorithm: str, kind: type) -> None:
+    """Raises SchemaError unless there is something to compile."""
+    if not has_fusable(kind):
+        raise SchemaError(
+            f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "
+            "swarmdata.learn.networks.compilation.fusable. Train it without compiling."
+        )
+
+
+def _check_actions(algorithm: str, dataset: Data) -> None:
+    """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
+    if not isinstance(dataset.spec, RecordedSpec):
+        return
+    if algorithm in DISCRETE_ALGORITHMS:
+        choices_of(dataset.spec)  # raises where choices and numbers are mixed
+        return
+    if names := has_choices(dataset.spec):
+        raise SchemaError(
+            f"{algorithm} learns continuous actions; in {dataset.id} {', '.join(names)} "
+            f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. These learn "
+            f"choices: {', '.join(DISCRETE_ALGORITHMS)}. Or record the environment with continuous "
+            "actions, if it has them."
+        )
+
+
+def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
+    """Returns the episodes that the algorithm wants, and the least return that it asked for."""
+    if not isinstance(config, Selective):
+        return dataset, None
+    least = config.least_return(np.array([episode.team_return for episode in dataset]))
+    return dataset.filter(min_return=least), least
+
+
+@contextmanager
+def _threads(n_threads: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(n_threads)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _describe(
+    algorithm: str,
+    config: Any,
+    dataset: Data,
+    min_return: float | None,
+    frame: Frame | None,
+    sizes: Sizes,
+    seeds: Sequence[int],
+    schedule: Schedule,
+    device: torch.device | str,
+    is_compiled: bool,
+) -> Run:
+    return Run(
+        algorithm=algorithm,
+        config=dataclasses.asdict(config),
+        dataset=dataset.id,
+        digest=dataset.digest,
+        view=dataset.view,
+        n_episodes=len(dataset),
+        min_return=min_return,
+        spec=dataset.spec,
+        spec_hash=dataset.spec.hash(),
+        frame=frame,
+        n_agents=sizes.n_agents,
+        observation_size=sizes.observation,
+        action_size=sizes.action,
+        state_size=sizes.state,
+        seeds=tuple(seeds),
+        device=str(device),
+        versions=versions(is_compiled=is_compiled),
+        **dataclasses.asdict(schedule),
+    )
+
+
+def _claim(folder: Path, run: Run) -> None:
+    """Makes the folder this run's, or checks that it is."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / CONFIG).exists():
+        write_file(folder / CONFIG, run.to_json().encode())
+        return
+    ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
+    different = [name for name in ours if ours[name] != theirs[name]]
+    if different:
+        raise CheckpointError(
+            f"{folder} holds another run, which differs in: "
+            + "; ".join(f"{name} is {theirs[name]!r}, not {ours[name]!r}" for name in different)
+            + ". Choose another folder, or delete that one."
+        )
+
+
+class _Trainer:
+    """The loop: draw, gather, update, and now and then log, evaluate and save."""
+
+    def __init__(
+        self,
+        folder: Path,
+        run: Run,
+        columns: Sequence[str],
+        samplers: Sequence[Sampler],
+        statistics: Statistics,
+        *,
+        keep: bool,
+        report: Report | None,
+    ) -> None:
+        self.report = report
+        self.folder, self.run, self.samplers = folder, run, samplers
+        self.statistics, self.keep = statistics, keep
+        self.algorithm = run.build(statistics, run.device)
+        self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
+        self.update = self.reported = self.first
+        self.losses = Table(folder / LOSSES, columns, self.first)
+        self.curve: Table | None = None
+        self.window: dict[str, list[Tensor]] = {}
+        self.fusion: Fusion | None = None
+        self.n_told = 0  # of what it compiled
+
+    def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
+        hidden = None if progress else True  # None: hidden where there is no terminal
+        name = self.run.algorithm
+        try:
+            with tqdm(total=n_updates, initial=self.first, disable=hidden, desc=name) as bar:
+                while self.update < n_updates:
+                    self._step()
+                    self._report(n_updates, evaluate)
+                    bar.update()
+        except KeyboardInterrupt:
+            tqdm.write(
+                f"Stopped after update {self.update} of {n_updates}. To go on from the last "
+                f"checkpoint in {self.folder}, run the same command again.",
+                file=sys.stderr,
+            )
+            raise
+
+    def _step(self) -> None:
+        index = np.stack([sampler.draw() for sampler in self.samplers])  # [K, B]
+        batch = self.samplers[0].gather(index).to_torch(self.run.device)
+        for name, loss in self.algorithm.update(batch).items():
+            self.window.setdefault(name, []).append(loss)
+        self.update += 1
+
+    def _report(self, n_updates: int, evaluate: Evaluate | None) -> None:
+        run, is_last = self.run, self.update == n_updates
+        if is_last or self.update % run.log_every == 0:
+            self._log()
+            self._tell()
+        if (
+            evaluate is not None
+            and run.evaluate_every is not None
+            and (is_last or self.update % run.evaluate_every == 0)
+        ):
+            self._evaluate(evaluate)
+        if is_last or self.update % run.checkpoint_every == 0:
+            self._save()
+
+    def _log(self) -> None:
+        means = {name: torch.stack(rows).mean(0) for name, rows in self.window.items()}  # [K]
+        rows = [
+            {n: float(mean[k]) for n, mean in means.items()} for k in range(len(self.run.seeds))
+        ]
+        for seed, row in zip(self.run.seeds, rows, strict=True):
+            check_finite(row, f"the losses of seed {seed}", self.update, self.folder)
+        for seed, row in zip(self.run.seeds, rows, strict=True):
+            self.losses.append(self.update, seed, row)
+        self.window.clear()
+        if self.report is not None:
+            self.report(self.update - self.reported)
+            self.reported = self.update
+
+    def _tell(self) -> None:
+        """Says what compiling cost, when something was."""
+        if self.fusion is not None and self.fusion.n_graphs > self.n_told:
+            tqdm.write(f"{self.run.algorithm}: {self.fusion}", file=sys.stderr)
+            self.n_told = self.fusion.n_graphs
+
+    def _evaluate(self, evaluate: Evaluate) -> None:
+        for index, seed in enumerate(self.run.seeds):
+            with unfused():
+                measured = evaluate(self.algorithm.policy(index))
+            if self.curve is None:
+                self.curve = Table(self.folder / CURVE, tuple(measured), self.first)
+            self.curve.append(self.update, seed, measured)
+
+    def _save(self) -> None:
+        tensors = {f"algorithm.{k}": v for k, v in self.algorithm.state_dict().items()}
+        check_finite(tensors, "the algorithm's tensors", self.update, self.folder)
+        metadata = {
+            "run": self.run.hash(),
+            "update": self.update,
+            "samplers": [sampler.state_dict() for sampler in self.samplers],
+        }
+        paths = [self.folder / CHECKPOINT]
+        if self.keep:
+            paths.append(kept_path(self.folder, self.update))
+            paths[-1].parent.mkdir(exist_ok=True)
+        for path in paths:
+            checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
+
+    def _restore(self) -> int:
+        path = self.folder / CHECKPOINT
+        tensors, metadata = checkpoint.load_checkpoint(path)
+        if metadata["run"] != self.run.hash():
+            raise CheckpointError(
+                f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
+                "again."
+            )
+        state = checkpoint.part(tensors, "algorithm")
+        restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))
+        for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
+            sampler.load_state_dict(state)
+        return int(metadata["update"])

@@ -1,0 +1,202 @@
+"""Fitted Q evaluation finds values that are known, and keeps its promises."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch", reason="critics need torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.errors import DivergedError, SchemaError  # noqa: E402
+from swarmdata.learn.evaluation.fqe import (  # noqa: E402
+    Answered,
+    FittedQ,
+    FQEConfig,
+    Values,
+    attainable,
+    draws,
+    fitted_q_evaluation,
+)
+from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
+from swarmdata.learn.networks.critics import JointCritics  # noqa: E402
+from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from tests.learn.chain import Constant, chain  # noqa: E402
+
+ACTIONS = (0.5, -0.5)
+SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "step_size": 1e-2}
+
+
+def asked(
+    dataset: MemoryDataset, actions: tuple[float, ...] = ACTIONS, discount: float = 0.5
+) -> Answered:
+    statistics = Statistics.measure(dataset, discount)
+    data = Transitions.read(dataset, statistics, discount)
+    return Answered.by([Constant(action) for action in actions], dataset, data)
+
+
+def fit(dataset: MemoryDataset, actions: tuple[float, ...] = ACTIONS, **changes: Any) -> Values:
+    config = FQEConfig(**{**SMALL, "n_updates": 300, **changes})
+    split = asked(dataset, actions, config.discount)
+    return fitted_q_evaluation(split, split, 1.0, config, progress=False)
+
+
+def test_values_of_a_task_that_goes_on() -> None:
+    """V(0) = a + g 2 a + g^2 V(0), though every recorded episode is cut after three steps."""
+    made = fit(chain(100, ends=False))
+    from_0 = np.array(ACTIONS) * (1 + 2 * 0.5) / (1 - 0.25)
+    from_1 = np.array(ACTIONS) * (2 + 0.5) / (1 - 0.25)
+    assert made.values.shape == (2, 1, 100)
+    np.testing.assert_allclose(made.values[:, 0, ::2].mean(1), from_0, rtol=0.05)
+    np.testing.assert_allclose(made.values[:, 0, 1::2].mean(1), from_1, rtol=0.05)
+    np.testing.assert_allclose(made.mean, (from_0 + from_1) / 2, rtol=0.05)
+    assert made.residual.max() < 0.1
+    assert made.clipped.max() < 0.05
+
+
+def test_values_of_a_task_that_ends() -> None:
+    """V(0) = a + g 2 a: nothing comes after a termination."""
+    made = fit(chain(100, ends=True))
+    np.testing.assert_allclose(made.mean, np.array(ACTIONS) * 2.0, rtol=0.05)
+
+
+def test_without_a_future_the_value_is_the_reward() -> None:
+    made = fit(chain(60, ends=True), discount=0.0)
+    np.testing.assert_allclose(made.mean, ACTIONS, rtol=0.05)
+
+
+def test_a_policy_of_a_stack_gets_the_value_that_it_gets_alone() -> None:
+    dataset = chain(20, ends=False)
+    changes: dict[str, Any] = {"n_updates": 60, "n_fits": 2}
+    stack = fit(dataset, **changes)
+    assert not np.allclose(stack.values[:, 0], stack.values[:, 1])
+    for k, action in enumerate(ACTIONS):
+        alone = fit(dataset, (action,), **changes)
+        np.testing.assert_allclose(stack.values[k], alone.values[0], atol=1e-4)
+        np.testing.assert_allclose(stack.residual[k], alone.residual[0], atol=1e-4)
+
+
+def test_equal_policies_get_equal_values_and_another_seed_gives_others() -> None:
+    dataset = chain(20, ends=False)
+    twice = fit(dataset, (0.5, 0.5), n_updates=30)
+    np.testing.assert_allclose(twice.values[0], twice.values[1], atol=1e-6)
+    assert not np.allclose(twice.values, fit(dataset, (0.5, 0.5), n_updates=30, seed=1).values)
+
+
+def test_the_curve_ends_at_the_values() -> None:
+    made = fit(chain(20, ends=False), n_updates=25)
+    assert made.curve.shape == (10, 2, 1)
+    np.testing.assert_allclose(made.curve[-1], made.values.mean(2), atol=1e-9)
+    assert fit(chain(20, ends=False), n_updates=3).curve.shape == (3, 2, 1)
+
+
+def set_values(monkeypatch: pytest.MonkeyPatch, factor: float) -> None:
+    """Makes every critic say factor * (state + 10 * the first robot's action)."""
+
+    def say(self: JointCritics, x: Tensor, actions: Tensor) -> Tensor:
+        return (factor * (x[..., 0] + 10 * actions[..., 0, 0]))[:, None, :, None]
+
+    monkeypatch.setattr(JointCritics, "target_q", say)
+
+
+def test_targets_are_exact_and_do_not_cross_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = chain(2, ends=False)
+    split = asked(dataset)
+    fitted = FittedQ(split, 2.0, FQEConfig(**SMALL))
+    monkeypatch.setattr(fitted, "bound", (-1e9, 1e9))
+    set_values(monkeypatch, 1.0)
+    y, clipped = fitted.targets(split, torch.arange(6))
+    rewards = dataset.transitions["rewards"].mean(1) / 2
+    reached = dataset.transitions["next_states"][:, 0]
+    normal = (reached - 0.5) / 0.5  # both states are seen equally often
+    for k, action in enumerate(ACTIONS):
+        expected = rewards + 0.5 * (normal + 10 * action)
+        np.testing.assert_allclose(y[k, 0], expected, rtol=1e-5)
+    assert clipped.max() == 0
+
+
+def test_nothing_is_bootstrapped_after_a_termination(monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = chain(3, ends=True)
+    split = asked(dataset)
+    set_values(monkeypatch, 1.0)
+    y, _ = FittedQ(split, 1.0, FQEConfig(**SMALL)).targets(split, torch.arange(1, 6, 2))
+    rewards = dataset.transitions["rewards"].mean(1)[1::2]
+    np.testing.assert_allclose(y[:, 0], np.stack([rewards, rewards]), rtol=1e-6)
+
+
+def test_targets_stay_attainable_and_tell_where_they_were_cut(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    split = asked(chain(10, ends=False))
+    fitted = FittedQ(split, 2.0, FQEConfig(**SMALL))
+    set_values(monkeypatch, 1e6)
+    index = torch.arange(30)
+    y, clipped = fitted.targets(split, index)
+    low, high = fitted.bound
+    rewards = split.data.rewards
+    np.testing.assert_allclose(y[0, 0], rewards / 2 + 0.5 * high / 2, rtol=1e-5)
+    np.testing.assert_allclose(y[1, 0], rewards / 2 + 0.5 * low / 2, rtol=1e-5)
+    np.testing.assert_array_equal(clipped, 1.0)
+    assert float(2 * y.max()) <= high + 1e-5
+    assert float(2 * y.min()) >= low - 1e-5
+
+
+def test_the_attainable_range_is_that_of_the_best_way_to_go_on_or_to_end() -> None:
+    going = chain(5, ends=False)
+    rewards = going.transitions["rewards"].mean(1)
+    low, high = attainable(asked(going).data, 0.9)
+    assert (low, high) == pytest.approx((10 * rewards.min(), 10 * rewards.max()))
+    ending = chain(5, ends=True)
+    rewards = ending.transitions["rewards"].mean(1)
+    low, high = attainable(asked(ending).data, 0.0)  # at once
+    assert (low, high) == pytest.approx((rewards.min(), rewards.max()))
+
+
+@given(st.integers(1, 500), st.integers(0, 1 << 20), st.integers(0, 5))
+def test_draws_are_rows_and_a_pure_function(n_rows: int, update: int, seed: int) -> None:
+    config = FQEConfig(batch_size=32, seed=seed)
+    rows = draws(n_rows, config, update)
+    assert rows.shape == (32,)
+    assert 0 <= rows.min() <= rows.max() < n_rows
+    np.testing.assert_array_equal(rows, draws(n_rows, config, update))
+
+
+def test_draws_are_uniform_and_differ_by_update() -> None:
+    config = FQEConfig(batch_size=1000)
+    rows = np.concatenate([draws(10, config, update) for update in range(20)])
+    assert np.abs(np.bincount(rows, minlength=10) / 2000 - 1).max() < 0.1
+    assert not np.array_equal(draws(10, config, 0), draws(10, config, 1))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"n_updates": 0}, {"batch_size": 0}, {"n_fits": 0}, {"discount": 1.0}]
+)
+def test_settings_out_of_range_are_errors(changes: dict[str, Any]) -> None:
+    with pytest.raises(SchemaError, match="discount from 0 to below 1"):
+        FQEConfig(**changes)
+
+
+@pytest.mark.parametrize(
+    ("reward", "error", "message"),
+    [
+        (3e38, SchemaError, r"returns of .* reach .*, expected at most 3\.4e38"),
+        (1e38, DivergedError, r"diverged: at update \d+, .* not finite"),
+    ],
+)
+def test_rewards_that_are_far_too_large_are_an_error(
+    reward: float, error: type[Exception], message: str
+) -> None:
+    """Rows 64, 68: with what was too large, or the update."""
+    huge = MemoryDataset(
+        [
+            replace(each, rewards=np.full_like(each.rewards, reward))
+            for each in chain(20, ends=False)
+        ]
+    )
+    with pytest.raises(error, match=message):
+        fit(huge, n_updates=40)

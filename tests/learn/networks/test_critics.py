@@ -1,0 +1,147 @@
+"""Joint critics: twins apart, parameters that the policies' loss cannot move, slow copies."""
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from hypothesis import given, settings  # noqa: E402
+from hypothesis import strategies as st  # noqa: E402
+from torch import Tensor  # noqa: E402
+
+from swarmdata.errors import CheckpointError  # noqa: E402
+from swarmdata.learn.networks.critics import JointCritics, information, replace_each  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+
+SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
+
+
+def made(n_seeds: int = 2, n_critics: int = 2, n_values: int = 1) -> JointCritics:
+    return JointCritics(
+        SIZES, range(n_seeds), (8,), step_size=1e-2, max_norm=None,
+        n_critics=n_critics, n_values=n_values,
+    )  # fmt: skip
+
+
+def inputs(n_seeds: int = 2, size: int = 5) -> tuple[Tensor, Tensor, Tensor]:
+    """What critics see, and two joint actions."""
+    g = torch.Generator().manual_seed(0)
+    x = torch.randn(n_seeds, size, 4 + 3 * 2, generator=g)
+    return x, *(torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
+
+
+def test_critics_see_the_state_and_then_every_observation() -> None:
+    states, observations = torch.zeros(1, 5, 4), torch.arange(6.0).view(3, 2).expand(1, 5, 3, 2)
+    x = information(states, observations)
+    assert x[0, 0].tolist() == [0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(("n_critics", "n_values"), [(1, 1), (2, 1), (2, 3), (4, 1)])
+def test_values_have_an_axis_of_critics_and_one_of_outputs(n_critics: int, n_values: int) -> None:
+    critics = made(2, n_critics, n_values)
+    x, actions, _ = inputs()
+    q = critics.q(x, actions)
+    assert q.shape == (2, n_critics, 5, n_values)
+    for seed in range(2):
+        for critic in range(n_critics):  # row by row, by hand
+            rows = torch.cat([x[seed], actions[seed].flatten(1)], 1)
+            alone = critics.online(rows.expand(len(critics.online.flat), -1, -1))
+            torch.testing.assert_close(q[seed, critic], alone[n_critics * seed + critic])
+
+
+def test_twins_begin_apart_and_each_follows_its_own_error() -> None:
+    critics = made()
+    x, actions, _ = inputs()
+    before = critics.online.flat.clone()
+    assert len({tuple(row.tolist()) for row in before}) == 4
+    loss = critics.q(x, actions)[..., 0]
+    critics.step(loss[:, 0].square().mean(1))  # of the first critics only
+    moved = (critics.online.flat != before).any(1)
+    assert moved.tolist() == [True, False, True, False]
+
+
+def test_a_seed_begins_alike_in_every_stack() -> None:
+    alone = JointCritics(SIZES, [1], (8,), step_size=1e-2, max_norm=None)
+    assert torch.equal(made(2).online.flat[2:], alone.online.flat)
+
+
+@pytest.mark.parametrize("joint_gradient", ["all", "own"])
+def test_the_policys_values_are_the_first_critics_and_cannot_move_them(joint_gradient: str) -> None:
+    critics = made()
+    x, pi, actions = inputs()
+    pi.requires_grad_()
+    q = critics.policy_values(x, pi, actions, joint_gradient)  # type: ignore[arg-type]
+    if joint_gradient == "all":
+        expected = critics.q(x, pi)[:, 0]
+    else:
+        mixed = replace_each(actions, pi)  # [K, B, N, N, A]
+        values = [critics.q(x, mixed[:, :, agent])[:, 0] for agent in range(3)]
+        expected = torch.stack(values, 2).flatten(1, 2)
+    torch.testing.assert_close(q, expected)
+    (gradient,) = torch.autograd.grad(q.sum(), pi)
+    assert gradient.abs().sum() > 0
+    leaves = [w for layer in critics.online.layers for w in layer if w is not None]
+    q = critics.policy_values(x, pi, actions, joint_gradient)  # type: ignore[arg-type]
+    unused = torch.autograd.grad(q.sum(), leaves, allow_unused=True)
+    assert all(gradient is None for gradient in unused)
+
+
+def test_only_the_slow_copies_follow() -> None:
+    critics = made()
+    start = critics.target.flat.clone()
+    x, actions, _ = inputs()
+    critics.step(critics.q(x, actions).square().mean((1, 2, 3)))
+    assert torch.equal(critics.target.flat, start)
+    online = critics.online.flat.clone()
+    critics.follow(0.25)
+    torch.testing.assert_close(critics.target.flat, 0.75 * start + 0.25 * online)
+    assert torch.equal(critics.online.flat, online)
+    assert not torch.equal(critics.target_q(x, actions), critics.q(x, actions))
+
+
+def test_a_restored_state_goes_on_alike_and_another_shape_is_refused() -> None:
+    critics, other = made(), made()
+    x, actions, _ = inputs()
+    critics.step(critics.q(x, actions).square().mean((1, 2, 3)))
+    critics.follow(0.5)
+    other.load_state_dict(critics.state_dict())
+    for each in (critics, other):
+        each.step(each.q(x, actions).square().mean((1, 2, 3)))
+    assert torch.equal(critics.online.flat, other.online.flat)
+    assert torch.equal(critics.target.flat, other.target.flat)
+    with pytest.raises(CheckpointError, match="another number of seeds"):
+        made(3).load_state_dict(critics.state_dict())
+
+
+@settings(deadline=None, max_examples=20)
+@given(n_agents=st.integers(1, 5), size=st.integers(1, 4))
+def test_replacing_each_leaves_the_others(n_agents: int, size: int) -> None:
+    actions, others = torch.zeros(size, n_agents, 2), torch.ones(size, n_agents, 2)
+    mixed = replace_each(actions, others)
+    assert mixed.shape == (size, n_agents, n_agents, 2)
+    assert torch.equal(mixed[..., 0], torch.eye(n_agents).expand(size, -1, -1))
+
+
+@pytest.mark.parametrize("n_values", [1, 3])
+def test_values_of_samples_are_those_of_single_actions(n_values: int) -> None:
+    critics = made(n_values=n_values)
+    g = torch.Generator().manual_seed(1)
+    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
+    got, first = critics.sampled_q(x, samples), critics.first_sampled_q(x, samples)
+    assert got.shape == (2, 2, 5, 4, n_values)
+    for sample in range(4):
+        expected = critics.q(x, samples[:, :, sample])
+        torch.testing.assert_close(got[:, :, :, sample], expected)
+        torch.testing.assert_close(first[:, :, sample], expected[:, 0])
+    assert got.requires_grad
+    assert not first.requires_grad
+
+
+def test_gradients_through_shared_inputs_are_those_of_repeated_ones() -> None:
+    critics = made()
+    g = torch.Generator().manual_seed(1)
+    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
+    critics.online.backward(critics.sampled_q(x, samples).square().sum())
+    shared = critics.online.gradient.clone()
+    repeated = critics.q(x.repeat_interleave(4, 1), samples.flatten(1, 2))
+    critics.online.backward(repeated.square().sum())
+    torch.testing.assert_close(shared, critics.online.gradient, rtol=1e-4, atol=1e-5)

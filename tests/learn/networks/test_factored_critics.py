@@ -1,0 +1,146 @@
+"""Factored critics: values by hand, twins that differ, constants in the policies' loss."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.errors import CheckpointError  # noqa: E402
+from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics  # noqa: E402
+from swarmdata.learn.networks.mixers import FreeMixer, MeanMixer, MonotonicMixer  # noqa: E402
+from swarmdata.learn.networks.perceptrons import mlp  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+
+SIZES = Sizes(n_agents=3, observation=4, action=2, state=5)
+SEEDS = (3, 8)
+
+
+def made(kind: Any = FreeMixer, seeds: tuple[int, ...] = SEEDS) -> FactoredCritics:
+    mixer = kind(3, 5 + 3 * 4, seeds, MIXER_STREAM, embedding=7, hidden=6, device="cpu", n_twins=2)
+    return FactoredCritics(SIZES, seeds, (8,), mixer, step_size=1e-2, max_norm=None)
+
+
+def drawn(n_seeds: int = 2, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    shapes = (n_seeds, 6, 5), (n_seeds, 6, 3, 4), (n_seeds, 6, 3, 2)
+    states, observations, actions = (torch.randn(s, generator=generator) for s in shapes)
+    return states, observations, actions.tanh()
+
+
+@pytest.mark.parametrize("kind", [FreeMixer, MonotonicMixer])
+def test_a_value_by_hand(kind: Any) -> None:
+    """Seed 1, twin 0, row 4: three utilities of one network, then the mixer."""
+    critics, (s, o, a) = made(kind), drawn()
+    row = 2 * 1 + 0
+    layers = critics.utilities.extract(row, torch.float32)
+    identity = torch.eye(3)
+    own = torch.stack(
+        [
+            mlp(layers, torch.cat([o[1, 4, i], a[1, 4, i], identity[i]])[None, None])
+            for i in range(3)
+        ]
+    ).flatten()
+    assert critics.mixer.network is not None
+    x = torch.cat([s[1, 4], o[1, 4].flatten()])
+    raw = mlp(critics.mixer.network.extract(row, torch.float32), x[None, None]).flatten()
+    first, second = raw[:21].view(3, 7), raw[28:35]
+    if kind is MonotonicMixer:
+        first, second = first.abs(), second.abs()
+    hidden = torch.nn.functional.elu(own @ first / 3 + raw[21:28])
+    q = critics.q(s, o, a)
+    assert q.shape == (2, 2, 6)
+    torch.testing.assert_close(q[1, 0, 4], (hidden * second).sum() + raw[35])
+    torch.testing.assert_close(critics.agent_values(o, a)[1, 0, 4], own)
+
+
+def test_twins_begin_apart_in_both_parts_and_both_learn() -> None:
+    critics, (s, o, a) = made(), drawn()
+    assert critics.mixer.network is not None
+    for network in (critics.utilities, critics.mixer.network):
+        assert not torch.equal(network.flat[0], network.flat[1])
+    before = [n.flat.clone() for n in (critics.utilities, critics.mixer.network)]
+    critics.step((critics.q(s, o, a) - 1).square().mean(2).sum(1))
+    for old, network in zip(before, (critics.utilities, critics.mixer.network), strict=True):
+        assert (network.flat - old).abs().amax(1).min() > 0
+
+
+@pytest.mark.parametrize("kind", [FreeMixer, MonotonicMixer])
+def test_policy_values_are_the_first_twins_with_constant_parameters(kind: Any) -> None:
+    critics, (s, o, a) = made(kind), drawn()
+    pi = a.clone().requires_grad_()
+    values = critics.policy_values(s, o, pi)
+    torch.testing.assert_close(values, critics.q(s, o, a)[:, 0])
+    (slope,) = torch.autograd.grad(values.sum(), pi)
+    free = a.clone().requires_grad_()
+    (expected,) = torch.autograd.grad(critics.q(s, o, free)[:, 0].sum(), free)
+    torch.testing.assert_close(slope, expected)
+    leaves = [weight for weight, _ in critics.utilities._leaves()]
+    with pytest.raises(RuntimeError, match="not have been used"):
+        torch.autograd.grad(critics.policy_values(s, o, pi).sum(), leaves[:1])
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 999), agent=st.integers(0, 2))
+def test_monotonic_critics_rise_with_each_agents_own_value(seed: int, agent: int) -> None:
+    """What an agent prefers by its own value, the team prefers."""
+    critics, (s, o, a) = made(MonotonicMixer), drawn(seed=seed)
+    other = a.clone()
+    other[:, :, agent] = drawn(seed=seed + 1000)[2][:, :, agent]
+    gain = critics.agent_values(o, other) - critics.agent_values(o, a)
+    team = critics.q(s, o, other) - critics.q(s, o, a)
+    assert (team * gain[..., agent] >= -1e-6).all()
+
+
+def test_free_critics_need_not() -> None:
+    critics, signs = made(FreeMixer), set()
+    for seed in range(10):
+        s, o, a = drawn(seed=seed)
+        values = critics.agent_values(o, a).flatten(0, 1).requires_grad_()
+        x = torch.cat([s, o.flatten(2)], 2).repeat_interleave(2, 0)
+        (slope,) = torch.autograd.grad(critics.mixer(values, x).sum(), values)
+        signs |= set(slope.sign().unique().tolist())
+    assert {-1.0, 1.0} <= signs
+
+
+def test_targets_follow_both_parts() -> None:
+    critics, (s, o, a) = made(), drawn()
+    start = critics.q(s, o, a).detach()
+    critics.step((critics.q(s, o, a) - 1).square().mean(2).sum(1))
+    torch.testing.assert_close(critics.target_q(s, o, a), start)
+    critics.follow(1.0)
+    torch.testing.assert_close(critics.target_q(s, o, a), critics.q(s, o, a))
+
+
+def test_a_seed_of_a_stack_is_what_it_is_alone() -> None:
+    s, o, a = drawn()
+    stacked = made()
+    for index, seed in enumerate(SEEDS):
+        alone = made(seeds=(seed,))
+        rows = slice(index, index + 1)
+        torch.testing.assert_close(alone.q(s[rows], o[rows], a[rows])[0], stacked.q(s, o, a)[index])
+
+
+def test_a_mixer_without_parameters_is_possible() -> None:
+    critics = FactoredCritics(SIZES, SEEDS, (8,), MeanMixer(), step_size=1e-2, max_norm=1.0)
+    s, o, a = drawn()
+    torch.testing.assert_close(critics.q(s, o, a), critics.agent_values(o, a).mean(-1))
+    torch.testing.assert_close(critics.policy_values(s, o, a), critics.q(s, o, a)[:, 0])
+    critics.step(critics.q(s, o, a).square().mean((1, 2)))
+    critics.follow(0.5)
+    assert not any(name.startswith("mixer") for name in critics.state_dict())
+
+
+def test_a_state_comes_back_and_that_of_other_sizes_is_refused() -> None:
+    critics, (s, o, a) = made(), drawn()
+    critics.step(critics.q(s, o, a).square().mean((1, 2)))
+    other = made(seeds=(1, 2))
+    other.load_state_dict(critics.state_dict())
+    torch.testing.assert_close(other.q(s, o, a), critics.q(s, o, a))
+    torch.testing.assert_close(other.target_q(s, o, a), critics.target_q(s, o, a))
+    with pytest.raises(CheckpointError, match="another number of seeds"):
+        made(seeds=(1, 2, 3)).load_state_dict(critics.state_dict())

@@ -1,0 +1,124 @@
+"""Mixers: monotonic in every robot, dependent on the state, seed by seed."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from torch import Tensor  # noqa: E402
+from torch.nn.functional import elu  # noqa: E402
+
+from swarmdata.learn.networks.mixers import (  # noqa: E402
+    FreeMixer,
+    LinearMixer,
+    MeanMixer,
+    MonotonicMixer,
+)
+
+SEEDS = [4, 9]
+
+
+def made(seeds: list[int] = SEEDS) -> MonotonicMixer:
+    return MonotonicMixer(3, 5, seeds, 1, embedding=7, hidden=6, device="cpu")
+
+
+def drawn(seed: int, n_seeds: int = 2) -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    values = 3 * torch.randn(n_seeds, 11, 3, generator=generator)
+    return values, torch.randn(n_seeds, 11, 5, generator=generator)
+
+
+def test_the_mean_is_the_mean() -> None:
+    values, states = drawn(0)
+    torch.testing.assert_close(MeanMixer()(values, states), values.mean(-1))
+    assert MeanMixer().network is None
+
+
+@given(seed=st.integers(0, 999), robot=st.integers(0, 2), rise=st.floats(0, 10))
+def test_a_robots_rise_never_lowers_the_teams_value(seed: int, robot: int, rise: float) -> None:
+    mixer, (values, states) = made(), drawn(seed)
+    higher = values.clone()
+    higher[..., robot] += rise
+    assert (mixer(higher, states) >= mixer(values, states) - 1e-5).all()
+
+
+def test_the_teams_value_by_hand() -> None:
+    mixer, (values, states) = made(), drawn(3)
+    assert mixer.network is not None
+    raw = mixer.network(states)[1, 4]
+    first, shift, second, bias = raw[:21].abs().view(3, 7), raw[21:28], raw[28:35].abs(), raw[35]
+    hidden = elu(values[1, 4] @ first / 3 + shift)
+    torch.testing.assert_close(mixer(values, states)[1, 4], (hidden * second).sum() + bias)
+
+
+def test_the_state_matters() -> None:
+    mixer, (values, states) = made(), drawn(1)
+    assert not torch.allclose(mixer(values, states), mixer(values, states + 1))
+
+
+def test_a_seed_mixes_the_same_in_any_stack() -> None:
+    (values, states), stacked = drawn(2), made()
+    for index, seed in enumerate(SEEDS):
+        alone = made([seed])(values[index : index + 1], states[index : index + 1])
+        torch.testing.assert_close(stacked(values, states)[index], alone[0])
+    own = stacked(values[:1].expand(2, -1, -1), states[:1].expand(2, -1, -1))
+    assert not torch.allclose(own[0], own[1])
+
+
+def test_other_parameters_can_be_used() -> None:
+    mixer, (values, states) = made(), drawn(5)
+    assert mixer.network is not None
+    target = mixer.network.clone()
+    before = mixer(values, states, target)
+    mixer.network.flat.mul_(2)
+    assert torch.equal(mixer(values, states, target), before)
+    assert not torch.allclose(mixer(values, states), before)
+
+
+def test_the_free_mixer_is_the_same_without_the_absolute_values() -> None:
+    mixer, (values, states) = (
+        FreeMixer(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu"),
+        drawn(3),
+    )
+    assert mixer.network is not None
+    raw = mixer.network(states)[1, 4]
+    first, shift, second, bias = raw[:21].view(3, 7), raw[21:28], raw[28:35], raw[35]
+    hidden = elu(values[1, 4] @ first / 3 + shift)
+    torch.testing.assert_close(mixer(values, states)[1, 4], (hidden * second).sum() + bias)
+
+
+@pytest.mark.parametrize("kind", [MonotonicMixer, FreeMixer])
+def test_twin_mixers_are_neighbors_and_differ(kind: type[MonotonicMixer | FreeMixer]) -> None:
+    twins = kind(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu", n_twins=2)
+    assert twins.network is not None
+    assert len(twins.network.flat) == 4
+    assert len({tuple(row) for row in twins.network.flat.tolist()}) == 4
+    single = kind(3, 5, SEEDS[1:], 1, embedding=7, hidden=6, device="cpu", n_twins=2)
+    assert single.network is not None
+    assert torch.equal(twins.network.flat[2:], single.network.flat)
+
+
+def linear(seeds: list[int] = SEEDS) -> LinearMixer:
+    return LinearMixer(3, 5, seeds, 1, hidden=6, device="cpu")
+
+
+def test_the_linear_mixer_by_hand() -> None:
+    mixer, (values, states) = linear(), drawn(4)
+    assert mixer.network is not None
+    raw = mixer.network(states)[0, 7]
+    expected = ((1 + raw[:3]).abs() / 3 * values[0, 7]).sum() + raw[3]
+    torch.testing.assert_close(mixer(values, states)[0, 7], expected)
+
+
+@given(seed=st.integers(0, 999), robot=st.integers(0, 2), rise=st.floats(0, 10))
+def test_linear_weights_are_never_negative_and_say_what_a_rise_is_worth(
+    seed: int, robot: int, rise: float
+) -> None:
+    mixer, (values, states) = linear(), drawn(seed)
+    weights, _ = mixer.weights(10 * states)
+    assert weights.min() >= 0
+    higher = values.clone()
+    higher[..., robot] += rise
+    gain = mixer(higher, 10 * states) - mixer(values, 10 * states)
+    torch.testing.assert_close(gain, rise * weights[..., robot], rtol=1e-4, atol=1e-3)

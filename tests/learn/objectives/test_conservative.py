@@ -1,0 +1,125 @@
+"""Conservative penalties: samples, their densities, and an estimate of each critic's own."""
+
+import math
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from hypothesis import given, settings  # noqa: E402
+from hypothesis import strategies as st  # noqa: E402
+
+from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
+from swarmdata.learn.objectives.conservative import (  # noqa: E402
+    counterfactual_samples,
+    draw_agents,
+    noisy_samples,
+    replace_drawn,
+    soft_maximum,
+    together,
+    uniform_samples,
+)
+
+
+def test_uniform_samples_fill_the_range_and_know_their_density() -> None:
+    noise = generators([0, 1], "cpu")
+    samples = uniform_samples(noise, torch.zeros(2, 50, 3, 2), 40)
+    assert samples.actions.shape == (2, 50, 40, 3, 2)
+    assert samples.actions.abs().max() <= 1
+    assert samples.actions.mean().item() == pytest.approx(0, abs=0.02)
+    assert samples.actions.square().mean().item() == pytest.approx(1 / 3, abs=0.02)
+    assert torch.equal(samples.log_density, torch.full((2, 50, 40), 6 * math.log(0.5)))
+    assert not torch.equal(samples.actions[0], samples.actions[1])
+
+
+def test_noisy_samples_have_the_log_density_of_their_noise() -> None:
+    """Not the density itself, as in the published code of OMAR."""
+    centers = torch.zeros(1, 4, 2, 2)
+    samples = noisy_samples(generators([0], "cpu"), centers, 500, 0.2)
+    normal = torch.distributions.Normal(0.0, 0.2)
+    inside = (samples.actions.abs() < 1).all((3, 4))  # clipped ones hide their noise
+    expected = normal.log_prob(samples.actions).sum((3, 4))
+    torch.testing.assert_close(samples.log_density[inside], expected[inside], rtol=1e-4, atol=1e-4)
+    assert samples.actions.std().item() == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_sample_is_clipped_and_a_seed_draws_alike_in_every_stack() -> None:
+    actions = torch.full((2, 5, 2, 2), 0.95)
+    both = noisy_samples(generators([7, 8], "cpu"), actions, 10, 1.0)
+    alone = noisy_samples(generators([8], "cpu"), actions[1:], 10, 1.0)
+    assert torch.equal(both.actions[1:], alone.actions)
+    assert torch.equal(both.log_density[1:], alone.log_density)
+    assert both.actions.abs().max() == 1
+
+
+def test_the_estimate_is_the_integral() -> None:
+    """Q(b) = 3 b_1 on [-1, 1]^2: the integral of exp(Q / tau) is 2 tau / 3 (e^c - e^-c)."""
+    template, tau = torch.zeros(1, 1, 1, 2), 0.5
+    expected = tau * math.log(2 * tau / 3 * (math.exp(6) - math.exp(-6)))
+    even = uniform_samples(generators([0], "cpu"), template, 100_000)
+    near = noisy_samples(generators([1], "cpu"), template + 0.5, 100_000, 5.0)
+    kept = near.actions.abs().amax((3, 4)) < 1  # the unclipped ones, weighted by their part
+    for samples in (even, type(near)(near.actions, near.log_density.where(kept, torch.inf))):
+        values = 3 * samples.actions[None, ..., 0, 0]
+        got = soft_maximum(values, samples.log_density, tau)
+        assert got.item() == pytest.approx(expected, abs=0.02)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    temperature=st.sampled_from([0.01, 0.1, 1.0, 10.0]),
+    shift=st.floats(-5, 5),
+    seed=st.integers(0, 100),
+)
+def test_the_soft_maximum_lies_between_mean_and_maximum(
+    temperature: float, shift: float, seed: int
+) -> None:
+    g = torch.Generator().manual_seed(seed)
+    values, even = torch.randn(2, 3, 4, 6, generator=g), torch.zeros(2, 4, 6)
+    soft = soft_maximum(values, even, temperature)
+    assert soft.shape == (2, 3, 4)
+    assert (soft <= values.amax(-1) + 1e-4).all()
+    assert (soft >= values.mean(-1) - 1e-4).all()
+    moved = soft_maximum(values + shift, even, temperature)
+    torch.testing.assert_close(moved, soft + shift, rtol=1e-4, atol=1e-3)
+
+
+def test_each_critics_term_uses_its_own_values() -> None:
+    values = torch.randn(2, 2, 3, 5, requires_grad=True)
+    soft = soft_maximum(values, torch.zeros(2, 3, 5), 0.1)
+    for critic in range(2):
+        (gradient,) = torch.autograd.grad(soft[:, critic].sum(), values, retain_graph=True)
+        assert gradient[:, critic].abs().sum() > 0
+        assert not gradient[:, 1 - critic].any()
+
+
+def test_agents_are_drawn_evenly_and_one_a_row() -> None:
+    agents = draw_agents(generators([0, 1], "cpu"), torch.zeros(2, 4000, 4, 2))
+    assert agents.dtype == torch.bool
+    assert (agents.sum(2) == 1).all()
+    torch.testing.assert_close(agents.float().mean(1), torch.full((2, 4), 0.25), rtol=0, atol=0.03)
+
+
+@settings(deadline=None, max_examples=20)
+@given(n_agents=st.integers(1, 5), n_samples=st.integers(1, 4), seed=st.integers(0, 100))
+def test_counterfactuals_leave_the_other_agents_in_the_data(
+    n_agents: int, n_samples: int, seed: int
+) -> None:
+    noise = generators([seed], "cpu")
+    actions = torch.full((1, 6, n_agents, 2), 7.0)  # no sample is 7
+    agents = draw_agents(noise, actions)
+    samples = counterfactual_samples(noise, actions, agents, n_samples)
+    assert samples.actions.shape == (1, 6, n_samples, n_agents, 2)
+    left = (samples.actions != 7).all(-1)  # [1, B, M, N]
+    assert torch.equal(left, agents[:, :, None].expand_as(left))
+    assert torch.equal(samples.log_density, torch.full((1, 6, n_samples), 2 * math.log(0.5)))
+
+
+def test_several_draws_are_one_and_masks_replace_several_agents() -> None:
+    noise, actions = generators([0], "cpu"), torch.zeros(1, 3, 2, 2)
+    parts = [uniform_samples(noise, actions, 2), noisy_samples(noise, actions, 4, 0.1)]
+    both = together(parts)
+    assert both.actions.shape == (1, 3, 6, 2, 2)
+    assert torch.equal(both.log_density[:, :, :2], parts[0].log_density)
+    everyone = torch.tensor([True, True]).expand(1, 3, 2)
+    assert torch.equal(replace_drawn(actions, actions + 1, everyone), actions + 1)

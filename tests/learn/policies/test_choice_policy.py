@@ -1,0 +1,102 @@
+"""Policies of learned choices: what training chose, allowed choices, certainty."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.choices.factored_values import FactoredConfig, FactoredValues  # noqa: E402
+from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.types import Step, no_messages  # noqa: E402
+
+SIZES = Sizes(n_agents=3, observation=4, action=2, state=5)
+CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
+
+
+def made(sizes: Sizes = SIZES, **config: Any) -> FactoredValues:
+    statistics = Statistics(
+        observation_mean=np.full(4, 0.5),
+        observation_std=np.full(4, 2.0),
+        state_mean=np.zeros(5),
+        state_std=np.ones(5),
+        return_std=1.0,
+        max_return=1.0,
+    )
+    settings = FactoredConfig(**{"hidden": (16,), **config})
+    return FactoredValues(sizes, (3, 8), settings, MeanMixer, statistics=statistics)
+
+
+def step_of(n_copies: int = 40) -> Step:
+    flags = np.zeros(n_copies, np.bool_)
+    return Step(
+        observations=np.random.default_rng(0).normal(size=(n_copies, 3, 4)).astype(np.float32),
+        states=np.zeros((n_copies, 5), np.float32),
+        rewards=np.zeros((n_copies, 3), np.float32),
+        terminations=flags,
+        truncations=flags,
+        successes=flags,
+        events=np.zeros((n_copies, 3, 4), np.uint8),
+        seeds=np.arange(n_copies, dtype=np.uint64),
+        times=np.zeros(n_copies, np.int64),
+        layouts=np.zeros((n_copies, 0, 8), np.float32),
+        **no_messages(n_copies, 3),
+    )
+
+
+@pytest.mark.parametrize("regulariser", ["none", "bc", "bcq", "cql"])
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("head", ["factored", "joint"])
+@pytest.mark.parametrize("choices", [(), CHOICES])
+def test_it_does_what_training_would_choose(
+    regulariser: Any, parameters: Any, head: Any, choices: Any
+) -> None:
+    sizes = replace(SIZES, choices=choices)
+    learner = made(sizes, regulariser=regulariser, parameters=parameters, behavior_head=head)
+    step = step_of()
+    seen = torch.from_numpy(step.observations)[None].expand(2, -1, -1, -1)
+    features, _ = learner.normalized(seen, torch.zeros(2, 40, 5))
+    with torch.no_grad():
+        weights = learner.act(features)
+    for seed in range(2):
+        actions = learner.policy(seed).act(step)
+        expected = learner.choices.to_actions(weights[seed]).numpy()
+        np.testing.assert_allclose(actions, expected, atol=1e-6)  # float32 of training
+
+
+def test_it_is_sure_of_its_choices_even_beyond_1() -> None:
+    policy, step = made(replace(SIZES, choices=CHOICES)).policy(0), step_of()
+    actions = policy.act(step)
+    assert actions.max() > 1
+    assert not policy.log_probs(step, actions).any()
+    other = actions + np.array([1, 0], np.float32)
+    assert np.isneginf(policy.log_probs(step, other)).all()
+
+
+@pytest.mark.parametrize("regulariser", ["none", "bc", "bcq"])
+def test_it_takes_the_best_of_what_is_allowed(regulariser: Any) -> None:
+    policy, step = (
+        made(replace(SIZES, choices=CHOICES), regulariser=regulariser).policy(0),
+        step_of(),
+    )
+    every = np.zeros((40, 3, 6), np.bool_)
+    every[:, [0, 2]], every[:, 1, :3] = True, True
+    free = policy.act(step)
+    np.testing.assert_array_equal(policy.act_among(step, every), free)
+    masks = every.copy()  # forbid what it would do, where something is left
+    masks[np.arange(40), 0, free[:, 0, 0].astype(int)] = False
+    masks[np.arange(40), 1, free[:, 1, 0].astype(int) - 1] = False
+    bound = policy.act_among(step, masks)
+    assert (bound[:, :2, 0] != free[:, :2, 0]).all()
+    assert ((bound[:, 1, 0] >= 1) & (bound[:, 1, 0] <= 3)).all()
+    np.testing.assert_array_equal(bound[:, 2], free[:, 2])
+
+
+def test_other_observations_are_refused() -> None:
+    with pytest.raises(SchemaError, match="expected 4 features of 3 agents"):
+        made().policy(0).actions(np.zeros((2, 3, 5), np.float32))

@@ -1,0 +1,46 @@
+"""Policies that were written and read act the same."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
+
+import torch
+
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.policies.policy_file import load_policy, save_policy
+from swarmdata.learn.training.checkpoint import save_checkpoint
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.registry.components import make_env
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("frame", ["world", "target"])
+@pytest.mark.parametrize("communication", ["none", "state"])
+def test_a_policy_comes_back_as_it_was(
+    tmp_path: Path, parameters: str, frame: str, communication: str
+) -> None:
+    spec = with_models(TaskSpec(), None, communication)
+    config = MAPPOConfig(n_copies=2, n_steps=4, parameters=parameters, frame=frame)  # type: ignore[arg-type]
+    run = MAPPO(make_env(spec, 4), (0, 1), config)
+    policy = run.policy(1)
+    step = make_env(spec, 3).reset(np.arange(3, dtype=np.uint64))
+    actions = policy.act(step)  # a policy that has acted remembers it, which is not written
+    assert not policy.log_probs(step, actions).any()
+    save_policy(tmp_path / "new" / "policy.safetensors", policy)
+    read = load_policy(tmp_path / "new" / "policy.safetensors")
+    assert [f.name for f in fields(read)] == [f.name for f in fields(policy)]  # type: ignore[arg-type]
+    assert not read.log_probs(step, actions).any()
+    assert np.isneginf(read.log_probs(step, actions * np.float32(0.5))).all()
+    np.testing.assert_array_equal(read.act(step), actions)
+
+
+def test_another_checkpoint_is_no_policy(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "other.safetensors", {"x": torch.zeros(1)}, {"kind": "Cat"})
+    with pytest.raises(CheckpointError, match="'Cat', expected one of"):
+        load_policy(tmp_path / "other.safetensors")

@@ -1,0 +1,92 @@
+"""Data in a frame: batches are turned and nothing else, and policies act in the world again."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the trainer needs torch")
+
+from swarmdata.datasets.dataset import Dataset  # noqa: E402
+from swarmdata.hub.catalog.catalog import load  # noqa: E402
+from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
+from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
+from swarmdata.learn.training.trainer import train  # noqa: E402
+from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
+from swarmdata.perception.observer import features_of  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
+from tests.learn.training.test_trainer import config_of  # noqa: E402
+from tests.tiny import make_tiny  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return load(make_tiny(tmp_path_factory.mktemp("framed") / "coop_nav-tiny-v0"))
+
+
+@pytest.fixture(scope="module")
+def frame(data: Dataset) -> Frame:
+    found = find_frame(features_of(make_task(data.task)), "target")
+    assert found is not None
+    return found
+
+
+def test_batches_are_those_of_the_data_turned(data: Dataset, frame: Frame) -> None:
+    plain, turned = (each.sampler(32, seed=3) for each in (data, framed(data, frame)))
+    index = plain.draw()
+    np.testing.assert_array_equal(turned.draw(), index)
+    world, seen = plain.gather(index), turned.gather(index)
+    np.testing.assert_array_equal(seen.observations, frame.seen(world.observations))
+    np.testing.assert_array_equal(seen.next_observations, frame.seen(world.next_observations))
+    for name in ("rewards", "states", "next_states", "terminations", "truncations", "mask"):
+        np.testing.assert_array_equal(getattr(seen, name), getattr(world, name))
+    for now, then in (("observations", "actions"), ("next_observations", "next_actions")):
+        recorded, back = (
+            getattr(world, then),
+            frame.to_world(getattr(world, now), getattr(seen, then)),
+        )
+        norm = np.maximum(np.linalg.norm(recorded, axis=-1, keepdims=True), 1)
+        np.testing.assert_allclose(back, recorded / norm, atol=1e-6)
+
+
+def test_without_a_frame_it_is_the_data(data: Dataset) -> None:
+    assert framed(data, None) is data
+
+
+def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Frame) -> None:
+    whole = framed(data, frame)
+    measured = Statistics.measure(whole, 0.9)
+    every = frame.seen(np.concatenate([episode.observations[:-1] for episode in data]))
+    spread = every.std((0, 1))
+    near = 0.05 * spread + 1e-3  # they are measured on a sample
+    assert (np.abs(measured.observation_mean - every.mean((0, 1))) < near).all()
+    assert (np.abs(measured.observation_std - spread) < near).all()
+    world = Statistics.measure(data, 0.9)
+    assert (measured.return_std, measured.max_return) == (world.return_std, world.max_return)
+
+
+@pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
+def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
+    algorithm: str, data: Dataset, frame: Frame, tmp_path: Path
+) -> None:
+    policies = train(
+        algorithm, data, tmp_path, seeds=(0, 1), config=config_of(algorithm, n_updates=3),
+        frame=frame, progress=False,
+    )  # fmt: skip
+    assert read_run(tmp_path).frame == frame
+    observations = data[0].observations[:4]
+    for kept, policy in zip(load_run(tmp_path), policies, strict=True):
+        assert isinstance(policy, TorchPolicy | ChoicePolicy)
+        assert isinstance(kept, TorchPolicy | ChoicePolicy)
+        actions = policy.actions(observations)
+        np.testing.assert_array_equal(kept.actions(observations), actions)
+        assert actions.shape == (4, data.task.n_agents, 2)
+        assert np.linalg.norm(actions, axis=-1).max() <= 1 + 1e-6
+        world = dataclasses.replace(policy, frame=None)
+        turned = frame.to_world(observations, world.actions(frame.seen(observations)))
+        norm = np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1)
+        np.testing.assert_allclose(actions, turned / norm, atol=1e-6)

@@ -1,0 +1,317 @@
+"""Runs: resuming is exact, folders are checked, files say what happened."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the trainer needs torch")
+
+from swarmdata.errors import (  # noqa: E402
+    CheckpointError,
+    DivergedError,
+    SchemaError,
+    UnknownNameError,
+)
+from swarmdata.interfaces import Policy  # noqa: E402
+from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.torch_policy import Memoryless, TorchPolicy  # noqa: E402
+from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
+from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
+from swarmdata.learn.training.trainer import Schedule, train  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
+from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.types import Episode, no_messages  # noqa: E402
+
+SEEDS = (5, 2)
+SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
+SETTINGS: dict[str, dict[str, Any]] = {
+    "bc": {"hidden": (8,)},
+    "filtered_bc": {"hidden": (8,), "fraction": 0.5},
+    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    **{
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6, "n_samples": 2}
+        for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
+    },
+    "vdn": {"hidden": (8,)},
+    "qmix": {"hidden": (8,), "mixer_hidden": 4, "mixer_embedding": 4},
+}
+
+
+def dataset() -> MemoryDataset:
+    rng = np.random.default_rng(0)
+    steps = 9
+    last = np.arange(steps) == steps - 1
+    episodes = [
+        Episode(
+            observations=rng.normal(size=(steps + 1, 2, 5)).astype("f4"),
+            states=rng.normal(size=(steps + 1, 6)).astype("f4"),
+            actions=rng.uniform(-1, 1, (steps, 2, 2)).astype("f4"),
+            log_probs=np.zeros((steps, 2), dtype="f4"),
+            rewards=rng.normal(size=(steps, 2)).astype("f4"),
+            terminations=last,
+            truncations=np.zeros(steps, dtype=np.bool_),
+            events=np.zeros((steps, 2, 4), dtype=np.uint8),
+            **no_messages(steps + 1, 2),
+            layout=np.zeros((0, 8), dtype=np.float32),
+            seed=i,
+            policy=0,
+            end_reason=0,
+        )
+        for i in range(6)
+    ]
+    return MemoryDataset(episodes)
+
+
+def config_of(algorithm: str, **changes: Any) -> Any:
+    values = {"n_updates": 43, "batch_size": 8, **SETTINGS[algorithm], **changes}
+    return resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config(**values)
+
+
+def size_of_first_layer(policy: Policy) -> Mapping[str, float]:
+    assert isinstance(policy, TorchPolicy | ChoicePolicy)
+    return {"norm": float(policy.layers[0].weight.norm()), "count": 1.0}
+
+
+def run(algorithm: str, folder: Path, **options: Any) -> list[Policy]:
+    settings: dict[str, Any] = {
+        "seeds": SEEDS,
+        "config": config_of(algorithm),
+        "schedule": SCHEDULE,
+        "evaluate": size_of_first_layer,
+        "progress": False,
+    }
+    return train(algorithm, dataset(), folder, **{**settings, **options})
+
+
+def assert_same_files(one: Path, two: Path) -> None:
+    for name in (CONFIG, LOSSES, CURVE, CHECKPOINT):
+        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
+@pytest.mark.parametrize("stop", [3, 10, 27])
+def test_a_stopped_and_resumed_run_equals_an_unbroken_one(
+    algorithm: str, stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    run(algorithm, whole)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    update = kind.update
+
+    def interrupted(self: Any, batch: Any) -> Any:
+        if self.n_updates == stop:
+            raise KeyboardInterrupt
+        return update(self, batch)
+
+    monkeypatch.setattr(kind, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(algorithm, broken)
+    monkeypatch.undo()
+    run(algorithm, broken)
+    assert_same_files(whole, broken)
+
+
+def test_ctrl_c_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(self: Any, batch: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(resolve("algorithm", OFFLINE_ALGORITHMS, "bc"), "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run("bc", tmp_path)
+    assert "Stopped after update 0 of 43" in capsys.readouterr().err
+
+
+def test_a_killed_run_is_resumed_exactly(tmp_path: Path) -> None:
+    """SIGKILL in the middle, in a process of its own."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    code = (
+        "import importlib.util, sys, pathlib\n"
+        f"spec = importlib.util.spec_from_file_location('suite', {__file__!r})\n"
+        "suite = importlib.util.module_from_spec(spec); spec.loader.exec_module(suite)\n"
+        "suite.long_run(pathlib.Path(sys.argv[1]))\n"
+    )
+    victim = subprocess.Popen([sys.executable, "-c", code, str(broken)])
+    deadline = time.monotonic() + 120
+    while not (broken / CHECKPOINT).exists():
+        assert victim.poll() is None, "the run ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    os.kill(victim.pid, signal.SIGKILL)
+    assert victim.wait() == -signal.SIGKILL
+    assert load_checkpoint(broken / CHECKPOINT)[1]["update"] < LONG
+    long_run(broken)
+    long_run(whole)
+    assert_same_files(whole, broken)
+
+
+LONG = 300
+
+
+def long_run(folder: Path) -> None:
+    config = config_of("maddpg_bc", n_updates=LONG)
+    schedule = Schedule(log_every=10, checkpoint_every=20, evaluate_every=100)
+    run("maddpg_bc", folder, config=config, schedule=schedule)
+
+
+def test_a_finished_run_is_loaded_not_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run("bc", tmp_path)
+    monkeypatch.delattr(resolve("algorithm", OFFLINE_ALGORITHMS, "bc"), "update")
+    for policies in (run("bc", tmp_path), load_run(tmp_path)):
+        for one, two in zip(first, policies, strict=True):
+            assert size_of_first_layer(one) == size_of_first_layer(two)
+
+
+@pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
+def test_a_loaded_policy_acts_like_the_trained_one(algorithm: str, tmp_path: Path) -> None:
+    trained, loaded = run(algorithm, tmp_path), load_run(tmp_path)
+    rng = np.random.default_rng(1)
+    observations = rng.normal(size=(4, 2, 5)).astype(np.float32)
+    for one, two in zip(trained, loaded, strict=True):
+        assert isinstance(one, Memoryless)
+        assert isinstance(two, Memoryless)
+        np.testing.assert_array_equal(one.actions(observations), two.actions(observations))
+
+
+def test_a_seed_does_not_depend_on_the_others(tmp_path: Path) -> None:
+    both, alone = run("bc", tmp_path / "both"), run("bc", tmp_path / "alone", seeds=(2,))
+    ours, theirs = size_of_first_layer(both[1]), size_of_first_layer(alone[0])
+    assert ours["norm"] == pytest.approx(theirs["norm"], rel=1e-5)
+    assert size_of_first_layer(both[0])["norm"] != pytest.approx(theirs["norm"], rel=1e-5)
+
+
+def test_files_hold_the_run_its_losses_and_its_curve(tmp_path: Path) -> None:
+    run("maddpg_bc", tmp_path)
+    document = json.loads((tmp_path / CONFIG).read_text())
+    assert document["algorithm"] == "maddpg_bc"
+    assert document["config"]["n_updates"] == 43
+    assert document["seeds"] == list(SEEDS)
+    assert document["spec_hash"] == dataset().spec.hash()
+    assert document["versions"]["torch"] == torch.__version__
+    with (tmp_path / LOSSES).open() as file:
+        losses = list(csv.DictReader(file))
+    assert [int(r["update"]) for r in losses[::2]] == [*range(5, 41, 5), 43]
+    assert [int(r["seed"]) for r in losses[:2]] == list(SEEDS)
+    assert losses[0]["policy_q"] == ""  # the warm start has no value term
+    assert float(losses[-1]["policy_q"]) != 0
+    with (tmp_path / CURVE).open() as file:
+        curve = list(csv.DictReader(file))
+    assert [int(r["update"]) for r in curve[::2]] == [20, 40, 43]
+    assert {"norm", "count"} < curve[0].keys()
+
+
+@pytest.mark.parametrize(
+    ("options", "difference"),
+    [
+        ({"seeds": (5, 3)}, r"seeds is \[5, 2\], not \[5, 3\]"),
+        ({"config": config_of("bc", n_updates=44)}, "config is"),
+        ({"schedule": Schedule(log_every=10, checkpoint_every=10)}, "log_every is 5, not 10"),
+    ],
+)
+def test_a_folder_of_another_run_is_refused(
+    options: dict[str, Any], difference: str, tmp_path: Path
+) -> None:
+    run("bc", tmp_path)
+    with pytest.raises(CheckpointError, match=difference):
+        run("bc", tmp_path, **options)
+
+
+def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
+    run("bc", tmp_path / "one")
+    run("bc", tmp_path / "two", seeds=(1, 2))
+    (tmp_path / "two" / CHECKPOINT).replace(tmp_path / "one" / CHECKPOINT)
+    with pytest.raises(CheckpointError, match="does not belong"):
+        run("bc", tmp_path / "one")
+
+
+def test_a_folder_without_a_run_and_an_unknown_algorithm_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="not a run folder"):
+        load_run(tmp_path)
+    with pytest.raises(UnknownNameError, match="Did you mean 'bc'"):
+        train("bcc", dataset(), tmp_path)
+
+
+@pytest.mark.parametrize("numbers", [(0, 10, None), (10, 25, None), (5, 10, -1)])
+def test_schedules_that_cannot_be_kept_are_refused(numbers: tuple[int, int, int | None]) -> None:
+    with pytest.raises(SchemaError, match="expected positive numbers and"):
+        Schedule(*numbers)
+
+
+def test_the_number_of_threads_is_given_back(tmp_path: Path) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        run("bc", tmp_path)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc", "vdn"])
+def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 64: with the update and the loss; what is on the disk is of before."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    update = kind.update
+
+    def poisoned(self: Any, batch: Any) -> Any:
+        losses = update(self, batch)
+        if self.n_updates == 24:
+            losses = {name: loss.clone().index_fill_(0, torch.tensor([1]), torch.nan)
+                      for name, loss in losses.items()}  # fmt: skip
+        return losses
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kind, "update", poisoned)
+        with pytest.raises(
+            DivergedError, match=rf"at 25, of the losses of seed {SEEDS[1]}, .* nan"
+        ):
+            run(algorithm, tmp_path / "d")
+    assert load_checkpoint(tmp_path / "d" / CHECKPOINT)[1]["update"] == 20
+    assert "nan" not in (tmp_path / "d" / LOSSES).read_text()
+    run(algorithm, tmp_path / "d")
+    run(algorithm, tmp_path / "whole")
+    assert_same_files(tmp_path / "d", tmp_path / "whole")
+
+
+def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> None:
+    """Row 64: for real, and no checkpoint ever holds what is not finite."""
+    config = config_of("bc", step_size=1e38)
+    with pytest.raises(DivergedError, match="a smaller step_size"):
+        run("bc", tmp_path / "d", config=config)
+    assert not (tmp_path / "d" / CHECKPOINT).exists()
+
+
+def test_tensors_that_are_not_finite_are_never_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 64: though the losses of the window were."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
+    state_dict = kind.state_dict
+
+    def poisoned(self: Any) -> Any:
+        state = dict(state_dict(self))
+        name = next(n for n, v in state.items() if torch.is_tensor(v) and v.is_floating_point())
+        return {**state, name: torch.full_like(state[name], torch.inf)}
+
+    monkeypatch.setattr(kind, "state_dict", poisoned)
+    with pytest.raises(DivergedError, match=r"of the algorithm's tensors, .* not finite in"):
+        run("bc", tmp_path / "d")
+    assert not (tmp_path / "d" / CHECKPOINT).exists()
