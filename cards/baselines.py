@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from swarmdata.cards import markdown
+from swarmdata.drawing import markdown
 from swarmdata.rollouts.metrics import bootstrap, iqm
 
 STUDIES = ("study", "study-formation")

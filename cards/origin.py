@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from swarmdata.cards import markdown
 from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER
+from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Edit, Origin, RecordedSpec, Recording, split_rule
 from swarmdata.specs.task_spec import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest

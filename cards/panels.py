@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.visits import Occupancy
-from swarmdata.figures import COLORS, FAINT, GRAY, INK, thousands
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, thousands
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable

@@ -10,9 +10,9 @@ from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw
 from swarmdata.cards.recorded_picture import draw_recorded
 from swarmdata.cards.tracks import choose_episodes, draw_track
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.drawing.style import GRAY, figure
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
-from swarmdata.figures import GRAY, figure
 from swarmdata.specs.origins import RecordedSpec, task_of
 
 WIDTH, HEIGHT = 10.0, 6.25

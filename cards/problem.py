@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
-from swarmdata.cards.markdown import plain, table
+from swarmdata.drawing.markdown import plain, table
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.cards import markdown
 from swarmdata.cards.heading import bullets, front_matter, snippet
 from swarmdata.cards.origin import (
     about_section,
@@ -15,6 +14,7 @@ from swarmdata.cards.origin import (
 )
 from swarmdata.cards.problem import OFFSETS
 from swarmdata.cards.statistics import histogram, percent
+from swarmdata.drawing import markdown
 from swarmdata.errors import SpecError
 from swarmdata.specs.origins import Origin, RecordedSpec
 from swarmdata.specs.spaces import (

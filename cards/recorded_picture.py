@@ -8,7 +8,7 @@ import numpy as np
 from swarmdata.analysis.coverage import sample_steps
 from swarmdata.cards.panels import draw_returns, draw_rows, finish, stack_lengths
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.figures import GRAY, figure
+from swarmdata.drawing.style import GRAY, figure
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import bounds
 from swarmdata.types import Bool, Double, Float

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.cards import markdown
 from swarmdata.cards.baselines import baselines_section, study_runs
 from swarmdata.cards.facts import Facts, facts_of
 from swarmdata.cards.heading import bullets, front_matter, snippet
@@ -24,6 +23,7 @@ from swarmdata.cards.statistics import (
     policies_section,
     statistics_section,
 )
+from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task

@@ -1,6 +1,6 @@
 """The section of a card with the whole reward: every term, its weight, and what contacts are."""
 
-from swarmdata.cards.markdown import table
+from swarmdata.drawing.markdown import table
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import reward_terms
 from swarmdata.store.arrays.attributes import PRECISION, REWARD

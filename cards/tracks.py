@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from swarmdata.cards.panels import SMALL, finish, note, signed
+from swarmdata.drawing.style import GRAY
 from swarmdata.envs.render import draw
 from swarmdata.envs.render.canvas import WALL_SHOWN
 from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
 from swarmdata.envs.render.scene import n_bodies
-from swarmdata.figures import GRAY
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from swarmdata.cards.markdown import table
+from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of

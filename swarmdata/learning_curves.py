@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.drawing.style import COLORS, FAINT, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, figure, thousands
 from swarmdata.plots import Curve, read_curve
 from swarmdata.types import Double
 

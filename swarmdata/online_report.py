@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.cards import markdown
+from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.learn.training.run_folder import CURVE, read_table
 from swarmdata.learning_curves import group_files, plot_learning

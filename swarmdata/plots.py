@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, colors, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, GRAY, colors, figure, thousands
 from swarmdata.rollouts.metrics import Estimate
 from swarmdata.types import Double
 

@@ -9,9 +9,9 @@ from swarmdata.aggregate import complete
 from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.clips import check_clip, write_clip
 from swarmdata.datasets.reobservation import seen_again
+from swarmdata.drawing.style import SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.exports import marl_eval, runs_csv
-from swarmdata.figures import SUFFIXES
 from swarmdata.hub.catalog.catalog import load as load_dataset
 from swarmdata.learning_curves import group_files, plot_learning
 from swarmdata.numerics.random import evaluation_seeds

@@ -18,8 +18,8 @@ from swarmdata.aggregate import (
     profile_band,
     thresholds_of,
 )
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, figure
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, GRAY, INK, figure
 from swarmdata.results import Case, ResultSet
 from swarmdata.types import Double
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, figure
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, GRAY, figure
 from swarmdata.report import Column
 from swarmdata.sweep_tables import Degradation, Line, Point
 from swarmdata.types import Double

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from swarmdata.drawing.style import COLORS, FAINT, INK, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.figures import COLORS, FAINT, INK, figure, thousands
 from swarmdata.plots import Curve
 from swarmdata.rollouts.metrics import Estimate
 

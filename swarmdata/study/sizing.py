@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from swarmdata.cards import markdown
+from swarmdata.drawing import markdown
 from swarmdata.report import format_estimate
 from swarmdata.rollouts.metrics import Estimate
 from swarmdata.study.board import Board, board_of, quantity_of

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from swarmdata.cards import markdown
+from swarmdata.drawing import markdown
 from swarmdata.report import UNDEFINED, format_estimate, format_number
 from swarmdata.results import Case
 from swarmdata.rollouts.metrics import Estimate

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmdata.cards import markdown
+from swarmdata.drawing import markdown
 from swarmdata.plots import Curve
 from swarmdata.study.cells import Cell
 from swarmdata.study.data import named

@@ -24,8 +24,8 @@ from swarmdata.behavior_policies.learned import (
 )
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.building.build import make_source_policy
-from swarmdata.cards import markdown
 from swarmdata.cards.render import card_of
+from swarmdata.drawing import markdown
 from swarmdata.errors import (
     CheckpointError,
     DatasetError,
