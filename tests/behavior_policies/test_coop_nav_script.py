@@ -13,7 +13,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.rules import NavigationRules, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy import check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Step
 
 PRESETS = [n for n in preset_names() if isinstance(preset(n).rules, NavigationRules)]

@@ -20,7 +20,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy import check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Double, Step
 
 HALF = np.array([2.5, 2.5])

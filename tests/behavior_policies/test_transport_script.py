@@ -12,7 +12,7 @@ from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy import check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Episode
 
 DEFAULT = preset("transport")

@@ -29,7 +29,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy import check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Double, Float, Int, Seeds
 
 WIDE, NARROW = preset("warehouse"), preset("warehouse-hard")

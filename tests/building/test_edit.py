@@ -27,7 +27,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Edit
 from swarmdata.specs.task_spec import PolicySource, TaskSpec
 from swarmdata.store import assemble, merge_order, write_part
-from swarmdata.testing.dataset import check_dataset
+from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Episode
 from tests.tiny import abandoned

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.testing.algorithm import check_algorithm  # noqa: E402
+from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
 from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)

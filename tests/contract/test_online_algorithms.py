@@ -12,7 +12,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.online import check_online_algorithm
+from swarmdata.testing.online_contract import check_online_algorithm
 
 SPEC = TaskSpec.parse({"horizon": 12, "team": [{"count": 3}]})
 

@@ -10,7 +10,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.registry.components import components, make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy import check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float, Int, Step
 
 SPEC = TaskSpec(horizon=25)

@@ -9,7 +9,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.task_spec import Role, TaskSpec
-from swarmdata.testing.task import check_task
+from swarmdata.testing.task_contract import check_task
 
 OBSERVATIONS = (
     "state",

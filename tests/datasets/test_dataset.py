@@ -10,7 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.rollouts.metrics import Reference
 from swarmdata.store import SPLITS
-from swarmdata.testing import dataset as contract
+from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import N_FEATURES, M, N, S, make_dataset
 from swarmdata.types import Episode
 

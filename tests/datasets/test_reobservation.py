@@ -26,7 +26,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import PolicySource, Recipe, Splits, TaskSpec
 from swarmdata.store import assemble, merge_order
-from swarmdata.testing import dataset as contract
+from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode
 

@@ -20,7 +20,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.task import check_task
+from swarmdata.testing.task_contract import check_task
 from swarmdata.types import Bool, Double, Float, Seeds, Step
 
 UNASSIGNED = {"task": "coop_nav", "goals": "unassigned"}

@@ -17,7 +17,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.task import check_task
+from swarmdata.testing.task_contract import check_task
 from swarmdata.types import Double, Float, Seeds, Step
 
 NOTHING = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}

@@ -22,7 +22,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.rules import NavigationRules, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.task import check_task
+from swarmdata.testing.task_contract import check_task
 from swarmdata.types import Double, Episode, Float, Int, Seeds, Step
 
 DEFAULT = preset("transport")

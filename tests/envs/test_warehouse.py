@@ -22,7 +22,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.task import check_task
+from swarmdata.testing.task_contract import check_task
 from swarmdata.types import (
     STATE_FIELDS,
     STEP_FIELDS,

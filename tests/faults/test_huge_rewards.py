@@ -76,7 +76,7 @@ def test_training_says_that_it_cannot(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="training needs torch")
     from swarmdata.learn.training.trainer import train
     from swarmdata.offline_algos.vdn import VDNConfig
-    from swarmdata.testing.memory import MemoryDataset
+    from swarmdata.testing.memory_dataset import MemoryDataset
     from tests.learn.training.test_trainer import dataset
 
     huge = MemoryDataset([same(episode) for episode in dataset()])

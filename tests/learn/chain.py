@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmdata.testing.memory import MemoryDataset
+from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Episode, Float, no_messages
 
 N_AGENTS = 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.testing.memory import MemoryDataset
+from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Double, Episode, Float, no_messages
 
 N_AGENTS, LENGTH = 2, 12

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.conftest import drive  # noqa: E402
 from tests.offline_algos.toys import batches  # noqa: E402

@@ -12,7 +12,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
 from swarmdata.offline_algos.maddpg_cql import MADDPGCQL  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     made,
     progress_of,

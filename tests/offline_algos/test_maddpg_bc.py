@@ -11,7 +11,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.offline_algos.bc import BC  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     SIZES,

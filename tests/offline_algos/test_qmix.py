@@ -5,7 +5,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import progress_of, trained  # noqa: E402
 
 

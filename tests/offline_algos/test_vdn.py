@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.choices.factored_values import LOSSES  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import progress_of, trained  # noqa: E402
 
 

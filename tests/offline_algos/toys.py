@@ -11,7 +11,7 @@ import torch
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.testing.memory import MemoryDataset
+from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, no_messages
 
 Algorithm = TypeVar("Algorithm")

@@ -17,7 +17,7 @@ from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.verification import logical_digest
 from swarmdata.store.manifest import FileEntry
-from swarmdata.testing.dataset import check_dataset
+from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import (
     SPEC,
     make_dataset,

@@ -25,7 +25,7 @@ from swarmdata.learn.evaluation.fqe import (  # noqa: E402
 from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
 from swarmdata.learn.networks.critics import JointCritics  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.learn.chain import Constant, chain  # noqa: E402
 
 ACTIONS = (0.5, -0.5)

@@ -11,7 +11,7 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP  # noqa: E
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.objectives.td_targets import polyak, td_target, team_reward  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
 
 

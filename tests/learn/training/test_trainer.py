@@ -29,7 +29,7 @@ from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
 from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
 
 SEEDS = (5, 2)

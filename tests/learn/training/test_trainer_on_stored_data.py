@@ -14,7 +14,7 @@ from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBCConfig  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBCConfig  # noqa: E402
-from swarmdata.testing.memory import MemoryDataset  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.testing.synthetic import make_dataset  # noqa: E402
 
 CONFIG = MADDPGBCConfig(
