@@ -254,7 +254,7 @@ def curves(
     log: Annotated[bool, typer.Option(help="with --by: logarithmic joint steps")] = False,
 ) -> None:
     """Draw training curves of online runs."""
-    from swarmdata.reporting import draw_learning, draw_training
+    from swarmdata.evaluation.results.report import draw_learning, draw_training
 
     if by is None:
         draw_training(files, metric, out)
@@ -273,7 +273,7 @@ def render(
     communication: Communication = None,
 ) -> None:
     """Draw one episode: a fresh one of a policy, or a recorded one of a dataset."""
-    from swarmdata.reporting import draw_target
+    from swarmdata.evaluation.results.report import draw_target
 
     draw_target(target, out, episode, task, observation, communication)
     typer.echo(out)
@@ -290,7 +290,7 @@ def references(
     ] = None,
 ) -> None:
     """Measure the reference policies of tasks again (cards/references.json)."""
-    from swarmdata.targets import measure_references
+    from swarmdata.evaluation.results.policy_names import measure_references
 
     for task in tasks:
         table = measure_references(task, episodes)

@@ -40,18 +40,18 @@ def rank(
     No simulator is needed. With --episodes or --results, scores tell how far to trust the criteria.
     """
     from swarmdata.errors import UnknownNameError
-    from swarmdata.ranking_record import CRITERIA
-    from swarmdata.targets import require
+    from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA
+    from swarmdata.evaluation.results.policy_names import require
 
     require("torch", "torch", "ranking policies")
-    from swarmdata import model_selection
+    from swarmdata.evaluation.policy_selection import rank
     from swarmdata.learn.evaluation.fqe import FQEConfig
     from swarmdata.learn.training.overrides import override
 
     criterion = next((name for name in CRITERIA if name == by), None)
     if criterion is None:
         raise UnknownNameError("criterion", by, CRITERIA)
-    ranking = model_selection.rank(
+    ranking = rank.rank(
         runs,
         dataset_id=dataset,
         config=override(FQEConfig(), dict(map(setting, settings or []))),

@@ -30,10 +30,10 @@ def evaluate(
 
     What the folder has of the same policy, task, seeds and version is not measured again.
     """
-    from swarmdata.reporting import shown_cases
-    from swarmdata.results import gather
-    from swarmdata.tables import case_table
-    from swarmdata.targets import evaluate_target, find_target
+    from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+    from swarmdata.evaluation.results.report import shown_cases
+    from swarmdata.evaluation.results.result_set import gather
+    from swarmdata.evaluation.results.result_tables import case_table
 
     found = [find_target(name, task, observation, communication) for name in targets]
     if label is not None:
@@ -60,7 +60,7 @@ def report(
     figures: Annotated[str, typer.Option(help="png, svg or pdf")] = "png",
 ) -> None:
     """Write tables (Markdown, CSV, LaTeX, marl-eval JSON) and figures; refuse mixed results."""
-    from swarmdata.reporting import write_report
+    from swarmdata.evaluation.results.report import write_report
 
     text = write_report(results, out, runs=runs or [], data=data or [], suffix=f".{figures}")
     typer.echo(text, nl=False)

@@ -28,20 +28,20 @@ def study(
 
     Run again after any interruption to go on; what is done is kept.
     """
-    from swarmdata.targets import require
+    from swarmdata.evaluation.results.policy_names import require
 
     require("torch", "torch", "running a study")
     require("matplotlib", "plots", "drawing the figures of a study")
-    from swarmdata.study import conducting
-    from swarmdata.study.plan import Study
+    from swarmdata.evaluation.study import run_study
+    from swarmdata.evaluation.study.plan import Study
 
     plan = Study.from_file(file)
-    options = conducting.Options(out, work, workers, only, again)
+    options = run_study.Options(out, work, workers, only, again)
     if check is not None:
-        found = conducting.check(plan, check, options)
+        found = run_study.check(plan, check, options)
         typer.echo(found.sentence())
         raise typer.Exit(0 if found.is_same else 1)
-    failures, written = conducting.conduct(plan, options, f"swarmdata study {file}")
+    failures, written = run_study.conduct(plan, options, f"swarmdata study {file}")
     typer.echo(written[0])
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)

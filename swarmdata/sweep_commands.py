@@ -32,8 +32,8 @@ def sweep(
 
     One parameter changes at a time, everything else is as in training, on the same seeds.
     """
-    from swarmdata.sweep_axes import parse_axis
-    from swarmdata.sweeping import sweep as run_sweep
+    from swarmdata.evaluation.robustness.sweep import sweep as run_sweep
+    from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 
     axes = [parse_axis(text, "communication", points) for text in communication or []]
     axes += [parse_axis(text, "observation", points) for text in observation or []]

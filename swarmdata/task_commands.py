@@ -99,7 +99,7 @@ def play(
     stride: Annotated[int, typer.Option(min=1, help="control steps between two pictures")] = 2,
 ) -> None:
     """Run a policy for one episode and draw it, with lidar rays and messages if there are any."""
-    from swarmdata.reporting import draw_target
+    from swarmdata.evaluation.results.report import draw_target
     from swarmdata.types import END_REASONS
 
     played = draw_target(

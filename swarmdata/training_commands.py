@@ -53,10 +53,10 @@ def train(
 
     With other models than the recorded ones, the dataset is observed again from its states.
     """
-    from swarmdata.targets import require
+    from swarmdata.evaluation.results.policy_names import require
 
     require("torch", "torch", "training")
-    from swarmdata.training import train_offline, train_online
+    from swarmdata.evaluation.runs.train import train_offline, train_online
 
     _check_subject(context, algorithm, data, task)
     lengths = {"n_frames": None if steps is None else round(steps), "n_updates": updates}
@@ -104,8 +104,8 @@ def ship(
     ] = None,
 ) -> None:
     """Put the mediums of online runs, their replays, and the experts of others into the package."""
+    from swarmdata.evaluation.results.policy_names import require
     from swarmdata.registry.presets import preset
-    from swarmdata.targets import require
 
     require("torch", "torch", "reading online runs")
     from swarmdata.online_algos.selection import seeds_of
@@ -125,7 +125,7 @@ def _changes(
     config: str | None, options: Mapping[str, int | str | None], settings: list[str]
 ) -> dict[str, str]:
     """Settings of an algorithm as text: of a file, then of options, then of `--set`, which wins."""
-    from swarmdata.training import read_settings
+    from swarmdata.evaluation.runs.train import read_settings
 
     changes = {name: str(value) for name, value in options.items() if value is not None}
     named = dict(setting(text) for text in settings)
@@ -137,9 +137,9 @@ def learning(
     out: Annotated[Path, typer.Option(help="folder of curves, table and figure")],
 ) -> None:
     """Write what online training achieved and what it cost."""
-    from swarmdata.targets import require
+    from swarmdata.evaluation.results.policy_names import require
 
     require("torch", "torch", "reading online runs")
-    from swarmdata.online_report import write_online_report
+    from swarmdata.evaluation.results.online_report import write_online_report
 
     typer.echo(write_online_report(runs, out), nl=False)

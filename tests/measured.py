@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.provenance import Provenance
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
-from swarmdata.result_files import Result
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace

@@ -13,8 +13,8 @@ from pathlib import Path
 import torch
 
 import swarmdata
-from swarmdata.provenance import Provenance
-from swarmdata.result_files import Result, save
+from swarmdata.evaluation.results.result_files import Result, save
+from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.rollouts.evaluate import evaluate
 
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 import swarmdata
+from swarmdata.evaluation.runs.train import train_offline
 from swarmdata.interfaces import Policy
 from swarmdata.record import evaluate_parallel, foreign_evaluation_seeds
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.training import train_offline
 
 ID = "simple_spread_v3-mixed-v0"
 OPTIONS = {"continuous_actions": True, "max_cycles": 25}

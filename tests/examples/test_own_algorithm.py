@@ -8,10 +8,10 @@ import pytest
 pytest.importorskip("torch")
 
 import swarmdata
-from swarmdata.provenance import Provenance
+from swarmdata.evaluation.results.result_files import Result, save
+from swarmdata.evaluation.results.result_set import read
+from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.registry.components import make_policy
-from swarmdata.result_files import Result, save
-from swarmdata.results import read
 from swarmdata.rollouts.evaluate import evaluate
 from tests.examples import own_algorithm as example
 from tests.one_process import use_one_process

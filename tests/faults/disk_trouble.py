@@ -22,9 +22,9 @@ from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building import build as build_module
 from swarmdata.building.build import build_folder
 from swarmdata.cards.publish import publish_card
-from swarmdata.clips import write_clip
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
+from swarmdata.evaluation.results.clips import write_clip
 from swarmdata.hub.catalog import catalog
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine

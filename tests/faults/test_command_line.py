@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from swarmdata.cli import app
 from swarmdata.errors import DatasetNotFoundError, UnknownNameError
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.hub.catalog.catalog import find_folder, load
-from swarmdata.targets import find_target
 
 LONG = "x" * 300
 

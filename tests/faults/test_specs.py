@@ -16,6 +16,7 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.errors import SpecError
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.interop.conversion.incoming import Shapes, measured_spec
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.record import Recorder
@@ -27,7 +28,6 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin
 from swarmdata.specs.rules import NavigationRewards
 from swarmdata.specs.task_spec import Recipe, TaskSpec
-from swarmdata.study.plan import Study
 from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting
 

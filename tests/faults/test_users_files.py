@@ -346,7 +346,7 @@ def test_work_folders_have_names_of_ours(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_folder_called_replay_is_the_users(tmp_path: Path) -> None:
     """Row 38: a finished online run removes its replay, so it must be its own."""
     pytest.importorskip("torch")
-    from swarmdata.training import train_online
+    from swarmdata.evaluation.runs.train import train_online
 
     (tmp_path / "replay").mkdir()
     (tmp_path / "replay" / "video.mp4").write_bytes(b"mine")

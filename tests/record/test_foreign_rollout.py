@@ -9,6 +9,7 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.evaluation.results.result_files import Result, load, save
 from swarmdata.record import (
     Recorder,
     evaluate_parallel,
@@ -16,7 +17,6 @@ from swarmdata.record import (
     policy_actions,
     step_of,
 )
-from swarmdata.result_files import Result, load, save
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Float, Int, Step
 from tests.record.worlds import Choosing, Counting, play, steady
@@ -112,10 +112,10 @@ def test_another_environment_is_refused(dataset: Dataset) -> None:
 
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
 def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
+    from swarmdata.evaluation.results.policy_names import find_target
+    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.evaluation.runs.trained_policies import read_trained
     from swarmdata.learn.training.run_folder import load_run
-    from swarmdata.targets import find_target
-    from swarmdata.trained import read_trained
-    from swarmdata.training import train_offline
 
     changes = {"n_updates": "20", "batch_size": "32"}
     policies = train_offline(

@@ -93,8 +93,8 @@ def test_choices_are_learned_and_played(
     dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str
 ) -> None:
     """Random data; a policy that names every number gets (1.5 + 1) / 2 a step, chance 0.625."""
+    from swarmdata.evaluation.runs.train import train_offline
     from swarmdata.learn.training.run_folder import load_run
-    from swarmdata.training import train_offline
 
     changes = {
         "n_updates": "250", "batch_size": "64", "hidden": "32", "regulariser": regulariser,
@@ -189,7 +189,7 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
 @pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
 def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
     spread = pytest.importorskip("mpe2.simple_spread_v3", reason="simple_spread needs mpe2")
-    from swarmdata.training import train_offline
+    from swarmdata.evaluation.runs.train import train_offline
 
     def make() -> Any:
         return spread.parallel_env(N=2, local_ratio=0.5, max_cycles=25, continuous_actions=False)

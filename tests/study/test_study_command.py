@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli import app
-from swarmdata.result_files import load
-from swarmdata.study.cells import cells_of
-from swarmdata.study.costs import Cost
-from swarmdata.study.data import digest_of
-from swarmdata.study.plan import Study
-from swarmdata.study.working import do_cell
-from tests.study.conftest import BC, MADDPG
+from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.study.cells.cell_costs import Cost
+from swarmdata.evaluation.study.cells.cell_worker import do_cell
+from swarmdata.evaluation.study.cells.cells import cells_of
+from swarmdata.evaluation.study.cells.study_data import digest_of
+from swarmdata.evaluation.study.plan import Study
+from tests.evaluation.study.conftest import BC, MADDPG
 
 Make = Callable[..., Study]
 

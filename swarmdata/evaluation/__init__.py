@@ -1,0 +1,1 @@
+"""What trained policies achieve: runs, results, robustness, policy selection, studies."""

@@ -1,0 +1,1 @@
+"""Policy selection without a simulator."""

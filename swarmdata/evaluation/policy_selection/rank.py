@@ -1,0 +1,271 @@
+"""Ranks the policies of offline runs on the validation split of their dataset, without a simulator.
+
+What the literature says of these criteria: fitted Q evaluation ranks policies best among those that
+need no simulator (Paine et al. 2020, "Hyperparameter Selection for Offline Reinforcement Learning";
+Fu et al. 2021, "Benchmarks for Deep Off-Policy Evaluation"); a TD error says little of a policy
+(Fujimoto et al. 2022, "Why Should I Trust You, Bellman?"), and an imitation error says how close a
+policy is to the data, not how good. Where scores are at hand, the ranking says how each one did.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata import __version__
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.policy_selection.rank_statistics import ranking_quality
+from swarmdata.evaluation.policy_selection.ranking_record import (
+    CRITERIA,
+    Criterion,
+    CriterionQuality,
+    Interval,
+    RankedPolicy,
+    Ranking,
+)
+from swarmdata.evaluation.policy_selection.ranking_scores import Scores, read_scores, simulate
+from swarmdata.evaluation.runs.run_files import run_hash
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.interfaces import Policy
+from swarmdata.learn.evaluation.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
+from swarmdata.learn.evaluation.transitions import Transitions
+from swarmdata.learn.evaluation.validation import (
+    imitation_error,
+    td_errors,
+    weighted_imitation_error,
+)
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
+from swarmdata.rollouts import metrics
+from swarmdata.runtime.documents import parse_json
+from swarmdata.types import Double
+
+SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
+"""Of the fitted Q evaluation, in the record."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """The policies of one checkpoint of a run, one per seed, in the order of the run's seeds."""
+
+    name: str  # of the run
+    content: str | None  # SHA-256 of the run's measured files; None of an earlier checkpoint
+    loaded: Loaded
+    td_error: Double | None  # [K] on the validation split, if the algorithm has one
+
+    @property
+    def policies(self) -> list[Policy]:
+        """One per seed."""
+        return self.loaded.policies
+
+
+def rank(
+    folders: Sequence[Path],
+    *,
+    dataset_id: str | None = None,
+    config: FQEConfig | None = None,
+    by: Criterion = "fqe",
+    checkpoints: bool = False,
+    n_episodes: int | None = None,
+    results: Path | None = None,
+    device: str = "cpu",
+    progress: bool = True,
+) -> Ranking:
+    """Ranks every seed of some offline runs of one dataset.
+
+    Args:
+        folders: of the runs.
+        dataset_id: the dataset or its folder, as `load` takes it; None for the one the runs name.
+        config: of the fitted Q evaluation.
+        by: what the policies are sorted by.
+        checkpoints: whether every checkpoint that the runs kept is ranked, not only the last.
+        n_episodes: also measures the policies in the simulator, on so many reserved seeds, and how
+            well each criterion ranked them; None does not.
+        results: a folder that `evaluate --out` filled, from which the same is read instead.
+        device: of torch.
+        progress: whether to show bars.
+
+    Raises:
+        CheckpointError: a folder holds no run, or a damaged one.
+        SchemaError: the runs and the dataset are not of the same data, there are no validation
+            episodes, a policy does not say what it would have done, both `n_episodes` and
+            `results` are given, or `results` are of other policies or not of the same episodes.
+        SpecError: `n_episodes` with a recording of another environment.
+    """
+    config = config or FQEConfig()
+    if n_episodes is not None and results is not None:
+        raise SchemaError("got n_episodes and results, expected one of them: both say scores")
+    dataset = _dataset(folders, dataset_id, progress=progress)
+    parts = dataset.split("train"), dataset.split("validation")
+    found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
+    policies = [policy for each in found for policy in each.policies]
+    statistics = Statistics.measure(parts[0], config.discount)
+    train, held_out = (_ask(policies, part, statistics, config, device) for part in parts)
+    values = fitted_q_evaluation(train, held_out, statistics.return_std, config, progress=progress)
+    scores = _scores(found, dataset, n_episodes, results, progress=progress)
+    rows = _rows(found, values, held_out, None if scores is None else scores.values)
+    return Ranking(
+        code_version=__version__,
+        dataset=dataset.id,
+        digest=dataset.digest,
+        view=dataset.view,
+        by=by,
+        n_validation_episodes=len(parts[1]),
+        **{name: getattr(config, name) for name in SETTINGS},
+        bound=values.bound,
+        data_value=float(held_out.data.initial_returns.mean()),
+        score_unit=None if scores is None else scores.unit,
+        n_score_episodes=None if scores is None else scores.n_episodes,
+        policies=_sorted(rows, by),
+        quality={} if scores is None else _qualities(rows),
+    )
+
+
+def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool) -> Dataset:
+    """The data that all runs learned from, seen as they saw it."""
+    runs = [read_run(folder) for folder in folders]
+    first = runs[0]
+    for folder, run in zip(folders, runs, strict=True):
+        if (run.digest, run.view) != (first.digest, first.view):
+            raise SchemaError(
+                f"{folder} was trained on {run.dataset} (digest {run.digest[:12]}, view {run.view})"
+                f", {folders[0]} on {first.dataset} (digest {first.digest[:12]}, view {first.view})"
+                ". Rank runs of one dataset and one view: values on different data do not compare."
+            )
+    models: dict[str, Any] = {} if first.view is None else parse_json(first.view, "the view")
+    dataset = load(dataset_id or first.dataset, **models, progress=progress)
+    if dataset.digest != first.digest:
+        raise SchemaError(
+            f"{dataset!r} is not what {folders[0]} was trained on: {first.dataset}, digest "
+            f"{first.digest[:12]}. Pass that dataset or its folder."
+        )
+    return dataset
+
+
+def _candidates(
+    folders: Sequence[Path], held_out: Dataset, *, checkpoints: bool, device: str
+) -> list[Candidates]:
+    """The last checkpoint of each run, or all that it kept and the last."""
+    names = [folder.resolve().name for folder in folders]
+    if len(set(names)) < len(names):
+        names = [str(folder) for folder in folders]
+    found = []
+    for name, folder in zip(names, folders, strict=True):
+        last = load_algorithm(folder, device)
+        kept = kept_updates(folder) if checkpoints else ()
+        earlier = (load_algorithm(folder, device, at) for at in kept if at != last.update)
+        for loaded in (*earlier, last):
+            scale = loaded.statistics.return_std
+            n_seeds = len(loaded.run.seeds)
+            seen = framed(held_out, loaded.run.frame)
+            error = td_errors(loaded.algorithm, seen, n_seeds, scale, device)
+            content = run_hash(folder, 0) if loaded is last else None
+            found.append(Candidates(name, content, loaded, error))
+    return found
+
+
+def _ask(
+    policies: Sequence[Policy],
+    part: Dataset,
+    statistics: Statistics,
+    config: FQEConfig,
+    device: str,
+) -> Answered:
+    return Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+
+
+def _scores(
+    found: Sequence[Candidates],
+    dataset: Dataset,
+    n_episodes: int | None,
+    results: Path | None,
+    *,
+    progress: bool,
+) -> Scores | None:
+    """From the simulator, from files, or none."""
+    if n_episodes is not None:
+        policies = [policy for each in found for policy in each.policies]
+        return simulate(policies, dataset, n_episodes, progress=progress)
+    if results is not None:
+        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
+        return read_scores(keys, dataset, results)
+    return None
+
+
+def _rows(
+    found: Sequence[Candidates],
+    values: Values,
+    held_out: Answered,
+    scores: Sequence[float | None] | None,
+) -> list[RankedPolicy]:
+    """One row per policy, in the order of the candidates."""
+    imitation, weighted = imitation_error(held_out), weighted_imitation_error(held_out)
+    rows: list[RankedPolicy] = []
+    for each in found:
+        run = each.loaded.run
+        for index, seed in enumerate(run.seeds):
+            k = len(rows)
+            rows.append(
+                RankedPolicy(
+                    run=each.name,
+                    run_hash=run.hash(),
+                    algorithm=run.algorithm,
+                    seed=seed,
+                    update=each.loaded.update,
+                    fqe=_over_states(values.values[k]),
+                    fqe_curve=tuple(values.curve[:, k].mean(1).tolist()),
+                    fqe_residual=float(values.residual[k].mean()),
+                    fqe_clipped=float(values.clipped[k].mean()),
+                    imitation_error=float(imitation[k]),
+                    weighted_imitation_error=float(weighted[k]),
+                    td_error=None if each.td_error is None else float(each.td_error[index]),
+                    score=None if scores is None else scores[k],
+                )
+            )
+    return rows
+
+
+def _over_states(values: Double) -> Interval:
+    """Mean over fits [M] and initial states [E], and its interval over initial states."""
+    table = values.mean(axis=0)[:, None]
+    value, low, high = metrics.bootstrap(metrics.mean, table, generator=np.random.default_rng(0))
+    return value, low, high
+
+
+def _key(row: RankedPolicy, criterion: Criterion) -> float | None:
+    """What a criterion says of a policy, more is better; None if it says nothing."""
+    value = row.fqe[0] if criterion == "fqe" else getattr(row, criterion)
+    return value if value is None or CRITERIA[criterion][1] else -value
+
+
+def _sorted(rows: Sequence[RankedPolicy], by: Criterion) -> tuple[RankedPolicy, ...]:
+    """The best first; those of which the criterion says nothing come last."""
+    keys = [_key(row, by) for row in rows]
+    if all(key is None for key in keys):
+        raise SchemaError(
+            f"no policy here has a {CRITERIA[by][0]}: {sorted({row.algorithm for row in rows})} "
+            "have no critics that can be measured. Rank by another criterion."
+        )
+    order = sorted(range(len(rows)), key=lambda k: np.inf if keys[k] is None else -keys[k])  # type: ignore[operator]
+    return tuple(rows[k] for k in order)
+
+
+def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality]:
+    """How well each criterion ranked the policies that have it and a score, if two have."""
+    qualities: dict[Criterion, CriterionQuality] = {}
+    for criterion in CRITERIA:
+        pairs = [(_key(row, criterion), row.score) for row in rows]
+        known = [pair for pair in pairs if None not in pair]
+        if len(known) < 2:
+            continue
+        estimates, scores = np.array(known, dtype=np.float64).T
+        made = ranking_quality(estimates, scores)
+        value, low, high = made.spearman
+        qualities[criterion] = CriterionQuality(
+            n_policies=made.n_policies, spearman=(value, low, high), regret=made.regret
+        )
+    return qualities

@@ -1,0 +1,1 @@
+"""Results of evaluations: files, checks, tables, figures and reports."""

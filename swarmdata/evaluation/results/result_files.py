@@ -1,0 +1,251 @@
+"""Results as JSON files, with where the policy comes from and the spec it was measured in.
+
+Floats are their shortest exact decimals and undefined values null. Files of format 1 are read as
+well; they say less about their policies.
+"""
+
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from swarmdata.errors import FormatVersionError, SchemaError, SpecError
+from swarmdata.evaluation.runs.provenance import Provenance, file_name
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.rollouts.metrics import metrics_of
+from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.documents import read_document
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, EvalResult
+
+FORMAT = "swarmdata-evaluation"
+FORMAT_VERSION = 2
+
+FOREIGN_METRICS = frozenset({"return", "length"})
+"""What is measured in environments that are not ours, at least."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """What was measured of one policy, of which policy, and in which world."""
+
+    evaluation: EvalResult
+    provenance: Provenance
+    spec: TaskSpec | RecordedSpec
+    path: Path | None = None  # of its file; None: it was not read from one
+
+    @property
+    def run_folder(self) -> Path | None:
+        """Where the policy's run was when it was measured, None if it has none."""
+        run = self.provenance.run
+        return None if run is None or self.path is None else self.path.parent / run
+
+
+Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
+
+
+class _Document(Frozen):
+    """What a file must hold."""
+
+    format: Literal["swarmdata-evaluation"]
+    format_version: Literal[2]
+    provenance: Provenance
+    task: str
+    spec_hash: str
+    spec: AnySpec
+    seeds: list[Seed]
+    metrics: dict[str, list[float | None]]
+
+
+class _First(Frozen):
+    """What a file of format 1 holds."""
+
+    format: Literal["swarmdata-evaluation"]
+    format_version: Literal[1]
+    code_version: str
+    policy: str
+    task: str
+    spec_hash: str
+    metadata: dict[str, Any]
+    seeds: list[Seed]
+    metrics: dict[str, list[float | None]]
+
+
+def save(result: Result, folder: Path) -> Path:
+    """Writes a result into a folder under the name that `file_name` gives it.
+
+    A temporary file is written first and renamed. A run's folder is kept relative to `folder`, so
+    that both can be moved together.
+
+    Returns:
+        The file.
+
+    Raises:
+        SchemaError: the result is incomplete, not of its spec, or holds what JSON cannot hold.
+    """
+    _check(result, "the result to save")
+    evaluation, provenance = result.evaluation, located(result.provenance, folder)
+    document = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "provenance": provenance.model_dump(mode="json"),
+        "task": evaluation.task,
+        "spec_hash": evaluation.spec_hash,
+        "spec": result.spec.model_dump(mode="json"),
+        "seeds": evaluation.seeds.tolist(),
+        "metrics": {name: _to_json(values) for name, values in evaluation.metrics.items()},
+    }
+    try:
+        text = json.dumps(document, allow_nan=False, separators=(",", ":"))
+    except (TypeError, ValueError) as error:
+        raise SchemaError(
+            f"the result of {evaluation.policy!r} cannot be written as JSON: {error}. Metrics must "
+            "be finite or NaN; a configuration must be plain finite JSON values."
+        ) from error
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / file_name(provenance, evaluation.spec_hash)
+    write_file(path, f"{text}\n".encode())
+    return path
+
+
+def located(provenance: Provenance, folder: Path) -> Provenance:
+    """The same provenance with its run's folder as seen from `folder`."""
+    if provenance.run is None or not Path(provenance.run).is_absolute():
+        return provenance
+    run = Path(os.path.relpath(provenance.run, folder.resolve())).as_posix()
+    return provenance.model_copy(update={"run": run})
+
+
+def _to_json(values: Double) -> list[float | None]:
+    """NaN, which JSON lacks, as None; an infinity stays and is refused by the writer."""
+    return [None if math.isnan(value) else value for value in values.tolist()]
+
+
+def load(path: Path) -> Result:
+    """Reads a result that `save` wrote, with the same bits, or one of format 1.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        SchemaError: the file is not a complete evaluation result, or its spec is not the one that
+            this version makes of it.
+        FormatVersionError: a newer swarmdata wrote it.
+    """
+    path = Path(path)
+    document = _read(path)
+    spec: AnySpec
+    if isinstance(document, _First):
+        provenance, spec = _first_provenance(document, path), _spec_of(document, path)
+    else:
+        provenance, spec = document.provenance, document.spec
+    metrics = {
+        name: np.array([math.nan if v is None else v for v in values], np.float64)
+        for name, values in document.metrics.items()
+    }
+    seeds = np.array(document.seeds, np.uint64)
+    evaluation = EvalResult(provenance.label, document.task, document.spec_hash, seeds, metrics)
+    result = Result(evaluation, provenance, spec, path)
+    _check(result, str(path))
+    return result
+
+
+def _read(path: Path) -> _Document | _First:
+    try:
+        data = read_document(path)
+    except SpecError as error:
+        raise SchemaError(f"{path} is not JSON: {error}. Evaluate again.") from error
+    version = data.get("format_version") if isinstance(data, dict) else None
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise FormatVersionError(
+            f"{path} has evaluation format {version}, this swarmdata reads up to {FORMAT_VERSION}. "
+            "Upgrade swarmdata."
+        )
+    try:
+        return (_First if version == 1 else _Document).parse(data, str(path))
+    except SpecError as error:
+        raise SchemaError(f"{path} is not an evaluation result: {error}") from error
+
+
+def _first_provenance(document: _First, path: Path) -> Provenance:
+    """What a file of format 1 says of its policy: its metadata were free, but ours had a shape."""
+    metadata = document.metadata
+    try:
+        run: dict[str, Any] = metadata.get("run", {})
+        index, seeds = metadata.get("index", 0), run.get("seeds", [])
+        fields = {name: run[name] for name in _OF_FIRST_RUNS if name in run}
+        fields["seed"] = seeds[index] if index < len(seeds) else None
+        fields |= {"label": document.policy, "index": index, "code_version": document.code_version}
+        return Provenance.parse(fields, str(path))
+    except (SpecError, AttributeError, TypeError, LookupError) as error:
+        raise SchemaError(f"{path} is not an evaluation result of format 1: {error}") from error
+
+
+_OF_FIRST_RUNS = ("algorithm", "dataset", "digest", "view", "config", "frames")
+"""What format 1 says of a run, by the names of the fields of a `Provenance`."""
+
+
+def _spec_of(document: _First, path: Path) -> TaskSpec:
+    """The preset under the file's models: format 1 holds only its hash."""
+    found = _named_specs(json.dumps(document.metadata.get("models", {}))).get(document.spec_hash)
+    if found is None:
+        raise SchemaError(
+            f"{path} has format 1, which does not hold its spec, and no preset has its hash "
+            f"{document.spec_hash[:12]}. Evaluate again."
+        )
+    return found
+
+
+@cache
+def _named_specs(models: str) -> dict[str, TaskSpec]:
+    """Every preset under a pair of models, by hash."""
+    specs = (with_models(preset(name), **json.loads(models)) for name in preset_names())
+    return {spec.hash(): spec for spec in specs}
+
+
+def _check(result: Result, where: str) -> None:
+    """Raises unless there is one value per metric and seed, all of one policy and spec."""
+    evaluation, label = result.evaluation, result.provenance.label
+    if evaluation.policy != label:
+        raise SchemaError(f"{where} is of {evaluation.policy!r}, its provenance of {label!r}.")
+    if result.spec.hash() != evaluation.spec_hash:
+        raise SchemaError(
+            f"{where} was measured in spec {evaluation.spec_hash[:12]}, but holds one with hash "
+            f"{result.spec.hash()[:12]} in this version. Evaluate again."
+        )
+    _check_names(result, where)
+    lengths = {name: len(values) for name, values in evaluation.metrics.items()}
+    wrong = {name: n for name, n in lengths.items() if n != len(evaluation.seeds)}
+    if wrong or not len(evaluation.seeds):
+        raise SchemaError(
+            f"{where} has {len(evaluation.seeds)} seeds but metrics of lengths {wrong or lengths}, "
+            "expected one value per seed and at least one. Evaluate again."
+        )
+
+
+def _check_names(result: Result, where: str) -> None:
+    found = set(result.evaluation.metrics)
+    is_foreign = isinstance(result.spec, RecordedSpec)
+    needed = FOREIGN_METRICS if is_foreign else set(metrics_of(result.evaluation.task))
+    missing, unknown = sorted(needed - found), [] if is_foreign else sorted(found - needed)
+    if missing or unknown:
+        raise SchemaError(
+            f"{where} has other metrics than this version: missing {missing}, unknown {unknown}. "
+            "Evaluate again."
+        )
+
+
+def relabel(result: Result, label: str) -> Result:
+    """The same result under another label."""
+    return replace(
+        result,
+        evaluation=replace(result.evaluation, policy=label),
+        provenance=result.provenance.model_copy(update={"label": label}),
+    )

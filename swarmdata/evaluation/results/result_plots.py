@@ -1,0 +1,270 @@
+"""Figures of a result set: scores by dataset, performance profiles, who beats whom, Pareto view.
+
+A label has the same color and marker in all of them.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, figure
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.aggregate import (
+    Point,
+    improvements,
+    mean_over_runs,
+    pareto,
+    profile_band,
+    thresholds_of,
+)
+from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.types import Double
+
+MARKERS = ("o", "s", "^", "D", "v", "P")
+OTHER_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
+"""Labels beyond the colors differ in these."""
+
+DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
+"""Of the mean of a dataset's own episodes."""
+
+
+def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str, dict[str, Any]]:
+    """Color and marker of each label, by name, so that all figures of a report agree.
+
+    Args:
+        trained: labels that learned from data: colors first, then markers change.
+        others: labels that did not, all gray.
+    """
+    looks = {
+        label: {"color": COLORS[k % len(COLORS)], "marker": MARKERS[(k // len(COLORS)) % 6]}
+        for k, label in enumerate(sorted(trained))
+    }
+    for k, label in enumerate(sorted(set(others) - set(trained))):
+        looks[label] = {"color": GRAY, "marker": OTHER_MARKERS[k % len(OTHER_MARKERS)]}
+    return looks
+
+
+def plot_scores(results: ResultSet, path: Path) -> None:
+    """Draws the score of every label on every dataset with its interval, and the data's mean.
+
+    Args:
+        results: what was measured; datasets without a score are left out.
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: no dataset has a score, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    cases = [case for case in results.cases if case.reference is not None]
+    if not cases:
+        raise SchemaError("no dataset has scores to draw: no references were measured.")
+    looks, span = looks_of(results.labels), 0.76
+    slot = span / max(len(results.labels), 1)
+    width = 1.2 + len(cases) * max(1.0, 0.17 * len(results.labels) + 0.35)
+    with figure(path, width=max(5.2, width), height=4.2) as drawing:
+        axes = drawing.add_subplot()
+        for height in (0.0, 100.0):
+            axes.axhline(height, color=FAINT, lw=1.2, zorder=0)
+        for place, case in enumerate(cases):
+            _draw_data(axes, case, place, span)
+            for k, label in enumerate(results.labels):
+                if label in case.runs:
+                    x = place + (k + 0.5) * slot - span / 2
+                    found = mean_over_runs(case.scores(label))
+                    axes.plot([x, x], [found.low, found.high], color=looks[label]["color"], lw=1.6)
+                    axes.plot([x], [found.value], **{"ms": 5, "ls": "none", **looks[label]})
+        _name_datasets(axes, [case.name for case in cases])
+        axes.set_ylabel("score (0 no skill, 100 expert)")
+        axes.grid(axis="y", color=FAINT, lw=0.6)
+        axes.set_axisbelow(True)
+        shown = {label: looks[label] for label in results.labels}
+        _legend(axes, shown, extra=any(case.data_score is not None for case in cases))
+
+
+def _draw_data(axes: Any, case: Case, place: int, span: float) -> None:
+    """The mean of the dataset's own episodes as a line across its labels."""
+    if case.data_score is not None:
+        ends = [place - span / 2, place + span / 2]
+        axes.plot(ends, [case.data_score] * 2, **DATA_LINE, zorder=1)
+
+
+def _name_datasets(axes: Any, names: Sequence[str]) -> None:
+    """Ids below their places; long ones on two lines, without the version zero of all."""
+    short = [name.replace("-mini", "\nmini").replace("-v0", "") for name in names]
+    axes.set_xticks(range(len(names)), [name.replace("-", "\n", 1) for name in short], fontsize=9)
+    axes.set_xlim(-0.5, len(names) - 0.5)
+    axes.tick_params(axis="x", length=0)
+
+
+def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -> None:
+    handles = [_handle(axes, look, label) for label, look in looks.items()]
+    if extra:
+        handles.append(_handle(axes, DATA_LINE, "the data's mean"))
+    axes.legend(
+        handles=handles,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=min(5, len(handles)),
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )
+
+
+def _handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
+    """What a legend shows of a look."""
+    return axes.plot([], [], **{"ms": 5, "ls": "none", **look}, label=label)[0]
+
+
+def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
+    """Draws the share of runs that score above each threshold, with 95 % bands.
+
+    Args:
+        tables: label -> scores [runs, datasets], such as `aggregate.complete(results).tables`.
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: nothing to draw, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    thresholds = thresholds_of(tables)
+    with figure(path, width=6.4, height=3.9) as drawing:
+        axes = drawing.add_subplot()
+        looks, order = looks_of(tables), sorted(tables)
+        for label, table in tables.items():
+            band = profile_band(table, thresholds)
+            color = looks[label]["color"]
+            dash = DASHES[(order.index(label) // len(COLORS)) % len(DASHES)]
+            axes.plot(thresholds, 100 * band.value, color=color, ls=dash, lw=1.7, label=label)
+            axes.fill_between(
+                thresholds, 100 * band.low, 100 * band.high, color=color, alpha=0.12, lw=0
+            )
+        axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
+        axes.set_ylim(-2, 102)
+        axes.margins(x=0)
+        axes.grid(color=FAINT, lw=0.8)
+        axes.set_axisbelow(True)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)  # the best on top
+
+
+def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
+    """Draws the probability that a row's run beats a column's; white is undecided at 95 %.
+
+    Args:
+        tables: label -> scores [runs, datasets].
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: nothing to draw, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if not tables:
+        raise SchemaError("there are no scores to compare, expected at least one label.")
+    labels, pairs = list(tables)[::-1], improvements(tables)  # the best on top
+    n = len(labels)
+    size = 0.56 * n
+    with figure(path, width=max(3.6, 2.2 + size), height=1.6 + 0.8 * size) as drawing:
+        axes = drawing.add_subplot()
+        shown = np.full((n, n), 0.5)
+        for (one, other), found in pairs.items():
+            row, column = labels.index(one), labels.index(other)
+            is_decided = found.low > 0.5 or found.high < 0.5
+            shown[row, column] = found.value if is_decided else 0.5
+            axes.text(
+                column,
+                row,
+                f"{100 * found.value:.0f}",
+                ha="center",
+                va="center",
+                fontsize=9,
+                fontweight="bold" if is_decided else "normal",
+                color="white" if is_decided and abs(found.value - 0.5) > 0.3 else INK,
+            )
+        axes.imshow(shown, cmap="PuOr", vmin=0, vmax=1, aspect="auto")
+        axes.set_xticks(range(n), labels, rotation=45, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(n), labels)
+        axes.set_title("P(row beats column) in %", loc="left")
+        for side in axes.spines.values():
+            side.set_visible(False)
+        axes.tick_params(length=0)
+
+
+def plot_pareto(cases: Collection[Case], path: Path) -> None:
+    """Draws return against collisions, a panel per case; a line joins what no other beats.
+
+    Args:
+        cases: datasets or specs of tasks of this library.
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: nothing to draw, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if not cases:
+        raise SchemaError("there are no cases to draw, expected at least one.")
+    trained = {label for case in cases for label in case.trained}
+    labels = list(dict.fromkeys(label for case in cases for label in case.runs))
+    looks, columns = looks_of(trained, labels), min(3, len(cases))
+    rows = math.ceil(len(cases) / columns)
+    with figure(path, width=2.2 + 3.1 * columns, height=0.5 + 2.8 * rows) as drawing:
+        grid = drawing.subplots(rows, columns, squeeze=False).ravel()
+        for axes, case in zip(grid, cases, strict=False):
+            _draw_front(axes, case, looks)
+        for axes in grid[len(cases) :]:
+            axes.set_visible(False)
+        drawing.supxlabel("collisions per episode", fontsize=10)
+        drawing.supylabel("team return", fontsize=10)
+        handles = [_handle(grid[0], look, label) for label, look in looks.items()]
+        if any(case.data is not None for case in cases):
+            handles.append(_handle(grid[0], DATA_LINE, "the data's mean"))
+        drawing.legend(handles=handles, loc="outside right center", handletextpad=0.4)
+
+
+def _draw_front(axes: Any, case: Case, looks: Mapping[str, Mapping[str, Any]]) -> None:
+    points = pareto(case)
+    front = sorted((p.collisions.value, p.team_return.value) for p in points if p.is_best)
+    axes.step(*zip(*front, strict=True), where="post", color=GRAY, lw=1, zorder=1)
+    for point in points:
+        _draw_point(axes, point, looks[point.label])
+    if case.data is not None:
+        axes.axhline(case.data.mean_return, **DATA_LINE, zorder=0)
+    axes.set_title(case.name.removesuffix("-v0"), loc="left", fontweight="bold")
+    axes.grid(color=FAINT, lw=0.6)
+    axes.set_axisbelow(True)
+    _keep_near(axes, case, points)
+
+
+def _keep_near(axes: Any, case: Case, points: Sequence[Point]) -> None:
+    """Looks at what learned from the data; names policies that are far below or above it."""
+    near = [p.team_return.value for p in points if p.label in case.trained]
+    if not near:
+        return
+    near += [] if case.data is None else [case.data.mean_return]
+    room = max(max(near) - min(near), 1e-9)
+    low, high = min(near) - 0.6 * room, max(near) + 0.6 * room
+    inside = [p for p in points if low <= p.team_return.value <= high]
+    far = [p for p in points if p not in inside]
+    if not far:
+        return
+    ends = [end for p in inside for end in (p.team_return.low, p.team_return.high)] + near
+    margin = 0.08 * (max(ends) - min(ends))
+    axes.set_ylim(min(ends) - margin - 0.1 * (1 + len(far)) * room, max(ends) + margin)
+    most = max(p.collisions.high for p in inside)
+    axes.set_xlim(-0.04 * most, 1.04 * most)
+    words = "\n".join(
+        ["not in view (return at collisions)"]
+        + [f"{p.label}: {p.team_return.value:.1f} at {p.collisions.value:.1f}" for p in far]
+    ).replace("-", "−")
+    axes.text(0.98, 0.03, words, transform=axes.transAxes, ha="right", fontsize=7.5, color=GRAY)
+
+
+def _draw_point(axes: Any, point: Point, look: Mapping[str, Any]) -> None:
+    """Filled if no other beats it."""
+    x, y = point.collisions, point.team_return
+    axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], alpha=0.5, lw=1.4)
+    axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], alpha=0.5, lw=1.4)
+    face = look["color"] if point.is_best else "white"
+    axes.plot([x.value], [y.value], **look, ms=6, mfc=face, ls="none")

@@ -1,0 +1,280 @@
+"""Tables of a result set: one case in detail, labels by dataset, aggregates, and who beats whom.
+
+Beside what was measured stands what the dataset's own episodes have, action noise included.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.errors import UnknownNameError
+from swarmdata.evaluation.results.aggregate import (
+    N_RESAMPLES,
+    Complete,
+    aggregates,
+    complete,
+    improvements,
+    mean_over_runs,
+)
+from swarmdata.evaluation.results.estimate_table import Column, Row, Table
+from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.rollouts import metrics
+from swarmdata.rollouts.metrics import Estimate
+from swarmdata.specs.model_choice import describe
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double
+
+NOTHING = Estimate(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A column, where its values come from, and what the dataset's own episodes have of it."""
+
+    column: Column
+    values: Callable[[Case, str], Double]  # of a label, [runs, episodes]
+    data: Callable[[Case], float | None]  # None: not known
+
+
+def _metric(name: str) -> Callable[[Case, str], Double]:
+    return lambda case, label: case.metric(label, name)
+
+
+def _figure(name: str) -> Callable[[Case], float | None]:
+    return lambda case: None if case.data is None else float(getattr(case.data, name))
+
+
+def _unknown(_: Case) -> float | None:
+    return None
+
+
+def _censored(case: Case, label: str) -> Double:
+    """Time to goal, an unsolved episode counting as the horizon."""
+    return metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
+
+
+SCORE = Quantity(
+    Column("score", "score", "", 1),
+    lambda case, label: case.scores(label),
+    lambda case: case.data_score,
+)
+RETURN = Quantity(Column("return", "return", "", 2), _metric("return"), _figure("mean_return"))
+SUCCESS = Quantity(
+    Column("success", "success", "%", 1, 100.0, is_rate=True),
+    _metric("success"),
+    _figure("success"),
+)
+
+QUANTITIES: Mapping[str, Quantity] = {
+    each.column.key: each
+    for each in (
+        SCORE,
+        RETURN,
+        SUCCESS,
+        Quantity(
+            Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True),
+            _metric("clean_success"),
+            _figure("clean_success"),
+        ),
+        Quantity(
+            Column("robot_collisions", "robot collisions", "", 2),
+            _metric("robot_collisions"),
+            _unknown,
+        ),
+        Quantity(
+            Column("obstacle_collisions", "obstacle collisions", "", 2),
+            _metric("obstacle_collisions"),
+            _unknown,
+        ),
+        Quantity(Column("time_to_goal", "time to goal", "s", 1), _censored, _unknown),
+    )
+}
+"""What tables of our tasks show, by key."""
+
+_FOREIGN = (
+    RETURN,
+    SUCCESS,
+    Quantity(Column("length", "length", "steps", 1), _metric("length"), _unknown),
+)
+
+
+def quantities_of(case: Case) -> tuple[Quantity, ...]:
+    """What was measured in a case: no score without references, other metrics elsewhere."""
+    if isinstance(case.spec, RecordedSpec):
+        measured = [set(r.evaluation.metrics) for runs in case.runs.values() for r in runs]
+        known = set.intersection(*measured)
+        return tuple(each for each in _FOREIGN if each.column.key in known)
+    return tuple(q for q in QUANTITIES.values() if case.reference is not None or q is not SCORE)
+
+
+def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
+    """Everything about one dataset or spec, one row per label.
+
+    A label with one run gets the mean over episodes; its 95 % interval is Wilson's for shares of
+    episodes and a percentile bootstrap over episodes for the rest. A label with several runs, one
+    per training seed, gets the interquartile mean over their means, with a stratified bootstrap
+    over runs. Time to goal counts an unsolved episode as the horizon (`restricted_mean_time`).
+    """
+    quantities = quantities_of(case)
+    rows = [
+        Row(
+            label,
+            len(runs),
+            tuple(estimate(q, case, label, n_resamples) for q in quantities),
+        )
+        for label, runs in case.runs.items()
+    ]
+    own = tuple(_plain(quantity.data(case)) for quantity in quantities)
+    if case.data is not None:
+        rows.insert(0, Row(f"data of {case.dataset}", 0, own))
+    return Table(tuple(q.column for q in quantities), tuple(rows), _case_caption(case))
+
+
+def estimate(
+    quantity: Quantity, case: Case, label: str, n_resamples: int = N_RESAMPLES
+) -> Estimate:
+    """A quantity of a label with its interval; undefined if any episode leaves it undefined."""
+    values = quantity.values(case, label)
+    if np.isnan(values).any():
+        return NOTHING
+    if len(values) == 1 and quantity.column.is_rate:
+        return metrics.wilson_interval(int(values.sum()), values.size)
+    return mean_over_runs(values, n_resamples=n_resamples)
+
+
+def _plain(value: float | None) -> Estimate:
+    """A value without an interval."""
+    return NOTHING if value is None else Estimate(value, math.nan, math.nan)
+
+
+def _case_caption(case: Case) -> str:
+    several = any(len(runs) > 1 for runs in case.runs.values())
+    what = "Mean [95 % interval]" + (
+        "; over several runs, interquartile mean [stratified bootstrap over runs]"
+        if several
+        else ""
+    )
+    spec, runs = case.spec, next(iter(case.runs.values()))
+    where = f"{what}; {len(runs[0].evaluation.seeds)} episodes of {spec.task}"
+    if isinstance(spec, RecordedSpec):
+        return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
+    return (
+        f"{where} on the evaluation seeds, {describe(spec)}, spec {spec.hash()[:12]}. Collisions "
+        f"are contacts that began, per episode. Time to goal counts an unsolved episode as "
+        f"{case.time_limit:g} s."
+    )
+
+
+def metric_table(
+    results: ResultSet, key: str = "score", *, n_resamples: int = N_RESAMPLES
+) -> Table:
+    """One quantity of every label on every dataset, below the mean of the dataset's own episodes.
+
+    Args:
+        results: what was measured.
+        key: of `QUANTITIES`; datasets without it, such as without references, are left out.
+        n_resamples: of each bootstrap.
+
+    Raises:
+        UnknownNameError: no such quantity.
+    """
+    if key not in QUANTITIES:
+        raise UnknownNameError("quantity", key, QUANTITIES)
+    quantity = QUANTITIES[key]
+    shown = quantity.column
+    cases = [case for case in results.cases if quantity in quantities_of(case)]
+    columns = tuple(
+        Column(case.name, case.name, shown.unit, shown.decimals, shown.factor, shown.is_rate)
+        for case in cases
+    )
+    rows = [
+        Row(
+            label,
+            max(len(case.runs.get(label, ())) for case in results.cases),
+            tuple(
+                estimate(quantity, case, label, n_resamples) if label in case.runs else NOTHING
+                for case in cases
+            ),
+        )
+        for label in results.labels
+    ]
+    own = tuple(_plain(quantity.data(case)) for case in cases)
+    if not all(math.isnan(each.value) for each in own):
+        rows.insert(0, Row("data", 0, own))
+    return Table(columns, tuple(rows), _metric_caption(cases, shown))
+
+
+def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
+    seen = "".join(
+        f" {case.name}: seen again with {describe(case.spec)}."
+        for case in cases
+        if case.is_view and isinstance(case.spec, TaskSpec)
+    )
+    scale = " 0 is the better of an idle and a random team, 100 the expert." * (
+        shown.key == "score"
+    )
+    return (
+        f"{shown.label.capitalize()}: interquartile mean over runs [95 % stratified bootstrap]; "
+        f"of a single run, the mean over episodes.{scale} Row data: the mean of the dataset's own "
+        f"episodes, action noise included.{seen}"
+    )
+
+
+def aggregate_table(
+    results: ResultSet,
+    datasets: Sequence[str] | None = None,
+    *,
+    n_resamples: int = N_RESAMPLES,
+) -> Table:
+    """Interquartile mean, mean and optimality gap of the score over datasets, as in `complete`."""
+    found = complete(results, datasets)
+    columns = (
+        Column("iqm", "IQM", "", 1),
+        Column("mean", "mean", "", 1),
+        Column("optimality_gap", "optimality gap", "", 1),
+    )
+    rows = [
+        Row(label, each.n_runs, (each.iqm, each.mean, each.optimality_gap))
+        for label, each in aggregates(found.tables, n_resamples=n_resamples).items()
+    ]
+    own = [results.case(dataset).data_score for dataset in found.datasets]
+    known = [score for score in own if score is not None]
+    if known and len(known) == len(own):
+        table = np.array([known])
+        values = (
+            metrics.iqm(table),
+            metrics.mean(table),
+            metrics.optimality_gap(table),
+        )
+        rows.insert(0, Row("data", 0, tuple(_plain(float(value)) for value in values)))
+    return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")
+
+
+def improvement_table(
+    results: ResultSet,
+    datasets: Sequence[str] | None = None,
+    *,
+    n_resamples: int = N_RESAMPLES,
+) -> Table:
+    """Probability that a run of the row's label beats one of the column's on a random dataset."""
+    found = complete(results, datasets)
+    pairs = improvements(found.tables, n_resamples=n_resamples)
+    columns = tuple(Column(label, label, "", 2) for label in found.tables)
+    rows = tuple(
+        Row(label, len(table), tuple(pairs.get((label, c.key), NOTHING) for c in columns))
+        for label, table in found.tables.items()
+    )
+    caption = (
+        "Probability that a run of the row scores above one of the column, ties one half, "
+        f"{_over(found)} [95 % stratified bootstrap]."
+    )
+    return Table(columns, rows, caption)
+
+
+def _over(found: Complete) -> str:
+    """What aggregates are of, and what is not in them."""
+    left = "".join(f"; {name} left out, {why}" for name, why in found.left_out.items())
+    return f"over runs and {len(found.datasets)} datasets ({', '.join(found.datasets)}{left})"

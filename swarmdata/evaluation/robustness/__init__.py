@@ -1,0 +1,1 @@
+"""Robustness: trained policies under worse communication and sensing."""

@@ -1,0 +1,1 @@
+"""Training runs: how they are started, and which policies they keep."""

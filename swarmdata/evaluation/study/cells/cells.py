@@ -1,0 +1,238 @@
+"""Cell, one algorithm on one dataset with all its seeds, and the cells that a study asks for."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from swarmdata import __version__
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
+from swarmdata.evaluation.study.cells.study_data import named, short, sized
+from swarmdata.evaluation.study.plan import Baseline, Study, Variant
+from swarmdata.learn.training.overrides import override
+from swarmdata.online_algos.run_folder import last_policy_path
+from swarmdata.online_algos.selection import seeds_of
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.specs.frozen import Frozen
+
+ONLINE_FAMILY = "online"
+
+UNDECISIVE = {"family", "source", "run"}
+"""Fields that change neither training nor evaluation: what a family is called, where files are."""
+
+LENGTHS = ("n_updates", "warm_start")
+"""Settings that are numbers of updates: a study's budget scales them together."""
+
+
+class Cell(Frozen):
+    """Everything that decides the results of one cell."""
+
+    kind: Literal["offline", "online", "run"]  # a dataset; a task to train in; a finished run
+    label: str  # of the algorithm, in the study
+    data: str  # short name of the dataset, or of the task
+    family: str
+    algorithm: str
+    config: dict[str, Any]  # every default written out; of a run, empty: `digest` covers it
+    source: str = ""  # dataset to load, or task to train in
+    run: str = ""  # folder of a finished run
+    digest: str  # of the dataset, or of the run's configuration and policies
+    n_steps: int | None = None  # only the first episodes of the dataset
+    observation: str | None = None  # trained and evaluated under other models than the recorded
+    communication: str | None = None
+    frame: str = "auto"  # of offline cells
+    seeds: tuple[int, ...]
+    n_episodes: int
+    curve_every: int | None = None  # updates; None: no learning curve
+    curve_episodes: int = 64
+    device: str = "cpu"
+    code_version: str = __version__
+
+    @property
+    def name(self) -> str:
+        """Unique in a study; also the cell's folder."""
+        return f"{self.label}/{self.data}"
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that decides the results."""
+        content = self.model_dump(mode="json", exclude=UNDECISIVE)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def n_updates(self) -> int:
+        """Length of training in the algorithm's own unit, 0 of a finished run."""
+        return int(self.config.get("n_updates", self.config.get("n_frames", 0)))
+
+
+def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
+    """The cells of a study but those of its sweeps, each once, in the order of the file.
+
+    Args:
+        study: the file.
+        digest_of: the digest of a dataset by its id or folder.
+
+    Raises:
+        UnknownNameError: no such algorithm or setting.
+        SpecError: two cells have one name, an algorithm has a setting of another kind, or no
+            algorithm has a setting that is for all.
+    """
+    _check_settings(study)
+    parts: list[tuple[str, int | None, tuple[str, ...]]] = [
+        (dataset, None, tuple(study.algorithms)) for dataset in study.datasets
+    ]
+    if study.sizes is not None:
+        for dataset in study.sizes.datasets:
+            found = (sized(dataset, size) for size in study.sizes.sizes)
+            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in found]
+    cells: dict[str, Cell] = {}
+    for dataset, n_steps, labels in parts:
+        for label in labels:
+            cell = offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
+            _add(cells, cell)
+    for label, baseline in study.online.items():
+        _add(cells, _online_cell(study, label, baseline))
+    return list(cells.values())
+
+
+def _check_settings(study: Study) -> None:
+    kinds = [
+        resolve("algorithm", OFFLINE_ALGORITHMS, each.algorithm)
+        for each in study.algorithms.values()
+    ]
+    known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
+    if strange := sorted(study.settings.keys() - known):
+        raise SpecError(
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
+            f"expected some of: {', '.join(sorted(known))}"
+        )
+
+
+def _add(cells: dict[str, Cell], cell: Cell) -> None:
+    there = cells.setdefault(cell.name, cell)
+    if there != cell:
+        raise SpecError(
+            f"two different cells are called {cell.name}; datasets of a study need different names"
+        )
+
+
+def offline_cell(
+    study: Study,
+    label: str,
+    dataset: str,
+    digest_of: Callable[[str], str],
+    *,
+    n_steps: int | None = None,
+    observation: str | None = None,
+    communication: str | None = None,
+) -> Cell:
+    """The cell of a variant on a dataset, or on its first joint steps, or seen otherwise."""
+    variant = study.algorithms[label]
+    config = config_of(study, variant)
+    data = named(dataset) + ("" if n_steps is None else f"-{short(n_steps)}")
+    for model in (observation, communication):
+        data += "" if model is None else f"~{model}"
+    curves = study.curves
+    is_drawn = curves is not None and (not curves.datasets or dataset in curves.datasets)
+    every = max(1, config["n_updates"] // curves.points) if curves and is_drawn else None
+    return Cell(
+        kind="offline",
+        label=label,
+        data=data,
+        family=variant.family,
+        algorithm=variant.algorithm,
+        config=config,
+        source=dataset,
+        digest=digest_of(dataset),
+        n_steps=n_steps,
+        observation=observation,
+        communication=communication,
+        frame=variant.frame,
+        seeds=study.seeds,
+        n_episodes=study.episodes,
+        curve_every=every,
+        curve_episodes=curves.episodes if curves else 64,
+        device=study.device,
+    )
+
+
+def config_of(study: Study, variant: Variant) -> dict[str, Any]:
+    """The variant's complete configuration as JSON values, as `config.json` of its runs has it."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, variant.algorithm)
+    config = kind.Config()
+    updates = variant.updates or max(1, round(config.n_updates * study.budget))
+    factor = updates / config.n_updates
+    lengths = {k: v for k, v in dataclasses.asdict(config).items() if k in LENGTHS}
+    changes: dict[str, Any] = {k: max(1, round(v * factor)) for k, v in lengths.items()}
+    if study.hidden is not None:
+        widths = {k: v for k, v in dataclasses.asdict(config).items() if k.endswith("hidden")}
+        changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}
+    names = {field.name for field in dataclasses.fields(config)}
+    changes |= {k: v for k, v in study.settings.items() if k in names}
+    return _json(override(config, _texts({**changes, **variant.settings})))
+
+
+def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
+    shared = {"label": label, "family": ONLINE_FAMILY, "n_episodes": study.episodes}
+    if baseline.run is not None:
+        return _run_cell(Path(baseline.run), shared)
+    assert baseline.algorithm is not None  # checked by Baseline
+    assert baseline.task is not None
+    kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
+    length = {} if baseline.frames is None else {"n_frames": baseline.frames}
+    config = _json(override(kind.Config(), _texts({**length, **baseline.settings})))
+    return Cell(
+        kind="online",
+        data=Path(baseline.task).stem,
+        algorithm=baseline.algorithm,
+        config=config,
+        source=baseline.task,
+        digest="",
+        seeds=study.seeds,
+        **shared,  # type: ignore[arg-type]
+    )
+
+
+def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
+    """The cell that only evaluates the newest policies of a finished online run."""
+    if not run_folders(folder):
+        raise SpecError(
+            f"online baseline {shared['label']!r}: {folder} is no run folder. Train it with: "
+            "swarmdata train, or give algorithm, task and frames in the study."
+        )
+    found = seeds_of([folder])
+    document = json.loads((found[0].folder / CONFIG).read_text(encoding="utf-8"))
+    content = hashlib.sha256()
+    for part in run_folders(folder):
+        content.update((part / CONFIG).read_bytes())
+    for seed in found:
+        content.update(last_policy_path(*seed).read_bytes())
+    return Cell(
+        kind="run",
+        data=document["spec"]["rules"]["task"],
+        algorithm=document["algorithm"],
+        config={},
+        run=str(folder),
+        digest=content.hexdigest(),
+        seeds=tuple(seed.seed for seed in found),
+        **shared,
+    )
+
+
+def _texts(values: Mapping[str, Any]) -> dict[str, str]:
+    """Settings as `--set` takes them."""
+    return {name: _text(value) for name, value in values.items()}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ",".join(map(_text, value))
+    words = {True: "true", False: "false", None: "none"}
+    return words[value] if value is None or isinstance(value, bool) else str(value)
+
+
+def _json(config: Any) -> dict[str, Any]:
+    values: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
+    return values

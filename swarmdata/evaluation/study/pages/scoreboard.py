@@ -1,0 +1,97 @@
+"""Board, the estimates of one quantity by dataset and algorithm, and what may be said of them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.results.result_set import ResultSet
+from swarmdata.evaluation.results.result_tables import (
+    QUANTITIES,
+    RETURN,
+    SCORE,
+    Quantity,
+    estimate,
+    quantities_of,
+)
+from swarmdata.rollouts.metrics import Estimate
+
+Estimates = Mapping[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Board:
+    """One quantity of every algorithm on every dataset, larger is better.
+
+    Attributes:
+        column: how its numbers are written.
+        estimates: dataset -> label -> estimate, in stored units; labels in the study's order.
+        data: dataset -> mean of its own episodes, where it is known.
+        families: label -> family, in the study's order.
+    """
+
+    column: Column
+    estimates: Mapping[str, Estimates]
+    data: Mapping[str, float]
+    families: Mapping[str, str]
+
+    def ranking(self, dataset: str) -> list[str]:
+        """Labels on a dataset, the best first."""
+        found = self.estimates[dataset]
+        return sorted(found, key=lambda label: -found[label].value)
+
+    def bests(self, dataset: str) -> dict[str, str]:
+        """The best label of each family on a dataset, the best family first."""
+        best: dict[str, str] = {}
+        for label in self.ranking(dataset):
+            best.setdefault(self.families[label], label)
+        return best
+
+    def leaders(self, dataset: str) -> list[str]:
+        """The best label, and those whose intervals reach into its own."""
+        first, *others = self.ranking(dataset)
+        found = self.estimates[dataset]
+        return [first, *(name for name in others if found[name].high >= found[first].low)]
+
+    def shown(self, dataset: str) -> dict[str, Estimate]:
+        """Estimates in shown units."""
+        factor = self.column.factor
+        return {
+            label: Estimate(*(factor * value for value in each))
+            for label, each in self.estimates[dataset].items()
+        }
+
+
+def quantity_of(results: ResultSet) -> Quantity:
+    """The score, or the return where a world of the study has no measured references."""
+    is_scored = all(case.reference is not None for case in results.cases)
+    return SCORE if is_scored else RETURN
+
+
+def board_of(results: ResultSet, families: Mapping[str, str], key: str) -> Board:
+    """The board of a quantity.
+
+    Args:
+        results: what was measured.
+        families: label -> family, in the order that is shown.
+        key: of `tables.QUANTITIES`.
+    """
+    quantity = QUANTITIES[key]
+    cases = [case for case in results.cases if quantity in quantities_of(case)]
+    estimates = {
+        case.name: {
+            label: found
+            for label in families
+            if label in case.runs
+            and not math.isnan((found := estimate(quantity, case, label)).value)
+        }
+        for case in cases
+    }
+    known = {case.name: quantity.data(case) for case in cases}
+    data = {name: value for name, value in known.items() if value is not None}
+    return Board(quantity.column, estimates, data, families)
+
+
+def short(dataset: str) -> str:
+    """A dataset's id without the version of all."""
+    return dataset.removesuffix("-v0")

@@ -1,0 +1,280 @@
+"""The figures of a study: scores, return against clean success, sizes of data, training."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmdata.drawing.style import COLORS, FAINT, INK, figure, thousands
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.curve_plots import Curve
+from swarmdata.rollouts.metrics import Estimate
+
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
+"""Of lines, once colors repeat."""
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+"""Of points, once colors repeat."""
+
+MOST_SHARED = 6
+"""Lines in all panels together, up to which they share one legend."""
+
+Estimates = Mapping[str, Estimate]
+
+
+def plot_scores(
+    panels: Mapping[str, Estimates],
+    data: Mapping[str, float],
+    families: Mapping[str, str],
+    path: Path,
+    *,
+    label: str,
+) -> None:
+    """Draws a row for each algorithm and a panel for each dataset, with the data's own mean.
+
+    Args:
+        panels: dataset -> algorithm -> estimate; an algorithm may be absent.
+        data: dataset -> mean of its own episodes, where it is known.
+        families: algorithm -> family, first on top; families have the colors.
+        path: where to save.
+        label: of the value.
+
+    Raises:
+        SchemaError: nothing to draw.
+    """
+    _check(panels, "scores")
+    colors = _by_family(families)
+    n_columns = min(4, len(panels))
+    n_rows = math.ceil(len(panels) / n_columns)
+    height = n_rows * (0.75 + 0.21 * len(families)) + 0.4
+    with figure(path, width=1.5 + 2.35 * n_columns, height=height) as drawing:
+        grid = drawing.subplots(n_rows, n_columns, squeeze=False, sharey=True).ravel()
+        for axes, (dataset, estimates) in zip(grid, panels.items(), strict=False):
+            for y, (name, family) in enumerate(families.items()):
+                if name in estimates:
+                    _interval(axes, estimates[name], y, colors[family])
+            if dataset in data:
+                axes.axvline(data[dataset], color=INK, lw=1.0, ls=(0, (4, 2)), zorder=0)
+            _frame(axes, dataset)
+            axes.tick_params(axis="y", length=0, labelsize=8)
+        _hide(grid[len(panels) :])
+        grid[0].set_yticks(range(len(families)), families)
+        grid[0].set_ylim(len(families) - 0.5, -0.5)
+        drawing.supxlabel(label, fontsize=10)
+        _family_legend(drawing, grid[0], colors, has_data=bool(data))
+
+
+def _check(panels: Mapping[str, object], what: str) -> None:
+    if not panels:
+        raise SchemaError(f"there are no {what} to draw, expected at least one dataset.")
+
+
+def _by_family(families: Mapping[str, str]) -> dict[str, str]:
+    kinds = list(dict.fromkeys(families.values()))
+    return {kind: COLORS[k % len(COLORS)] for k, kind in enumerate(kinds)}
+
+
+def _interval(axes: Any, estimate: Estimate, y: int, color: str) -> None:
+    axes.plot([estimate.low, estimate.high], [y, y], color=color, lw=2.2, alpha=0.55)
+    axes.plot([estimate.value], [y], "o", color=color, ms=4)
+
+
+def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_data: bool) -> None:
+    handles = [
+        axes.plot([], [], "o", color=color, ms=5, label=kind or "algorithms")[0]
+        for kind, color in colors.items()
+    ]
+    if has_data:
+        handles += axes.plot([], [], color=INK, lw=1.0, ls=(0, (4, 2)), label="the data's mean")
+    _legend_above(drawing, handles)
+
+
+def plot_trade(
+    panels: Mapping[str, Mapping[str, tuple[Estimate, Estimate]]],
+    families: Mapping[str, str],
+    path: Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    xlim: tuple[float, float],
+) -> None:
+    """Draws one estimate against another, a panel for each dataset.
+
+    Args:
+        panels: dataset -> algorithm -> (horizontal, vertical) in shown units.
+        families: algorithm -> family; families have the colors, members the markers.
+        path: where to save.
+        xlabel: of the horizontal axis.
+        ylabel: of the vertical axis.
+        xlim: ends of the horizontal axis.
+    """
+    _check(panels, "points")
+    looks = _looks(families)
+    n_columns = min(4, len(panels))
+    n_rows = math.ceil(len(panels) / n_columns)
+    shown = [name for name in looks if any(name in points for points in panels.values())]
+    height = max(0.6 + 2.3 * n_rows, 0.2 + 0.19 * len(shown))  # of the panels, of the legend
+    with figure(path, width=2.0 + 2.45 * n_columns, height=height) as drawing:
+        grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
+        for axes, (dataset, points) in zip(grid, panels.items(), strict=False):
+            for name, (x, y) in points.items():
+                _cross(axes, x, y, looks[name])
+            axes.set_xlim(*xlim)
+            _frame(axes, dataset)
+        _hide(grid[len(panels) :])
+        drawing.supxlabel(xlabel, fontsize=10)
+        drawing.supylabel(ylabel, fontsize=10)
+        handles = [
+            grid[0].plot([], [], ls="none", ms=5, label=name, **looks[name])[0] for name in shown
+        ]
+        drawing.legend(handles=handles, loc="outside right center", fontsize=8)
+
+
+def _cross(axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str]) -> None:
+    axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
+    axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
+    axes.plot([x.value], [y.value], ls="none", ms=5, **look)
+
+
+def _looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Color of the family, marker of the member."""
+    colors, counts = _by_family(families), dict.fromkeys(families.values(), 0)
+    looks = {}
+    for name, family in families.items():
+        looks[name] = {"color": colors[family], "marker": MARKERS[counts[family] % len(MARKERS)]}
+        counts[family] += 1
+    return looks
+
+
+def plot_sizes(
+    panels: Mapping[str, Mapping[str, Mapping[int, Estimate]]],
+    data: Mapping[str, Mapping[int, float]],
+    path: Path,
+    *,
+    ylabel: str,
+) -> None:
+    """Draws an estimate over the number of joint steps, a panel for each dataset.
+
+    Args:
+        panels: dataset -> algorithm -> joint steps -> estimate.
+        data: dataset -> joint steps -> mean of those episodes.
+        path: where to save.
+        ylabel: of the estimate.
+    """
+    _check(panels, "sizes")
+    labels = list(dict.fromkeys(name for each in panels.values() for name in each))
+    with figure(path, width=1.6 + 2.7 * len(panels), height=3.6) as drawing:
+        grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+        for axes, (dataset, lines) in zip(grid, panels.items(), strict=True):
+            for name, points in lines.items():
+                steps, look = sorted(points), _line(labels.index(name))
+                found = [points[step] for step in steps]
+                axes.plot(steps, [e.value for e in found], marker="o", ms=4, label=name, **look)
+                axes.fill_between(
+                    steps, [e.low for e in found], [e.high for e in found],
+                    color=look["color"], alpha=0.13, lw=0,
+                )  # fmt: skip
+            own = data.get(dataset, {})
+            axes.plot(sorted(own), [own[k] for k in sorted(own)], color=INK, lw=1, ls=(0, (4, 2)))
+            axes.set_xscale("log")
+            axes.set_xticks(sorted(own or {n for each in lines.values() for n in each}))
+            axes.set_xticks([], minor=True)
+            axes.xaxis.set_major_formatter(_rounded)
+            _frame(axes, dataset)
+        drawing.supxlabel("joint steps of data", fontsize=10)
+        grid[0].set_ylabel(ylabel)
+        _legend_above(drawing, _handles(grid))
+
+
+def plot_tracks(
+    panels: Mapping[str, Mapping[str, Curve]],
+    path: Path,
+    *,
+    ylabel: str,
+    factor: float = 1.0,
+    is_log: bool = False,
+    n_columns: int = 3,
+) -> None:
+    """Draws values over gradient updates: mean over seeds in a band from lowest to highest.
+
+    Few algorithms have one legend for all panels, many one in each, with colors of its own.
+
+    Args:
+        panels: title -> algorithm -> curve.
+        path: where to save.
+        ylabel: of the values, with unit.
+        factor: to that unit.
+        n_columns: panels beside each other, at most.
+        is_log: whether the axis is symmetric logarithmic: linear from -2 to 2.
+    """
+    _check(panels, "curves")
+    shared = list(dict.fromkeys(name for each in panels.values() for name in each))
+    is_shared = len(shared) <= MOST_SHARED
+    n_columns = min(n_columns, len(panels))
+    n_rows = math.ceil(len(panels) / n_columns)
+    with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
+        grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
+        for axes, (title, curves) in zip(grid, panels.items(), strict=False):
+            for k, (name, curve) in enumerate(curves.items()):
+                _band(axes, curve, factor, name, shared.index(name) if is_shared else k)
+            axes.set_yscale("symlog" if is_log else "linear")
+            axes.xaxis.set_major_formatter(thousands)
+            axes.margins(x=0)
+            _frame(axes, title)
+            if not is_shared:
+                axes.legend(fontsize=7, ncols=2, handlelength=2.2, columnspacing=1.0)
+        _hide(grid[len(panels) :])
+        drawing.supxlabel("gradient updates", fontsize=10)
+        drawing.supylabel(ylabel, fontsize=10)
+        if is_shared:
+            _legend_above(drawing, _handles(grid))
+
+
+def _band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
+    values, look = factor * curve.values, _line(k)
+    axes.plot(curve.progress, values.mean(0), label=label, **look)
+    low, high = values.min(0), values.max(0)
+    axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
+
+
+def _rounded(steps: float, position: int = 0) -> str:
+    """200037 as 200k: sizes hold whole episodes, so a few more steps than were asked for."""
+    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
+
+
+def _line(k: int) -> dict[str, Any]:
+    dashes = DASHES[(k // len(COLORS)) % len(DASHES)]
+    return {"color": COLORS[k % len(COLORS)], "ls": dashes, "lw": 1.6}
+
+
+def _hide(spare: Sequence[Any]) -> None:
+    for axes in spare:
+        axes.set_visible(False)
+
+
+def _frame(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=9, fontweight="bold")
+    axes.grid(color=FAINT, lw=0.6)
+    axes.set_axisbelow(True)
+
+
+def _legend_above(drawing: Any, handles: Sequence[Any]) -> None:
+    """In as many columns as the figure's width has room for, each as wide as the longest name.
+
+    Rows after the first make the figure taller, so that panels keep their height.
+    """
+    points = 7 * max(len(handle.get_label()) for handle in handles) + 50  # of 10-point letters
+    columns = int(72 * drawing.get_figwidth() // points)
+    columns = max(1, min(columns, len(handles)))
+    n_rows = math.ceil(len(handles) / columns)
+    drawing.set_figheight(drawing.get_figheight() + 0.22 * (n_rows - 1))
+    drawing.legend(handles=handles, loc="outside upper center", ncols=columns)
+
+
+def _handles(grid: Sequence[Any]) -> list[Any]:
+    """One line for each label, whatever panels it is in."""
+    found: dict[str, Any] = {}
+    for axes in grid:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(name, handle)
+    return list(found.values())

@@ -1,0 +1,115 @@
+"""The tables of a study, as Markdown."""
+
+from collections.abc import Sequence
+
+from swarmdata.drawing import markdown
+from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate, format_number
+from swarmdata.evaluation.results.result_set import Case
+from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
+from swarmdata.evaluation.study.cells.cell_costs import Cost
+from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.scoreboard import Board, short
+from swarmdata.rollouts.metrics import Estimate
+
+ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisions",
+                  "obstacle_collisions")  # fmt: skip
+
+
+def board_table(board: Board) -> str:
+    """A row for each algorithm, a column for each dataset; the first row is the data's own mean.
+
+    Bold are the best of a column and those whose intervals reach into the best one's.
+    """
+    names = list(board.estimates)
+    head = ("algorithm", "family", *map(short, names))
+    own = ("the data's mean", "", *(_plain(board, name) for name in names))
+    bold = {name: board.leaders(name) if board.estimates[name] else [] for name in names}
+    rows = [
+        (
+            f"`{label}`",
+            family,
+            *(_cell(board, name, label, is_bold=label in bold[name]) for name in names),
+        )
+        for label, family in board.families.items()
+    ]
+    return markdown.table(head, [own, *rows])
+
+
+def _plain(board: Board, dataset: str) -> str:
+    value = board.data.get(dataset)
+    return UNDEFINED if value is None else format_number(value, board.column)
+
+
+def _cell(board: Board, dataset: str, label: str, *, is_bold: bool) -> str:
+    found = board.estimates[dataset].get(label)
+    if found is None:
+        return UNDEFINED
+    text = format_estimate(found, board.column)
+    return f"**{text}**" if is_bold else text
+
+
+def online_table(cases: Sequence[Case]) -> str:
+    """Algorithms that learned in the task itself, measured in the same way; empty without any."""
+    rows = []
+    for case in cases:
+        known = {quantity.column.key: quantity for quantity in quantities_of(case)}
+        for label, runs in case.runs.items():
+            cells = [
+                format_estimate(estimate(known[key], case, label), known[key].column)
+                if key in known
+                else UNDEFINED
+                for key in ONLINE_COLUMNS
+            ]
+            frames = runs[0].provenance.frames
+            rows.append((f"`{label}`", str(len(runs)), f"{frames or 0:,}", *cells))
+    headers = (QUANTITIES[key].column.header for key in ONLINE_COLUMNS)
+    return markdown.table(("algorithm", "seeds", "joint steps", *headers), rows) if rows else ""
+
+
+def cost_table(found: Findings) -> str:
+    """What training and measuring took, by algorithm, over all of its cells."""
+    rows = []
+    for label in dict.fromkeys(cell.label for cell in found.cells):
+        cells = [cell for cell in found.cells if cell.label == label]
+        costs = [found.costs[cell.name] for cell in cells]
+        updates = sorted({cell.n_updates for cell in cells if cell.kind == "offline"})
+        rows.append((f"`{label}`", str(len(cells)), _span(updates), *_cost_cells(costs)))
+    rows.append(
+        ("all", str(len(found.cells)), "", *_cost_cells(list(found.costs.values()), all_of=True))
+    )
+    head = ("algorithm", "cells", "updates of a cell", "updates a second", "processor time",
+            "wall-clock, all cells", "memory of a process")  # fmt: skip
+    return markdown.table(head, rows)
+
+
+def _span(values: Sequence[int]) -> str:
+    if not values:
+        return UNDEFINED
+    ends = (values[0],) if len(values) == 1 else (values[0], values[-1])
+    return " to ".join(f"{value:,}" for value in ends)
+
+
+def _cost_cells(costs: Sequence[Cost], *, all_of: bool = False) -> tuple[str, ...]:
+    """Mean speed, sums of times, largest memory."""
+    speeds = [cost.updates_per_second for cost in costs]
+    known = [speed for speed in speeds if speed]
+    speed = f"{sum(known) / len(known):,.0f}" if known and not all_of else UNDEFINED
+    return (
+        speed,
+        duration(sum(cost.cpu_seconds for cost in costs)),
+        duration(sum(cost.wall_seconds for cost in costs)),
+        f"{max((cost.peak_mb for cost in costs), default=0.0) / 1000:.1f} GB",
+    )
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a reader counts them: 42 s, 3.5 min, 2.1 h."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.1f} h"
+
+
+def written(estimate_: Estimate, board: Board) -> str:
+    """An estimate in words of the board's unit."""
+    unit = f" {board.column.unit}" if board.column.unit else ""
+    return format_estimate(estimate_, board.column) + unit

@@ -1,0 +1,112 @@
+"""The figure of online learning: files become lines, lines become a picture."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.curve_plots import Curve
+from swarmdata.evaluation.results.learning_curves import (
+    group_files,
+    interval_of,
+    plot_learning,
+    spread_labels,
+)
+
+
+def paths(*names: str) -> list[Path]:
+    return [Path(name) for name in names]
+
+
+def test_files_are_grouped_by_their_names() -> None:
+    files = paths("runs/mappo/coop_nav.csv", "runs/vdn/coop_nav.csv", "runs/mappo/formation.csv")
+    found = group_files(files, "algorithm/task")
+    assert list(found) == ["coop_nav", "formation"]
+    assert found["coop_nav"] == {"mappo": [files[0]], "vdn": [files[1]]}
+    several = paths("a/coop_nav-n8-qmix/0/curve.csv", "a/coop_nav-n8-qmix/1/curve.csv")
+    assert group_files(several, "task-algorithm/*/*") == {"coop_nav-n8": {"qmix": several}}
+    assert group_files(paths("mappo/coop_nav.csv"), "algorithm/task")["coop_nav"]["mappo"]
+
+
+@pytest.mark.parametrize("pattern", ["algorithm", "task/*", "algorithm/task/task", ""])
+def test_patterns_name_both_once(pattern: str) -> None:
+    with pytest.raises(SchemaError, match="'algorithm' and 'task' once each"):
+        group_files(paths("mappo/coop_nav.csv"), pattern)
+
+
+def test_files_that_do_not_fit_are_named() -> None:
+    with pytest.raises(SchemaError, match=r"coop_nav.csv does not end as 'algorithm-task' says"):
+        group_files(paths("mappo/coop_nav.csv"), "algorithm-task")
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_interval_holds_the_mean_and_lies_within_the_runs(seed: int, n_runs: int) -> None:
+    values = np.random.default_rng(seed).normal(size=(n_runs, 7))
+    low, high = interval_of(Curve(np.arange(7.0), values))
+    mean = values.mean(axis=0)
+    assert (low <= mean + 1e-12).all()
+    assert (high >= mean - 1e-12).all()
+    assert (low >= values.min(axis=0) - 1e-12).all()
+    assert (high <= values.max(axis=0) + 1e-12).all()
+    shifted = interval_of(Curve(np.arange(7.0), values + 5.0))
+    np.testing.assert_allclose(shifted[0], low + 5.0)
+    if n_runs == 1:
+        np.testing.assert_allclose(low, high)
+
+
+@given(st.lists(st.floats(-0.5, 1.5), min_size=1, max_size=9), st.floats(0.01, 0.1))
+def test_labels_stay_apart_and_in_order(wanted: list[float], gap: float) -> None:
+    ends = np.array(wanted)
+    places = spread_labels(ends, gap)
+    order = np.argsort(ends, kind="stable")
+    assert (np.diff(places[order]) >= gap - 1e-9).all()
+    assert places.min() >= -1e-9
+    assert places.max() <= 1.0 + 1e-9
+
+
+def test_labels_with_room_stay_where_they_are() -> None:
+    np.testing.assert_allclose(spread_labels(np.array([0.9, 0.1, 0.5]), 0.1), [0.9, 0.1, 0.5])
+    np.testing.assert_allclose(spread_labels(np.array([0.5, 0.5]), 0.1), [0.45, 0.55])
+
+
+def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]:
+    curves: dict[str, dict[str, list[Path]]] = {}
+    for task in ("coop_nav", "formation"):
+        for algorithm in ("mappo", "vdn"):
+            file = folder / f"{task}-{algorithm}.csv"
+            rows = [
+                f"{frames},{seed},{frames / 1e6},{frames / 1e5 - seed}"
+                for seed in range(seeds)
+                for frames in (100_000, 500_000, 900_000)
+            ]
+            file.write_text("frames,seed,success,return\n" + "\n".join(rows) + "\n")
+            curves.setdefault(task, {})[algorithm] = [file]
+    return curves
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path, log: bool) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "learning.svg"
+    plot_learning(write_runs(tmp_path), out, log=log)
+    text = out.read_text()
+    for label in ("coop_nav", "formation", "team success (%)", "team return"):
+        assert f"<!-- {label} -->" in text
+    for label in ("mappo (2 runs)", "vdn (2 runs)"):
+        assert text.count(f"<!-- {label} -->") == 4
+
+
+def test_malformed_files_leave_no_figure(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    curves = write_runs(tmp_path)
+    curves["coop_nav"]["vdn"][0].write_text("frames,success\n1,0.5\n")
+    with pytest.raises(SchemaError, match="column 'return' is None"):
+        plot_learning(curves, tmp_path / "x.png")
+    with pytest.raises(SchemaError, match="no curves to draw"):
+        plot_learning({}, tmp_path / "x.png")
+    with pytest.raises(SchemaError, match="no curves to draw"):
+        plot_learning({"coop_nav": {}}, tmp_path / "x.png")
+    assert not (tmp_path / "x.png").exists()

@@ -1,0 +1,206 @@
+"""Names become teams under any models; trained teams refuse what they cannot read."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata import __version__
+from swarmdata.behavior_policies.tiers import checkpoints
+from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
+from swarmdata.evaluation.results import policy_names
+from swarmdata.evaluation.results.policy_names import evaluate_target, find_target, kept_result
+from swarmdata.evaluation.results.result_checks import check_results
+from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.runs.provenance import file_name
+from swarmdata.hub.catalog import catalog
+from swarmdata.registry.presets import preset
+from swarmdata.registry.published import Interval, TaskReferences
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+
+HEADLINE = preset("coop_nav")
+
+
+@pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
+@pytest.mark.parametrize("communication", ["none", "lossy-30", "learned-3"])
+def test_scripted_policies_act_under_any_models(name: str, communication: str) -> None:
+    target = find_target(name, "coop_nav", "lidar", communication)
+    plain = find_target(name)
+    assert target.spec == with_models(HEADLINE, "lidar", communication)
+    (seen,) = evaluate_target(target, 2, progress=False)
+    (base,) = evaluate_target(plain, 2, progress=False)
+    if name != "random":  # whose messages use up random numbers
+        one, other = seen.evaluation.metrics, base.evaluation.metrics
+        assert one["return"].tolist() == other["return"].tolist()
+
+
+def test_a_tier_accepts_noise_and_refuses_other_features() -> None:
+    target = find_target("expert", "coop_nav", "state+noise-0.1")
+    assert len(target.policies) == len(checkpoints("coop_nav", "expert"))
+    assert target.spec.observation.noise.position == 0.1
+    for models in (("lidar", None), (None, "perfect")):
+        with pytest.raises(SchemaError, match="expert was trained with observation state, comm"):
+            find_target("expert", "coop_nav", *models)
+
+
+def test_a_dataset_is_its_policies_under_the_models_given() -> None:
+    assert find_target("coop_nav-random", observation="bearing").spec.observation.kind == "bearing"
+    with pytest.raises(SchemaError, match="coop_nav-medium was trained with"):
+        find_target("coop_nav-medium", observation="bearing")
+
+
+def test_unknown_names() -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
+        find_target("idle", observation="lidr")
+    with pytest.raises(UnknownNameError, match="unknown task 'coop_nv'"):
+        find_target("idle", "coop_nv")
+
+
+def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    def references_of(spec_hash: str) -> TaskReferences | None:
+        if spec_hash != HEADLINE.hash():
+            return None
+        returns = {"idle": -12.0, "random": -13.0, "expert": 6.0}
+        return TaskReferences(
+            spec_hash=spec_hash,
+            n_episodes=10,
+            made_with={},
+            policies={
+                name: {"return": Interval(value=value, low=value, high=value)}
+                for name, value in returns.items()
+            },
+        )
+
+    monkeypatch.setattr("swarmdata.evaluation.results.result_set.references_of", references_of)
+    for task, has_score in ((HEADLINE, True), (TaskSpec(horizon=20), False)):
+        spec = with_models(task, "lidar", "lossy-30")
+        monkeypatch.setattr(policy_names, "find_spec", lambda _, spec=spec: spec)
+        target = find_target("idle")
+        (case,) = gather(evaluate_target(target, 2, progress=False)).baselines
+        table = case_table(case, n_resamples=10)
+        assert ("score" in [column.key for column in table.columns]) == has_score
+
+
+def test_a_run_on_a_view_is_evaluated_under_its_models(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    from swarmdata.errors import CheckpointError
+    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.learn.training.run_folder import read_run
+
+    tiny = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="random",
+        spec=TaskSpec(horizon=15),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=8,
+    )
+    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    models = {"observation": "lidar", "communication": "lossy-30"}
+    settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
+
+    def train(**chosen: Any) -> None:
+        train_offline(
+            "bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen
+        )
+
+    train(**models)
+    run = read_run(tmp_path / "run")
+    assert run.view is not None
+    assert run.spec == with_models(tiny.spec, **models)
+    with pytest.raises(CheckpointError, match="differs in: view is"):
+        train()
+
+    target = find_target(str(tmp_path / "run"))
+    assert target.spec == run.spec
+    (provenance,) = target.provenances
+    assert (provenance.label, provenance.dataset) == ("run", "coop_nav-tiny-v0")
+    assert (provenance.view, provenance.digest) == (run.view, run.digest)
+    assert (provenance.updates, provenance.seed) == (2, 0)
+    assert provenance.config["n_updates"] == 2
+    harder = find_target(str(tmp_path / "run"), "coop_nav", None, "bursty-40")
+    assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
+    with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
+        find_target(str(tmp_path / "run"), communication="none")
+
+    results = tmp_path / "results"
+    (first,) = evaluate_target(target, 2, results, progress=False)
+    (kept,) = evaluate_target(target, 2, results, progress=False)
+    assert (first.path is None, kept.path is None) == (True, False)
+    assert len(list(results.iterdir())) == 1
+    check_results([kept])
+    (tmp_path / "run" / "checkpoint.safetensors").write_bytes(b"trained on")
+    with pytest.raises(ResultsError, match=r"trained on, or again.*\.\./run"):
+        check_results([kept])
+    train_again = shutil.copytree(tmp_path / "run", tmp_path / "other" / "run")
+    moved = provenance.model_copy(update={"run": str(train_again)})
+    with pytest.raises(ResultsError, match="two runs have the label 'run'"):
+        kept_result(target.spec, moved, 2, results)
+
+
+def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+    target = find_target("random")
+
+    def paths(**options: Any) -> list[Path | None]:
+        n_episodes = options.pop("n_episodes", 2)
+        found = evaluate_target(target, n_episodes, tmp_path, progress=False, **options)
+        return [result.path for result in found]
+
+    assert paths() == [None]
+    (path,) = tmp_path.iterdir()
+    assert paths() == [path]
+    assert paths(again=True) == [None]
+    assert paths(n_episodes=3) == [None]  # other episodes replace them
+    old = path.read_text().replace(f'"code_version":"{__version__}"', '"code_version":"0.0.1"')
+    path.write_text(old)
+    assert paths(n_episodes=3) == [None]
+    assert paths(n_episodes=3) == [path]
+    longer = target.spec.model_copy(update={"horizon": target.spec.horizon + 1})
+    (provenance,) = target.provenances  # as if both specs' hashes began alike
+    path.rename(tmp_path / file_name(provenance, longer.hash()))
+    assert kept_result(longer, provenance, 3, tmp_path) is None
+
+
+def test_a_target_may_have_another_label() -> None:
+    ours = find_target("expert").labelled("ours")
+    assert ours.label == "ours"
+    assert {each.label for each in ours.provenances} == {"ours"}
+    assert len({each.content for each in ours.provenances}) == len(ours.policies)
+
+
+@pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
+def test_names_of_both_kinds_train_offline_on_a_dataset(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Online runs of the same names: test_training."""
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    from typer.testing import CliRunner
+
+    from swarmdata.cli import app
+    from swarmdata.learn.training.run_folder import read_run
+
+    tiny = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="random",
+        spec=TaskSpec(horizon=15),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=8,
+    )
+    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    out = str(tmp_path / "run")
+    words = ["train", algorithm, "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
+    settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]
+    result = CliRunner().invoke(app, words + settings)
+    assert result.exit_code == 0, result.output
+    assert read_run(tmp_path / "run").config["regulariser"] == "cql"
+    target = find_target(out)
+    assert target.provenances[0].dataset == "coop_nav-tiny-v0"
+    assert len(evaluate_target(target, 2, progress=False)) == 1
+    result = CliRunner().invoke(app, ["train", "bc", "x", "--regulariser", "cql", "--out", "y"])
+    assert "unknown setting 'regulariser'" in result.output

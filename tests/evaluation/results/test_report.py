@@ -1,0 +1,57 @@
+"""A report holds every table and figure that the results allow."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.report import shown_cases, tables_of, write_report
+from swarmdata.evaluation.results.result_files import save
+from swarmdata.evaluation.results.result_set import gather
+from tests.measured import EXPERT, MEDIUM, foreign, grid, result
+
+MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
+
+
+def test_a_report_of_several_datasets(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the report has pictures")
+    folder, out = tmp_path / "results", tmp_path / "out"
+    for each in [*grid(MEANS, 2), *grid({"iql": {MEDIUM: 0.0}}, 2), result("idle", None)]:
+        save(each, folder)
+    text = write_report([folder], out)
+    tables = ("scores", "aggregates", "improvement", MEDIUM, EXPERT)
+    figures = ("scores", "profile", "improvement", "pareto", MEDIUM, EXPERT)
+    files = {f"{name}{ending}" for name in tables for ending in (".md", ".csv", ".tex")}
+    files |= {f"{name}.png" for name in figures} | {"report.md", "runs.csv", "marl-eval.json"}
+    assert {path.name for path in out.iterdir()} == files
+    assert [line for line in text.splitlines() if line in tables] == list(tables)
+    page = (out / "report.md").read_text()
+    for name in figures:
+        assert f"![{name}]({name}.png)" in page
+    assert "Not in marl-eval.json: iql." in page
+    assert "coop_nav" in json.loads((out / "marl-eval.json").read_text())
+
+
+def test_one_case_is_the_table() -> None:
+    assert list(shown_cases(gather([result("idle", None)]))) == ["table"]
+    assert list(tables_of(gather([result("idle", None)]))) == ["table"]
+    one = tables_of(gather(grid({"bc": {MEDIUM: 1.0}}, 2)))
+    assert list(one) == ["scores", "aggregates", "table"]  # nobody to beat
+    whole = shown_cases(gather([result(), result("idle", None)]))
+    assert list(whole["table"].runs) == ["idle", "bc"]
+
+
+def test_results_of_other_environments_have_a_table_and_no_scores(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the report has pictures")
+    save(foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0]}), tmp_path / "results")
+    write_report([tmp_path / "results"], tmp_path / "out", suffix=".svg")
+    names = {path.stem for path in (tmp_path / "out").iterdir()}
+    assert names == {"table", "report", "runs", "marl-eval"}
+
+
+def test_unknown_pictures_are_refused(tmp_path: Path) -> None:
+    save(result(), tmp_path / "results")
+    with pytest.raises(SchemaError, match=r"figures as '\.gif'"):
+        write_report([tmp_path / "results"], tmp_path / "out", suffix=".gif")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,211 @@
+"""A result's file gives back the same bits, says where they come from, and is refused if broken."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata import __version__
+from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
+from swarmdata.evaluation.results.result_files import Result, load, relabel, save
+from swarmdata.evaluation.runs.provenance import Provenance, file_name
+from swarmdata.specs.model_choice import models_of, with_models
+from tests.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
+
+
+def same(one: Result, other: Result) -> None:
+    assert one.spec == other.spec
+    assert one.provenance == other.provenance
+    a, b = one.evaluation, other.evaluation
+    assert (a.policy, a.task, a.spec_hash) == (b.policy, b.task, b.spec_hash)
+    np.testing.assert_array_equal(a.seeds, b.seeds)
+    assert a.seeds.dtype == b.seeds.dtype == np.uint64
+    assert list(a.metrics) == list(b.metrics)
+    for name in a.metrics:  # NaN equals NaN; everything else has the same bits
+        np.testing.assert_array_equal(a.metrics[name], b.metrics[name])
+
+
+@given(
+    index=st.integers(0, 9),
+    seed=st.none() | st.integers(0, 2**40),
+    values=st.lists(st.floats(allow_nan=True, allow_infinity=False), min_size=3, max_size=3),
+    view=st.none() | st.text(max_size=20),
+)
+def test_saved_and_loaded_bits_are_equal(
+    tmp_path_factory: pytest.TempPathFactory,
+    index: int,
+    seed: int | None,
+    values: list[float],
+    view: str | None,
+) -> None:
+    made = result(index=index, n=3, seed=seed, view=view, frames=7)
+    made.evaluation.metrics["return"][:] = values
+    path = save(made, tmp_path_factory.mktemp("results"))
+    same(load(path), made)
+    assert load(path).path == path
+    assert load(path).provenance.code_version == __version__
+
+
+def test_the_name_is_unique_over_labels_datasets_views_specs_and_indices() -> None:
+    lidar = with_models(COOP_NAV, "lidar")
+    variants = [
+        result(),
+        result("vdn"),
+        result(dataset=None),
+        result(dataset="coop_nav-expert-v0"),
+        result(view="{}"),
+        result(view="{ }"),
+        result(spec=lidar),
+        result(index=1),
+    ]
+    names = {file_name(each.provenance, each.evaluation.spec_hash) for each in variants}
+    assert len(names) == len(variants)
+    assert f"bc--{MEDIUM}--{COOP_NAV.hash()[:8]}-0.json" in names
+    assert f"bc--{COOP_NAV.hash()[:8]}-0.json" in names
+
+
+def test_labels_stay_within_their_folder() -> None:
+    for label in ("../bc", "a/b", "", ".bc", "a\nb", "a\x1b[31m", "b\u0441", "a" * 97, "con"):
+        with pytest.raises(ValueError, match="label"):
+            Provenance(label=label)
+        with pytest.raises(ValueError, match="dataset"):
+            Provenance(label="bc", dataset=label)
+
+
+def test_a_run_is_named_relative_to_the_file(tmp_path: Path) -> None:
+    run, folder = tmp_path / "runs" / "bc", tmp_path / "results"
+    path = save(result(run=str(run)), folder)
+    assert load(path).provenance.run == "../runs/bc"
+    assert load(path).run_folder is not None
+    assert load(path).run_folder.resolve() == run  # type: ignore[union-attr]
+    assert result(run=str(run)).run_folder is None  # not read from a file
+
+
+def test_the_file_is_strict_json_with_null_for_undefined(tmp_path: Path) -> None:
+    def refuse(token: str) -> None:
+        raise AssertionError(token)
+
+    data = json.loads(save(result(), tmp_path).read_text(), parse_constant=refuse)
+    assert data["metrics"]["time_to_goal"][0] is None
+    assert data["spec"]["horizon"] == COOP_NAV.horizon
+
+
+def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
+    path = save(result(), tmp_path)
+    before, broken = path.read_bytes(), result()
+    broken.evaluation.metrics["return"][0] = math.inf
+    with pytest.raises(SchemaError, match="'bc' cannot be written as JSON"):
+        save(broken, tmp_path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_failed_write_leaves_the_old_file_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = save(result(), tmp_path)
+    before = path.read_bytes()
+
+    def full_disk(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full_disk)
+    with pytest.raises(DiskFullError, match="no space is left"):
+        save(result(mean=9.0), tmp_path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def edited(path: Path, **changes: Any) -> Path:
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"note": "hello"}, "note: unknown key"),
+        ({"metrics": {}}, r"missing .*'return'"),
+        ({"seeds": []}, "has 0 seeds but"),
+        ({"spec_hash": "0" * 64}, "was measured in spec 000000000000, but holds one with hash"),
+        ({"provenance": {"label": "bc", "seed": -1}}, "seed: "),
+    ],
+)
+def test_broken_files_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(SchemaError, match=message):
+        load(edited(save(result(), tmp_path), **changes))
+
+
+def test_unreadable_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    with pytest.raises(FileNotFoundError):
+        load(path)
+    path.write_text('{"half": ')
+    with pytest.raises(SchemaError, match="is not JSON"):
+        load(path)
+    path.write_text("[]")
+    with pytest.raises(SchemaError, match="is not an evaluation result"):
+        load(path)
+    with pytest.raises(FormatVersionError, match="format 3, this swarmdata reads up to 2"):
+        load(edited(save(result(), tmp_path), format_version=3))
+
+
+def first_format(path: Path, **changes: Any) -> Path:
+    """A file as the first format had it."""
+    made = evaluation("bc", with_models(COOP_NAV, "lidar"), n=4)
+    document = {
+        "format": "swarmdata-evaluation",
+        "format_version": 1,
+        "code_version": "0.0.9",
+        "policy": "bc",
+        "task": "coop_nav",
+        "spec_hash": made.spec_hash,
+        "metadata": {
+            "models": models_of(with_models(COOP_NAV, "lidar")),
+            "index": 1,
+            "run": {
+                "algorithm": "bc", "dataset": MEDIUM, "digest": "a" * 64, "view": None,
+                "config": {"hidden": [8]}, "seeds": [4, 7],
+            },
+        },
+        "seeds": made.seeds.tolist(),
+        "metrics": {
+            name: [None if math.isnan(v) else v for v in values]
+            for name, values in made.metrics.items()
+        },
+    }  # fmt: skip
+    path.write_text(json.dumps({**document, **changes}))
+    return path
+
+
+def test_the_first_format_is_still_read(tmp_path: Path) -> None:
+    old = load(first_format(tmp_path / "bc-1.json"))
+    assert old.spec == with_models(COOP_NAV, "lidar")
+    found = old.provenance
+    assert (found.label, found.index, found.seed, found.dataset) == ("bc", 1, 7, MEDIUM)
+    assert (found.config, found.code_version) == ({"hidden": [8]}, "0.0.9")
+    bare = load(first_format(tmp_path / "b.json", metadata={}, spec_hash=COOP_NAV.hash()))
+    assert bare.spec == COOP_NAV
+    with pytest.raises(SchemaError, match="no preset has its hash ffffffffffff"):
+        load(first_format(tmp_path / "c.json", spec_hash="f" * 64))
+
+
+def test_results_of_other_environments_are_kept_as_well(tmp_path: Path) -> None:
+    made = foreign(**{"return": [1.0, 2.0], "length": [3.0, 4.0], "success": [math.nan] * 2})
+    same(load(save(made, tmp_path)), made)
+    with pytest.raises(SchemaError, match=r"missing \['length'\]"):
+        save(foreign(**{"return": [1.0, 2.0]}), tmp_path)
+
+
+def test_another_label_is_another_result(tmp_path: Path) -> None:
+    renamed = relabel(result(), "ours")
+    assert load(save(renamed, tmp_path)).evaluation.policy == "ours"
+    torn = replace(result(), provenance=renamed.provenance)
+    with pytest.raises(SchemaError, match="is of 'bc', its provenance of 'ours'"):
+        save(torn, tmp_path)

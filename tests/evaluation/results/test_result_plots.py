@@ -1,0 +1,68 @@
+"""Figures hold what was measured, in every format, and labels look alike in all of them."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.aggregate import complete
+from swarmdata.evaluation.results.result_plots import (
+    looks_of,
+    plot_improvements,
+    plot_pareto,
+    plot_profiles,
+    plot_scores,
+)
+from swarmdata.evaluation.results.result_set import gather
+from swarmdata.specs.task_spec import TaskSpec
+from tests.measured import EXPERT, MEDIUM, grid, result
+
+pytest.importorskip("matplotlib", reason="figures need the plots extra")
+
+MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
+RESULTS = gather([*grid(MEANS), result("idle", None, mean=-12.0)])
+
+
+def words(path: Path) -> str:
+    """An SVG whose letters are outlines still names them in comments."""
+    return path.read_text()
+
+
+def test_looks_differ_and_are_by_name() -> None:
+    names = [f"algorithm_{k}" for k in range(20)]
+    looks = looks_of(names, ["idle", "algorithm_3", "random"])
+    assert len({tuple(look.values()) for look in looks.values()}) == 22
+    assert looks["idle"]["color"] == looks["random"]["color"]
+    assert looks_of(names[::-1]) == looks_of(names)
+
+
+def test_scores_name_datasets_labels_and_the_data(tmp_path: Path) -> None:
+    plot_scores(RESULTS, tmp_path / "scores.svg")
+    text = words(tmp_path / "scores.svg")
+    for name in ("bc", "omar", "the data's mean", "medium", "expert"):
+        assert f"<!-- {name} -->" in text
+    with pytest.raises(SchemaError, match="no dataset has scores"):
+        plot_scores(gather([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
+
+
+def test_profiles_and_improvements_name_every_label(tmp_path: Path) -> None:
+    tables = complete(RESULTS).tables
+    plot_profiles(tables, tmp_path / "a.svg")
+    plot_improvements(tables, tmp_path / "b.svg")
+    for name in ("a.svg", "b.svg"):
+        assert "<!-- omar -->" in words(tmp_path / name)
+    assert "<!-- 100 -->" in words(tmp_path / "b.svg")  # omar beats bc on both datasets
+    with pytest.raises(SchemaError, match="no scores to compare"):
+        plot_improvements({}, tmp_path / "c.svg")
+
+
+def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:
+    cases = [RESULTS.with_baselines(case) for case in RESULTS.cases]
+    plot_pareto(cases, tmp_path / "pareto.svg")
+    text = words(tmp_path / "pareto.svg")
+    assert text.count("<!-- not in view (return at collisions)") == 2
+    assert "idle: −1" in text
+    plot_pareto(RESULTS.baselines, tmp_path / "alone.svg")
+    assert "not in view" not in words(tmp_path / "alone.svg")
+    with pytest.raises(SchemaError, match="no cases to draw"):
+        plot_pareto([], tmp_path / "no.svg")

@@ -1,0 +1,133 @@
+"""Tables show the right numbers with the right interval, and the data's own beside them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from swarmdata.errors import UnknownNameError
+from swarmdata.evaluation.results.estimate_table import Table
+from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_tables import (
+    aggregate_table,
+    case_table,
+    improvement_table,
+    metric_table,
+)
+from swarmdata.registry.published import published
+from swarmdata.rollouts import metrics
+from swarmdata.rollouts.metrics import Estimate
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
+from tests.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
+
+QUICK = 40  # resamples
+
+
+def cells(table: Table, label: str) -> dict[str, Estimate]:
+    keys = [column.key for column in table.columns]
+    (row,) = (row for row in table.rows if row.label == label)
+    return dict(zip(keys, row.estimates, strict=True))
+
+
+def test_one_run_is_averaged_over_episodes() -> None:
+    made = result(n=40)
+    (case,) = gather([made]).cases
+    row = cells(case_table(case), "bc")
+    assert list(row)[:2] == ["score", "return"]
+    returns = made.evaluation.metrics["return"]
+    assert row["return"].value == pytest.approx(returns.mean())
+    assert row["score"].value == pytest.approx(case.scores("bc").mean())
+    standard_error = returns.std() / math.sqrt(40)
+    assert row["return"].high - returns.mean() == pytest.approx(1.96 * standard_error, rel=0.15)
+    assert row["success"] == metrics.wilson_interval(30, 40)
+    assert row["clean_success"] == metrics.wilson_interval(20, 40)
+    assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
+
+
+def test_several_runs_give_the_iqm_over_runs() -> None:
+    runs = [result(index=k, mean=m) for k, m in enumerate((0.0, 1.0, 2.0, 3.0, 50.0))]
+    (case,) = gather(runs).cases
+    table = case_table(case)
+    row = cells(table, "bc")
+    means = sorted(run.evaluation.metrics["return"].mean() for run in runs)
+    assert row["return"].value == pytest.approx(np.mean(means[1:4]))
+    assert row["return"].low < row["return"].value < row["return"].high
+    assert row["success"] == Estimate(0.75, 0.75, 0.75)  # all runs agree
+    assert "interquartile mean" in table.caption
+    assert table == case_table(case)  # repeatable
+
+
+def test_the_data_come_first_without_an_interval() -> None:
+    (case,) = gather([result()]).cases
+    table = case_table(case, n_resamples=QUICK)
+    own = cells(table, f"data of {MEDIUM}")
+    entry = published()[MEDIUM]
+    assert own["return"].value == entry.mean_return
+    assert own["clean_success"].value == entry.clean_success
+    assert math.isnan(own["return"].low)
+    assert math.isnan(own["robot_collisions"].value)
+    assert table.rows[0].n_runs == 0
+    assert "20 episodes of coop_nav on the evaluation seeds" in table.caption
+    assert "observation state, communication none" in table.caption
+
+
+def test_without_references_there_is_no_score() -> None:
+    (case,) = gather([result("idle", None, spec=TaskSpec(horizon=9))]).baselines
+    assert "score" not in cells(case_table(case, n_resamples=QUICK), "idle")
+
+
+def test_other_environments_have_their_own_columns() -> None:
+    made = foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0], "success": [math.nan] * 2})
+    (case,) = gather([made]).cases
+    table = case_table(case, n_resamples=QUICK)
+    row = cells(table, "bc")
+    assert list(row) == ["return", "success", "length"]
+    assert row["length"].value == 4.0
+    assert math.isnan(row["success"].value)
+    assert "counting_v1 of another library" in table.caption
+
+
+MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
+
+
+def test_labels_by_dataset() -> None:
+    results = gather([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), result("idle", None)])
+    table = metric_table(results, n_resamples=QUICK)
+    assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
+    assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
+    row = cells(table, "bc")
+    expected = metrics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
+    assert row[EXPERT].value == pytest.approx(float(expected))
+    assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
+    assert math.isnan(cells(table, "iql")[EXPERT].value)
+    clean = metric_table(results, "clean_success", n_resamples=QUICK)
+    assert cells(clean, "data")[EXPERT].value == published()[EXPERT].clean_success
+    assert clean.columns[0].header == f"{MEDIUM} (%)"
+    with pytest.raises(UnknownNameError, match="Did you mean 'clean_success'"):
+        metric_table(results, "clean_sucess")
+
+
+def test_views_are_explained() -> None:
+    lidar = with_models(COOP_NAV, "lidar")
+    table = metric_table(gather([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK)
+    plain, view = sorted(column.label for column in table.columns)
+    assert f"{view}: seen again with observation lidar" in table.caption
+    assert f"{plain}: seen" not in table.caption
+
+
+def test_aggregates_stand_below_those_of_the_data() -> None:
+    results = gather([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}})])
+    table = aggregate_table(results, n_resamples=QUICK)
+    assert [row.label for row in table.rows] == ["data", "bc", "omar"]
+    own = [case.data_score for case in results.cases]
+    assert cells(table, "data")["mean"].value == pytest.approx(np.mean(own))  # type: ignore[arg-type]
+    assert f"iql left out, not measured on {EXPERT}" in table.caption
+
+
+def test_who_beats_whom() -> None:
+    table = improvement_table(gather(grid(MEANS)), n_resamples=QUICK)
+    assert cells(table, "omar")["bc"].value == 1.0
+    assert cells(table, "bc")["omar"].value == 0.0
+    assert math.isnan(cells(table, "bc")["bc"].value)
+    assert "| omar | 3 | 1.00 [1.00, 1.00] | – |" in table.to_markdown()

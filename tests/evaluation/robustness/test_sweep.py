@@ -1,0 +1,308 @@
+"""Sweeps: the same numbers as an evaluation, resumed after a stop, refused if they say nothing."""
+
+import csv
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("torch", reason="a run is trained")
+pytest.importorskip("matplotlib", reason="a sweep has figures")
+
+from swarmdata.errors import CheckpointError, ResultsError, SpecError
+from swarmdata.evaluation.results import policy_names
+from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.result_set import Case, read, reference_of
+from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.robustness import sweep
+from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
+from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates_of
+from swarmdata.evaluation.robustness.sweep_tables import Degradation
+from swarmdata.evaluation.runs.train import train_offline
+from swarmdata.learn.training.run_folder import read_run
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.metrics import Reference
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
+from swarmdata.types import Double, EvalResult
+from tests.measured import COOP_NAV as SPEC
+from tests.measured import result
+
+DROP = parse_axis("drop=0,0.6", "communication")
+NOISE = parse_axis("noise=0..0.2", "observation", 2)
+N = 3
+
+
+def train(out: Path, dataset: Path, communication: str | None = None, n_updates: str = "2") -> None:
+    settings = {"n_updates": n_updates, "hidden": "8", "batch_size": "16"}
+    train_offline(
+        "bc", str(dataset), out, n_seeds=2, changes=settings, communication=communication,
+        progress=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of runs: `talks` with messages, `silent` without, two seeds each."""
+    folder = tmp_path_factory.mktemp("sweep")
+    dataset = record(folder / "data", TaskSpec(horizon=12), ("random",))
+    for name, communication in (("talks", "lossy-30"), ("silent", None)):
+        train(folder / name, dataset, communication)
+    return folder
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take longer than these sweeps, and have tests of their own."""
+    monkeypatch.setattr(sweep, "plot_degradation", lambda found, out: None)
+
+
+def run_sweep(names: list[Path], axes: list[Axis], out: Path, **options: Any) -> list[Degradation]:
+    return sweep(
+        list(map(str, names)), axes, out, **{"n_episodes": N, "progress": False, **options}
+    )
+
+
+@pytest.fixture(scope="module")
+def swept(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("swept")
+    run_sweep([runs / "talks"], [DROP, NOISE], out)
+    return out
+
+
+def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
+    names = {path.name for path in swept.iterdir()}
+    figures = {"communication-drop.png", "observation-noise.png"}
+    assert names == {"results", "sweep.csv", "sweep.md"} | figures
+    points = ["trained", "communication-drop-0.0", "communication-drop-0.6"]
+    points += ["observation-noise-0.2"]  # noise 0 is as trained
+    folders = {path.name: path for path in (swept / "results").iterdir()}
+    assert folders.keys() == set(points)
+    assert {len(list(folder.iterdir())) for folder in folders.values()} == {2}
+    text = (swept / "sweep.md").read_text()
+    assert "| talks, drop 0.3 (as trained) | 2 |" in text
+    assert "| talks, noise 0 (as trained) | 2 |" in text
+    assert f"The same {N} evaluation seeds" in text
+
+
+@pytest.mark.parametrize(
+    ("point", "models"),
+    [
+        ("trained", {}),
+        ("communication-drop-0.6", {"communication": "lossy-60"}),
+        ("observation-noise-0.2", {"observation": "state+noise-0.2"}),
+    ],
+)
+def test_a_point_is_what_evaluate_measures(
+    swept: Path, runs: Path, tmp_path: Path, point: str, models: dict[str, str]
+) -> None:
+    target, out = find_target(str(runs / "talks"), **models), tmp_path / "results" / point
+    evaluate_target(target, N, out, progress=False)
+    for path in out.iterdir():
+        assert (swept / "results" / point / path.name).read_bytes() == path.read_bytes()
+    (case,) = read([swept / "results" / point]).cases  # a folder is fit for `swarmdata report`
+    assert case.spec == target.spec
+    assert len(case.runs["talks"]) == 2
+
+
+def test_the_csv_is_tidy(swept: Path) -> None:
+    with (swept / "sweep.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["metric"] for row in rows} >= {"return", "success", "clean_success"}
+    keys = [(row["parameter"], row["value"], row["policy"], row["metric"]) for row in rows]
+    assert len(set(keys)) == len(keys)
+    drops = [float(row["value"]) for row in rows if row["metric"] == "return"][:3]
+    assert drops == [0.0, 0.3, 0.6]
+    for row in rows:
+        assert float(row["low"]) <= float(row["estimate"]) <= float(row["high"])
+        if row["metric"] == "return_change" and row["as_trained"] == "1":
+            assert float(row["estimate"]) == 0.0
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_stopped_sweep_goes_on_where_it_was(
+    runs: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+
+    def counted(*arguments: Any, **options: Any) -> EvalResult:
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        calls.append(options["name"])
+        return evaluate(*arguments, **options)
+
+    monkeypatch.setattr(policy_names, "evaluate", counted)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
+    assert len(list(tmp_path.rglob("*.json"))) == 3
+    assert not (tmp_path / "sweep.csv").exists()
+
+    calls.clear()
+    calls.extend(["before"] * 4)  # no more interrupts
+    run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
+    assert len(calls) - 4 == 8 - 3
+    for path in (path for path in swept.rglob("*") if path.suffix in {".csv", ".md", ".json"}):
+        assert (tmp_path / path.relative_to(swept)).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_more_axes_and_points_join_what_is_there(
+    runs: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_sweep([runs / "talks"], [DROP], tmp_path)
+    monkeypatch.setattr(policy_names, "evaluate", None)  # nothing is left to measure
+    (found,) = run_sweep([runs / "talks"], [parse_axis("drop=0.6,0", "communication")], tmp_path)
+    assert [point.value for point in found.lines[0].points] == [0.6, 0.3, 0.0]
+    assert found.falls
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_only_what_changed_is_measured_again(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+
+    def counted(*arguments: Any, **options: Any) -> EvalResult:
+        calls.append(options["name"])
+        return evaluate(*arguments, **options)
+
+    def measured_now(**options: Any) -> list[str]:
+        calls.clear()
+        run_sweep(
+            [tmp_path / "runs" / name for name in ("talks", "silent")], [NOISE], out, **options
+        )
+        return list(calls)
+
+    monkeypatch.setattr(policy_names, "evaluate", counted)
+    shutil.copytree(runs, tmp_path / "runs")
+    out = tmp_path / "out"
+    assert measured_now() == ["talks"] * 4 + ["silent"] * 4
+    assert measured_now(n_episodes=2) == ["talks"] * 4 + ["silent"] * 4
+    assert measured_now(n_episodes=2) == []
+    shutil.rmtree(tmp_path / "runs" / "silent")
+    train(tmp_path / "runs" / "silent", runs / "data", n_updates="3")
+    assert measured_now(n_episodes=2) == ["silent"] * 4
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: Path) -> None:
+    train(tmp_path / "silent", runs / "data", "lossy-30")
+    (found,) = run_sweep([runs / "silent", tmp_path / "silent"], [NOISE], tmp_path / "out")
+    recorded, view = (line.label for line in found.lines)
+    assert recorded == "silent on coop_nav-small-v0"
+    assert view.startswith("silent on coop_nav-small-v0@")
+
+    again = shutil.copytree(runs / "silent", tmp_path / "again" / "silent")
+    with pytest.raises(
+        SpecError, match="two of the teams are called 'silent' on coop_nav-small-v0"
+    ):
+        run_sweep([runs / "silent", again], [NOISE], tmp_path / "none")
+    with pytest.raises(ResultsError, match="two runs have the label 'silent'"):
+        run_sweep([again], [NOISE], tmp_path / "out")
+
+
+def test_what_says_nothing_is_refused_before_anything_is_measured(
+    runs: Path, tmp_path: Path
+) -> None:
+    talks, silent = runs / "talks", runs / "silent"
+    refusals: list[tuple[list[Path], list[Axis], str]] = [
+        ([talks], [], "nothing to sweep"),
+        ([talks, silent], [NOISE, DROP], "silent was trained without messages"),
+        ([talks], [DROP, parse_axis("drop=0,1", "communication")], "drop is swept twice"),
+        ([talks, talks], [NOISE], "called 'talks' on coop_nav-small-v0"),
+        ([Path("expert"), Path("expert")], [NOISE], "called 'expert', so"),
+        ([Path("scripted")], [NOISE], "does not act on what robots see"),
+        ([Path("coop_nav-random")], [NOISE], "does not act on what robots see"),
+        ([talks, Path("expert")], [NOISE], "different worlds"),
+    ]
+    for names, axes, message in refusals:
+        with pytest.raises(SpecError, match=message):
+            run_sweep(names, axes, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_teams_with_and_without_messages_share_an_axis_of_observation(
+    runs: Path, tmp_path: Path
+) -> None:
+    (found,) = run_sweep([runs / "talks", runs / "silent"], [NOISE], tmp_path)
+    assert [line.label for line in found.lines] == ["talks", "silent"]
+    assert [point.value for point in found.lines[1].points] == [0.0, 0.2]
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
+    sight = parse_axis("range=2,1", "observation")
+    (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=1)
+    assert "score" in [column.key for column in found.columns]
+    (line,) = found.lines
+    assert [point.value for point in line.points] == [None, 2.0, 1.0]
+    assert line.trained.estimates[found.column("score_change")] == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_an_actor_critic_trained_on_another_view_is_swept_in_that_view(
+    runs: Path, tmp_path: Path
+) -> None:
+    settings = {"n_updates": "3", "actor_hidden": "8", "critic_hidden": "8", "batch_size": "16"}
+
+    def see(observation: str | None, communication: str | None) -> None:
+        train_offline(
+            "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
+            observation=observation, communication=communication, progress=False,
+        )  # fmt: skip
+
+    see("lidar-8", "lossy-30")
+    run, features = read_run(tmp_path / "seen"), 5 + 4 * 8 + 3 * (4 + 3)
+    assert run.spec == with_models(TaskSpec(horizon=12), "lidar-8", "lossy-30")
+    assert run.observation_size == features
+    assert run.view is not None
+    with pytest.raises(CheckpointError, match="differs in: view is"):
+        see(None, None)
+
+    sight = parse_axis("range=2,1", "observation")
+    found = run_sweep([tmp_path / "seen"], [DROP, sight], tmp_path / "out")
+    assert [point.value for point in found[0].lines[0].points] == [0.0, 0.3, 0.6]
+    assert [(point.value, point.is_trained) for point in found[1].lines[0].points] == [
+        (2.0, True),
+        (1.0, False),
+    ]
+
+
+def with_returns(returns: Double) -> list[Result]:
+    """A result per run, of returns [runs, episodes]."""
+    found = [result(index=k, spec=SPEC, n=len(row)) for k, row in enumerate(returns)]
+    for each, row in zip(found, returns, strict=True):
+        each.evaluation.metrics["return"][:] = row
+    return found
+
+
+@given(st.integers(1, 4), st.integers(0, 2**32 - 1), st.floats(-20, 20), st.floats(1, 9))
+def test_a_change_is_paired(n_runs: int, seed: int, loss: float, span: float) -> None:
+    returns = np.random.default_rng(seed).normal(0, 50, (n_runs, 5))
+    before, after = with_returns(returns), with_returns(returns - loss)
+    np.testing.assert_allclose(change_of(after, before, None), -loss, atol=1e-9)
+    score = change_of(after, before, Reference(0.0, span))
+    np.testing.assert_allclose(score, -100 * loss / span, atol=1e-7)
+    value, low, high = change_of(before, with_returns(np.zeros((n_runs, 5))), None)
+    assert low <= value <= high
+
+
+@pytest.mark.parametrize("n_runs", [1, 3])
+def test_estimates_are_those_of_the_table_of_a_case_on_the_scale_of_training(n_runs: int) -> None:
+    cut = SPEC.with_updates(team=(Role(robot=Robot(sensor_range=0.5)),))
+    assert reference_of(cut) is None
+    runs = [result(index=k, spec=cut) for k in range(n_runs)]
+    columns, estimates = estimates_of(runs, runs, cut, SPEC)
+    table = case_table(Case(None, cut, reference_of(SPEC), None, {"bc": tuple(runs)}))
+    assert columns[:-1] == table.columns
+    np.testing.assert_array_equal(estimates[:-1], table.rows[0].estimates)
+    assert (columns[0].key, columns[-1].key) == ("score", "score_change")
+    assert estimates[-1] == (0.0, 0.0, 0.0)

@@ -1,0 +1,87 @@
+"""The figure of a sweep: every team in every panel, and what it was trained with."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("matplotlib", reason="figures need matplotlib")
+
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.robustness.sweep_plots import PANELS, plot_degradation
+from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
+from swarmdata.rollouts.metrics import Estimate
+
+RATES = ("success", "clean_success")
+
+
+def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line:
+    """A team whose metrics fall along the axis; its time to goal is not defined."""
+    points = [(trained, True), *((value, False) for value in values)]
+    size = len(PANELS) + 1
+    return Line(
+        label,
+        n_runs,
+        tuple(
+            Point(at, is_trained, (Estimate(0.9 - 0.1 * k, 0.8 - 0.1 * k, 1 - 0.1 * k),) * size)
+            for k, (at, is_trained) in enumerate(points)
+        ),
+    )
+
+
+def draw(out: Path, *lines: Line, first: str = "score", name: str = "drop") -> str:
+    columns = tuple(
+        Column(key, key.replace("_", " "), "", 1, 100.0 if key in RATES else 1.0, key in RATES)
+        for key in (first, *PANELS)
+    )
+    plot_degradation(Degradation("communication", name, columns, lines, 9, falls=False), out)
+    return out.read_text(encoding="utf-8")
+
+
+def said(svg: str) -> list[str]:
+    """Texts of an SVG, which are drawn as paths under a comment."""
+    return re.findall(r"<!-- (.*?) -->", svg)
+
+
+def test_panels_and_legend(tmp_path: Path) -> None:
+    texts = said(draw(tmp_path / "x.svg", line("bc", 3, 0.3, 0.5, 0.8), line("one", 1, 0.0, 0.8)))
+    for text in ("score", "success", "robot collisions", "bc (3 seeds)", "one", "as trained"):
+        assert text in texts
+    assert texts.count("share of messages lost") == 3
+    assert "as trained, not on the axis" not in texts
+
+
+def test_a_training_without_a_place_on_the_axis_has_a_line_of_its_own(tmp_path: Path) -> None:
+    texts = said(draw(tmp_path / "x.svg", line("bc", 3, None, 2, 1), first="return", name="other"))
+    assert "return" in texts
+    assert "communication other" in texts
+    assert "as trained, not on the axis" in texts
+    assert "as trained" not in texts
+
+
+def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
+    team = line("bc", 2, 0.0, 0.5)
+    low = tuple(
+        replace(point, estimates=(Estimate(-40.0, -44.0, -36.0), *point.estimates[1:]))
+        for point in team.points
+    )
+    texts = said(draw(tmp_path / "x.svg", replace(team, points=low)))
+    assert "\N{MINUS SIGN}40" in texts
+    assert texts.count("0") == 1 + len(RATES)
+
+
+def test_the_same_sweep_is_the_same_file(tmp_path: Path) -> None:
+    teams = [line(f"team {k}", 2, 0.0, 0.5) for k in range(7)]  # colors repeat after six
+    assert draw(tmp_path / "a.svg", *teams) == draw(tmp_path / "b.svg", *teams)
+
+
+def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="no points"):
+        draw(tmp_path / "x.svg")
+    with pytest.raises(SchemaError, match="no points"):
+        draw(tmp_path / "x.svg", line("bc", 1, None))
+    with pytest.raises(SchemaError, match="draw fewer"):
+        draw(tmp_path / "x.svg", *(line(str(k), 1, 0.0, 1.0) for k in range(19)))
+    assert not (tmp_path / "x.svg").exists()

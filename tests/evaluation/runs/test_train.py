@@ -1,0 +1,244 @@
+"""Training as the command line does it: settings, folders, processes, and wrong usage."""
+
+import shutil
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("torch", reason="training needs the torch extra")
+
+from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
+from swarmdata.cli import app
+from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
+from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.runs.run_files import run_hash
+from swarmdata.evaluation.runs.train import read_settings, train_online
+from swarmdata.learn.training.overrides import override
+from swarmdata.online_algos.mappo import MAPPOConfig
+from swarmdata.online_algos.run_folder import last_policy
+from swarmdata.online_algos.shaping import Shaping
+from swarmdata.online_algos.training import read_online_run
+from swarmdata.perception.frames import find_frame
+from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
+from swarmdata.registry.presets import preset
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import TaskSpec
+
+CONFIGS = sorted(
+    Path(file.name).stem for file in (files("swarmdata.online_algos") / "configs").iterdir()
+)
+SMALL = {"n_copies": "4", "n_steps": "4", "hidden": "8", "minibatch": "64"}
+
+
+def run(*arguments: str | Path, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few episodes measure a checkpoint, and there is one checkpoint."""
+    from swarmdata.evaluation.runs import train
+    from swarmdata.online_algos.training import describe_run
+
+    def describe(*arguments: Any) -> Any:
+        return describe_run(*arguments, n_checkpoints=1, n_episodes=2)
+
+    monkeypatch.setattr(train, "describe_run", describe)
+
+
+@pytest.fixture
+def task(tmp_path: Path) -> Path:
+    """A spec's file."""
+    file = tmp_path / "short.yaml"
+    file.write_text(TaskSpec(horizon=10).to_yaml())
+    return file
+
+
+def settings() -> list[str]:
+    return [word for key, value in SMALL.items() for word in ("--set", f"{key}={value}")]
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> None:
+    config = override(MAPPOConfig(), read_settings(name))
+    assert config != MAPPOConfig()
+    assert config.n_frames >= 500_000
+    Shaping.of(config)
+    task = max((each for each in FAMILIES if name.startswith(f"{each}-")), key=len)
+    env = make_env(preset(task), 1)
+    assert (find_frame(env.features, config.frame) is None) == (config.frame == "world")
+
+
+def test_the_shipped_experts_have_settings() -> None:
+    trained = {family for family in FAMILIES if checkpoints(family, "expert")}
+    carried_over = {"coop_nav-n8"}  # from teams of 4
+    assert {f"{family}-expert" for family in trained - carried_over} <= set(CONFIGS)
+
+
+def test_settings_are_read_as_the_command_line_takes_them(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(
+        "n_frames: 5000\ncontact_ramp: [-1.0, 0]\nteacher_remembers: false\nhidden: 8\n"
+    )
+    config = override(MAPPOConfig(), read_settings(str(file)))
+    assert (config.n_frames, config.hidden) == (5000, 8)
+    assert config.contact_ramp == (-1.0, 0.0)
+    assert not config.teacher_remembers
+
+
+def test_wrong_settings_are_errors(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'coop_nav-expert'"):
+        read_settings("coop_nav-expart")
+    with pytest.raises(UnknownNameError, match="unknown settings"):
+        read_settings(str(tmp_path / "absent.yaml"))
+    file = tmp_path / "list.yaml"
+    file.write_text("- hidden\n")
+    with pytest.raises(SpecError, match="holds list, expected a table"):
+        read_settings(str(file))
+    with pytest.raises(UnknownNameError, match="Did you mean 'hidden'"):
+        override(MAPPOConfig(), {"hidde": "8"})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("mappo", "coop_nav"), "mappo needs --task TASK"),
+        (("mappo",), "mappo needs --task TASK"),
+        (("mappo", "coop_nav-random", "--task", "coop_nav"), "mappo needs --task TASK"),
+        (("bc", "--task", "coop_nav"), "bc needs a dataset's ID"),
+        (("vdn",), "vdn needs a dataset's ID or --task TASK"),
+        (("qmix", "coop_nav-random", "--task", "coop_nav"), "qmix needs a dataset's ID or --task"),
+        (("vdn", "--task", "coop_nav", "--updates", "8"), "--updates: vdn has no such option in a"),
+        (("qmix", "--task", "coop_nav", "--regulariser", "bc"), "--regulariser: qmix has no such"),
+        (("vdn", "coop_nav-random", "--steps", "8"), "--steps: vdn has no such option on a"),
+        (("bc",), "bc needs a dataset's ID"),
+        (("mappo", "--task", "coop_nav", "--set", "hidden"), "is not KEY=VALUE"),
+        (("mappo", "--task", "coop_nav", "--updates", "8"), "--updates: mappo has no such"),
+        (("mappo", "--task", "coop_nav", "--device", "cpu"), "--device: mappo has no such"),
+        (("bc", "coop_nav-random", "--first-seed", "4"), "--first-seed: bc has no such"),
+        (("bc", "coop_nav-random", "--workers", "2"), "--workers: bc has no such option"),
+    ],
+)
+def test_wrong_usage_is_code_2(arguments: tuple[str, ...], message: str) -> None:
+    output = run("train", *arguments, code=2)
+    words = " ".join(output.replace("\u2502", " ").split())  # without the frame and its lines
+    assert message in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("mapo", "--task", "coop_nav"), "Did you mean 'mappo'"),
+        (("mappo", "--task", "coop_nv"), "Did you mean 'coop_nav'"),
+        (("mappo", "--task", "coop_nav", "--set", "hidde=8"), "Did you mean 'hidden'"),
+        (("mappo", "--task", "coop_nav", "--config", "x"), "unknown settings 'x'"),
+    ],
+)
+def test_unknown_names_are_code_1(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    output = run("train", *arguments, "--out", tmp_path / "run", code=1)
+    assert output.startswith("UnknownNameError")
+    assert message in output
+    assert not (tmp_path / "run").exists()
+
+
+def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path) -> None:
+    out, file = tmp_path / "run", tmp_path / "own.yaml"
+    file.write_text("hidden: 16\nn_frames: 16\n")
+    command: tuple[str | Path, ...] = (
+        "train", "mappo", "--task", task, "--seeds", "2", "--first-seed", "5", "--steps", "3.2e1",
+        "--config", file, "--out", out, *settings(),
+    )  # fmt: skip
+    assert run(*command) == f"{out}\n"
+    curve = (out / "curve.csv").read_bytes()
+    run(*command)
+    assert (out / "curve.csv").read_bytes() == curve
+    assert read_online_run(out).seeds == (5, 6)
+    config = read_online_run(out).config
+    assert (config["hidden"], config["n_frames"]) == (8, 32)  # --set wins, --steps too
+    results = tmp_path / "results"
+    run("evaluate", out, "--episodes", "2", "--out", results)
+    written = [load(file) for file in sorted(results.iterdir())]
+    assert [each.provenance.seed for each in written] == [5, 6]
+    assert {each.provenance.frames for each in written} == {32}
+    assert written[0].spec == TaskSpec(horizon=10)
+
+
+@pytest.mark.parametrize("algorithm", ONLINE_ALGORITHMS)
+def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path: Path) -> None:
+    kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
+    replay = {"batch_size": "4", "capacity": "64", "margin": "64", "warm_up": "8"}
+    known = kind.Config.__dataclass_fields__
+    changes = {k: v for k, v in {**SMALL, **replay, "n_frames": "32"}.items() if k in known}
+    out = tmp_path / "run"
+    train_online(algorithm, str(task), out, seeds=(4, 2), changes=changes, progress=False)
+    target = find_target(str(out))
+    assert target.label == "run"
+    assert target.spec == TaskSpec(horizon=10)
+    assert {each.algorithm for each in target.provenances} == {algorithm}
+    assert [each.seed for each in target.provenances] == [4, 2]
+    contents = [run_hash(out, seed) for seed in (4, 2)]
+    assert [each.content for each in target.provenances] == contents
+    step = make_env(target.spec, 3).reset(np.arange(3, dtype=np.uint64))
+    for seed, policy in zip((4, 2), target.policies, strict=True):
+        np.testing.assert_array_equal(policy.act(step), last_policy(out, seed).act(step))
+    assert len(evaluate_target(target, 2, progress=False)) == 2
+    with pytest.raises(SchemaError, match="was trained with observation state"):
+        find_target(str(out), observation="lidar")
+
+
+def test_robots_may_learn_under_other_models(task: Path, tmp_path: Path) -> None:
+    changes = {**SMALL, "n_frames": "16", "frame": "world"}
+    out = tmp_path / "run"
+    train_online(
+        "mappo", str(task), out, seeds=(0,), changes=changes, observation="lidar", progress=False
+    )
+    assert find_target(str(out)).spec == with_models(TaskSpec(horizon=10), "lidar", None)
+
+
+def test_a_run_without_checkpoints_is_no_target_yet(task: Path, tmp_path: Path) -> None:
+    changes = {**SMALL, "n_frames": "16"}
+    train_online("mappo", str(task), tmp_path / "run", seeds=(0,), changes=changes, progress=False)
+    last = next((tmp_path / "run" / "policies" / "seed-0").iterdir())
+    last.unlink()
+    with pytest.raises(BuildError, match="wait for its first checkpoint"):
+        find_target(str(tmp_path / "run"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="exit codes of processes")
+def test_processes_share_the_seeds_and_their_failures_are_told(
+    task: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    changes, out = {**SMALL, "n_frames": "16"}, tmp_path / "run"
+
+    def train(**other: str) -> None:
+        train_online(
+            "mappo", str(task), out, seeds=(0, 1, 2), changes=changes | other, workers=2,
+            progress=False,
+        )  # fmt: skip
+
+    train()
+    assert sorted(path.name for path in out.iterdir()) == ["seeds-0-1", "seeds-2"]
+    assert [each.seed for each in find_target(str(out / "seeds-2")).provenances] == [2]
+    whole = find_target(str(out))
+    assert (whole.label, len(whole.policies)) == ("run", 3)
+    assert [each.seed for each in whole.provenances] == [0, 1, 2]
+    assert [Path(str(each.run)).name for each in whole.provenances] == [
+        "seeds-0-1", "seeds-0-1", "seeds-2",
+    ]  # fmt: skip
+    train_online("mappo", str(task), tmp_path / "alone", seeds=(2,), changes=changes)
+    step = make_env(TaskSpec(horizon=10), 3).reset(np.arange(3, dtype=np.uint64))
+    alone = last_policy(tmp_path / "alone", 2).act(step)
+    np.testing.assert_array_equal(last_policy(out, 2).act(step), alone)
+    shutil.rmtree(out / "seeds-2")
+    with pytest.raises(BuildError, match="1 of 2 processes failed"):
+        train(hidden="16")
+    assert "holds another run, which differs in config" in capfd.readouterr().err

@@ -1,0 +1,127 @@
+"""One cell: done once, the same after any interruption, small when it is done."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.errors import BuildError, SchemaError
+from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.study.cells.cell_costs import Cost
+from swarmdata.evaluation.study.cells.cell_worker import (
+    COST,
+    DATA,
+    ERROR,
+    RESULTS,
+    _handle,
+    claimed_by_other,
+    do_cell,
+    is_done,
+    run_of,
+)
+from swarmdata.evaluation.study.cells.cells import Cell, cells_of
+from swarmdata.evaluation.study.cells.study_data import Facts, digest_of, open_data
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.checkpoint import load_checkpoint
+from swarmdata.learn.training.run_folder import CHECKPOINT
+from tests.evaluation.study.conftest import MADDPG
+
+Make = Callable[..., Study]
+
+
+def cell_of(study: Study, name: str | None = None) -> Cell:
+    found = cells_of(study, digest_of)
+    return next(cell for cell in found if name in (None, cell.name))
+
+
+def returns(folder: Path) -> list[list[float]]:
+    files = sorted((folder / RESULTS).glob("*.json"))
+    return [load(file).evaluation.metrics["return"].tolist() for file in files]
+
+
+def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
+    cell = cell_of(make_study(curves={"points": 2, "episodes": 2}))
+    told: list[int] = []
+    assert not is_done(cell, tmp_path / "c")
+    do_cell(cell, tmp_path / "c", told.append)
+    assert is_done(cell, tmp_path / "c")
+    assert sum(told) == cell.n_updates == 20
+    assert np.shape(returns(tmp_path / "c")) == (2, 4)
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
+    do_cell(cell, tmp_path / "c", told.append)
+    assert {f: f.stat().st_mtime_ns for f in tmp_path.rglob("*") if f.is_file()} == before
+    cost = Cost.from_file(tmp_path / "c" / COST)
+    assert cost.attempts[0].updates == 20
+    assert cost.cpu_seconds > 0
+    assert cost.attempts[0].curve_seconds > 0
+    facts = Facts.from_file(tmp_path / "c" / DATA)
+    assert (facts.id, facts.digest) == ("coop_nav-tiny-v0", cell.digest)
+
+
+class KilledError(BaseException):
+    """Stands for a signal."""
+
+
+@pytest.mark.parametrize("after", [1, 12, 20])
+def test_a_killed_cell_goes_on_to_the_same_numbers(
+    make_study: Make, tmp_path: Path, after: int
+) -> None:
+    cell, seen = cell_of(make_study(algorithms={"m": {**MADDPG, "updates": 20}})), 0
+
+    def die(updates: int) -> None:
+        nonlocal seen
+        seen += updates
+        if seen >= after:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        do_cell(cell, tmp_path / "killed", die)
+    assert not is_done(cell, tmp_path / "killed")
+    for name in ("killed", "whole"):
+        do_cell(cell, tmp_path / name)
+    assert returns(tmp_path / "killed") == returns(tmp_path / "whole")
+    losses = [(run_of(cell, tmp_path / n) / "losses.csv").read_text() for n in ("killed", "whole")]
+    assert losses[0] == losses[1]
+
+
+def test_a_folder_of_another_cell_is_refused(make_study: Make, tmp_path: Path) -> None:
+    one, other = (cell_of(make_study(episodes=n)) for n in (4, 5))
+    do_cell(one, tmp_path / "c")
+    assert claimed_by_other(one, tmp_path / "c") is None
+    assert claimed_by_other(other, tmp_path / "c") == "n_episodes was 4, is 5"
+    with pytest.raises(BuildError, match="holds another bc/coop_nav-tiny-v0: n_episodes was 4"):
+        do_cell(other, tmp_path / "c")
+
+
+def test_a_finished_run_is_small(make_study: Make, tmp_path: Path) -> None:
+    cell = cell_of(make_study(algorithms={"m": MADDPG}))
+    do_cell(cell, tmp_path / "c")
+    tensors, metadata = load_checkpoint(run_of(cell, tmp_path / "c") / CHECKPOINT)
+    assert [name for name in tensors if name.startswith("algorithm.")] == ["algorithm.actor"]
+    assert metadata["update"] == 10
+
+
+def test_other_content_under_the_same_name_is_refused(make_study: Make, tmp_path: Path) -> None:
+    cell = cell_of(make_study()).model_copy(update={"digest": "f" * 64})
+    with pytest.raises(SchemaError, match="the study expects ffffffffffff"):
+        do_cell(cell, tmp_path / "c")
+
+
+def test_failures_are_written_beside_the_cell(make_study: Make, tmp_path: Path) -> None:
+    cell = cell_of(make_study()).model_copy(update={"config": {"n_updates": 5, "hiden": [8]}})
+    payload = {"cell": json.loads(cell.to_json()), "folder": str(tmp_path / "c")}
+    with pytest.raises(BuildError, match=r"TypeError: .*'hiden'"):
+        _handle(payload, lambda amount: None)
+    assert "Traceback" in (tmp_path / "c" / ERROR).read_text()
+
+
+def test_first_episodes_are_a_dataset_of_their_own(data: Path) -> None:
+    whole, part = open_data(str(data)), open_data(str(data), 100)
+    assert part.id == "coop_nav-tiny-100-v0"
+    assert part.n_steps >= 100 > part.n_steps - part.episodes.lengths[-1]
+    assert part.digest == open_data(str(data), 100).digest != whole.digest
+    assert part.episodes.seeds.tolist() == whole.episodes.seeds[: len(part)].tolist()
+    with pytest.raises(SchemaError, match="the study asks for its first 9,999"):
+        open_data(str(data), 9999)

@@ -1,0 +1,124 @@
+"""What a study asks for: cells with complete configurations, and keys of all that decides them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.evaluation.study.cells.cells import UNDECISIVE, Cell, cells_of
+from swarmdata.evaluation.study.cells.study_data import digest_of, named, short, sized
+from swarmdata.evaluation.study.plan import Study
+from tests.evaluation.study.conftest import BC, MADDPG
+
+Make = Callable[..., Study]
+
+
+def cells(study: Study) -> dict[str, Cell]:
+    return {cell.name: cell for cell in cells_of(study, lambda dataset: "d" * 64)}
+
+
+def test_every_algorithm_meets_every_dataset(make_study: Make) -> None:
+    study = make_study(datasets=["coop_nav-medium", "coop_nav-expert-mini"])
+    assert list(cells(study)) == [
+        "bc/coop_nav-medium",
+        "other/coop_nav-medium",
+        "bc/coop_nav-expert-mini",
+        "other/coop_nav-expert-mini",
+    ]
+
+
+def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
+    algorithms = {
+        "half": {"algorithm": "maddpg_bc", "family": "f"},
+        "own": {**MADDPG, "settings": {"actor_hidden": [4, 4], "alpha": 2}},
+    }
+    found = cells(make_study(algorithms=algorithms, budget=0.5, datasets=["coop_nav-medium"]))
+    half, own = found["half/coop_nav-medium"].config, found["own/coop_nav-medium"].config
+    assert (half["n_updates"], half["warm_start"]) == (4000, 2000)
+    assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
+    assert (own["n_updates"], own["warm_start"], own["alpha"]) == (10, 5, 2.0)
+    assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
+
+
+def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
+    algorithms = {"bc": BC, "own": {**MADDPG, "settings": {"alpha": 2}}}
+    found = cells(
+        make_study(algorithms=algorithms, settings={"actor_hidden": [4, 4], "alpha": 3})
+    ).values()
+    bc, own = (each.config for each in found)
+    assert (bc["hidden"], own["actor_hidden"], own["critic_hidden"]) == ([8], [4, 4], [8])
+    assert own["alpha"] == 2.0
+
+
+def test_a_setting_that_nobody_has_is_refused(make_study: Make) -> None:
+    with pytest.raises(SpecError, match="settings has sharpness, which none"):
+        cells(make_study(settings={"sharpness": 1}))
+
+
+def test_sizes_are_datasets_and_a_full_one_is_the_studys_own(make_study: Make) -> None:
+    sizes = {"datasets": ["coop_nav-medium"], "algorithms": ["bc"]}
+    found = cells(make_study(datasets=["coop_nav-medium"], sizes=sizes))
+    assert sorted(found) == [
+        "bc/coop_nav-medium",
+        "bc/coop_nav-medium-200k",
+        "bc/coop_nav-medium-mini",
+        "other/coop_nav-medium",
+    ]
+    assert found["bc/coop_nav-medium-200k"].n_steps == 200_000
+    assert found["bc/coop_nav-medium-mini"].source == "coop_nav-medium-mini"
+
+
+def test_curves_are_of_the_datasets_that_are_named(make_study: Make) -> None:
+    curves = {"points": 4, "datasets": ["coop_nav-medium"]}
+    names = ["coop_nav-medium", "coop_nav-expert"]
+    found = cells(make_study(datasets=names, curves=curves))
+    assert found["bc/coop_nav-medium"].curve_every == 5
+    assert found["bc/coop_nav-expert"].curve_every is None
+
+
+OTHERS: dict[str, Any] = {
+    "kind": "online", "label": "x", "data": "x", "family": "x", "algorithm": "x", "source": "x",
+    "config": {"n_updates": 21}, "run": "x", "digest": "e" * 64, "n_steps": 7, "observation": "x",
+    "communication": "x", "frame": "world", "seeds": (0, 2), "n_episodes": 5, "curve_every": 3,
+    "device": "cuda", "curve_episodes": 3, "code_version": "x",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(Cell.model_fields))
+def test_keys_change_with_all_that_decides(make_study: Make, name: str) -> None:
+    cell = next(iter(cells(make_study()).values()))
+    other = cell.model_copy(update={name: OTHERS[name]})
+    assert (other.key == cell.key) == (name in UNDECISIVE)
+
+
+def test_two_cells_of_one_name_are_refused(make_study: Make, tmp_path: Path) -> None:
+    folders = [str(tmp_path / part / "same") for part in "ab"]
+    with pytest.raises(SpecError, match="two different cells are called bc/same"):
+        cells(make_study(datasets=folders))
+
+
+def test_unknown_names_are_told(make_study: Make) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'maddpg_bc'"):
+        cells(make_study(algorithms={"x": {"algorithm": "madpg_bc", "family": "f"}}))
+    with pytest.raises(UnknownNameError, match="Did you mean 'output'"):
+        cells(make_study(algorithms={"x": {**BC, "settings": {"outputs": "tanh"}}}))
+    with pytest.raises(SpecError, match="is no run folder"):
+        cells(make_study(online={"x": {"run": "nowhere"}}))
+
+
+def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
+    online = {"on": {"algorithm": "mappo", "task": "coop_nav", "frames": 500}}
+    cell = cells(make_study(online=online))["on/coop_nav"]
+    assert (cell.kind, cell.n_updates, cell.seeds) == ("online", 500, (0, 1))
+
+
+def test_names_and_sizes_of_datasets(data: Path) -> None:
+    assert named("coop_nav-medium") == "coop_nav-medium"
+    assert named(str(data)) == "coop_nav-tiny-v0"
+    assert sized("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
+    assert (short(200_000), short(1500)) == ("200k", "1500")
+    with pytest.raises(SchemaError, match="has no mini"):
+        sized(str(data), "mini")
+    assert len(digest_of("coop_nav-medium")) == 64

@@ -1,0 +1,120 @@
+"""All cells: the longest first, failures apart, stale ones refused, one done again to check it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmdata.errors import StaleCellError, StudyError, UnknownNameError
+from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, Meter
+from swarmdata.evaluation.study.cells.cell_worker import COST, DONE, RESULTS, is_done
+from swarmdata.evaluation.study.cells.cells import Cell, cells_of
+from swarmdata.evaluation.study.cells.reproduction import check_cell
+from swarmdata.evaluation.study.cells.run_cells import chosen, folder_of, longest_first, run_cells
+from swarmdata.evaluation.study.cells.study_data import digest_of
+from swarmdata.evaluation.study.plan import Study
+from tests.evaluation.study.conftest import BC
+
+Make = Callable[..., Study]
+
+
+def cells(study: Study) -> list[Cell]:
+    return cells_of(study, digest_of)
+
+
+@pytest.mark.usefixtures("here")
+def test_failures_do_not_stop_the_others(make_study: Make, tmp_path: Path) -> None:
+    found = cells(make_study())
+    bad = found[0].model_copy(update={"digest": "f" * 64})
+    failures = run_cells([bad, found[1]], tmp_path, progress=False)
+    assert list(failures) == ["bc/coop_nav-tiny-v0"]
+    assert failures["bc/coop_nav-tiny-v0"].startswith("SchemaError: ")
+    assert is_done(found[1], folder_of(tmp_path, found[1]))
+    (attempt,) = Cost.from_file(folder_of(tmp_path, found[1]) / COST).attempts
+    assert attempt.updates == 20
+    assert run_cells([found[1]], tmp_path, progress=False) == {}
+
+
+@pytest.mark.usefixtures("here")
+def test_stale_cells_are_refused_and_done_again_when_asked(
+    make_study: Make, tmp_path: Path
+) -> None:
+    before, after = (cells(make_study(episodes=n)) for n in (4, 5))
+    run_cells(before[:1], tmp_path, progress=False)
+    with pytest.raises(StaleCellError, match=r"bc/coop_nav-tiny-v0 \(n_episodes was 4.*--again"):
+        run_cells(after, tmp_path, progress=False)
+    assert is_done(before[0], folder_of(tmp_path, before[0]))
+    run_cells(after[:1], tmp_path, again=True, progress=False)
+    assert is_done(after[0], folder_of(tmp_path, after[0]))
+
+
+@pytest.mark.usefixtures("here")
+def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
+    make_study: Make, tmp_path: Path
+) -> None:
+    (cell, *_) = cells(make_study())
+    folder = folder_of(tmp_path, cell)
+    with pytest.raises(StudyError, match="holds no finished cell"):
+        check_cell(folder, progress=False)
+    run_cells([cell], tmp_path, progress=False)
+    same = check_cell(folder, progress=False)
+    assert same.is_same
+    assert "are the same" in same.sentence()
+    file = sorted((folder / RESULTS).glob("*.json"))[0]
+    content = json.loads(file.read_text())
+    content["metrics"]["return"][0] += 0.5
+    file.write_text(json.dumps(content))
+    other = check_cell(folder, progress=False)
+    assert (other.n_different, other.largest, other.first_update) == (1, 0.5, None)
+    assert "1 of " in other.sentence()
+
+
+def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:
+    algorithms = {
+        name: {**BC, "updates": updates}
+        for name, updates in (("slow", 10), ("quick", 100), ("new", 30))
+    }
+    found = cells(make_study(algorithms=algorithms))
+    for name, seconds in (("slow", 100.0), ("quick", 10.0)):
+        attempt = Attempt(updates=100, train_seconds=seconds)
+        file = tmp_path / "cells" / name / "earlier" / COST
+        file.parent.mkdir(parents=True)
+        file.write_text(Cost(attempts=(attempt,)).to_json())
+    order = [cell.label for cell in longest_first(found, tmp_path)]
+    assert order == ["new", "slow", "quick"]  # 30 s as the slowest known, 10 s and 10 s
+
+
+def test_cells_are_chosen_by_pattern(make_study: Make) -> None:
+    found = cells(make_study())
+    assert [cell.label for cell in chosen(found, "oth*/*")] == ["other"]
+    assert chosen(found, None) == found
+    with pytest.raises(UnknownNameError, match="unknown cell 'bx/coop_nav"):
+        chosen(found, "bx/coop_nav-tiny-v0")
+
+
+def test_stages_inside_others_count_only_as_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    earlier = Attempt(updates=5, train_seconds=2.0, peak_mb=1e6)
+    (tmp_path / COST).write_text(Cost(attempts=(earlier,)).to_json())
+    meter = Meter(tmp_path / COST)
+    with meter.stage("train"):
+        now[0] = 3.0
+        with meter.stage("curve"):
+            now[0] = 7.0
+        now[0] = 8.0
+        meter.beat(15)
+    now[0] = 30.0
+    with meter.stage("evaluate"):
+        now[0] = 35.0
+    meter.write()
+    cost = Cost.from_file(tmp_path / COST)
+    attempt = cost.attempts[1]
+    assert (attempt.train_seconds, attempt.curve_seconds, attempt.evaluate_seconds) == (4, 4, 5)
+    assert cost.updates_per_second == pytest.approx(20 / 6)
+    assert cost.wall_seconds == 15
+    assert cost.peak_mb == 1e6
+    assert not (tmp_path / DONE).exists()

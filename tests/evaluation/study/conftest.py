@@ -1,0 +1,79 @@
+"""A study of seconds on a tiny dataset, done in the test's own process."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import pytest
+
+pytest.importorskip("torch", reason="a study needs the torch extra")
+
+from swarmdata.errors import BuildError
+from swarmdata.evaluation.study.cells import run_cells
+from swarmdata.evaluation.study.cells.cell_worker import _handle
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.runtime.workers import Job, Report
+from tests.tiny import make_tiny
+
+BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
+MADDPG = {
+    "algorithm": "maddpg_bc",
+    "family": "actor-critic",
+    "updates": 10,
+    "settings": {"warm_start": 4},
+}
+
+
+class Here:
+    """A crew of this process."""
+
+    def __init__(self, entry: str, n_workers: int) -> None:
+        assert (entry, n_workers) == (run_cells.WORKER, 1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+    def run(self, jobs: Sequence[Job], progress: Report) -> None:
+        for job in jobs:
+            try:
+                _handle(job.payload, progress)
+            except BuildError as error:
+                raise BuildError(f"{job.name} failed: {error}") from error
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells are done in this process."""
+    monkeypatch.setattr(run_cells, "Crew", Here)
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a tiny dataset."""
+    return make_tiny(tmp_path_factory.mktemp("study") / "coop_nav-tiny-v0")
+
+
+@pytest.fixture
+def make_study(data: Path) -> Callable[..., Study]:
+    """A study of the tiny dataset; arguments replace its fields."""
+
+    def make(**changes: Any) -> Study:
+        content: dict[str, Any] = {
+            "name": "tiny",
+            "datasets": [str(data)],
+            "algorithms": {"bc": BC, "other": {**BC, "settings": {"output": "clip"}}},
+            "seeds": [0, 1],
+            "hidden": [8],
+            "episodes": 4,
+        }
+        return Study.parse({**content, **changes}, "the test's study")
+
+    return make

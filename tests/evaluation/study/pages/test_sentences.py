@@ -1,0 +1,120 @@
+"""Sentences follow from the numbers, whatever they are."""
+
+from collections.abc import Mapping
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.pages import sentences
+from swarmdata.evaluation.study.pages.csv_files import to_csv
+from swarmdata.evaluation.study.pages.scoreboard import Board
+from swarmdata.evaluation.study.pages.study_tables import board_table, duration
+from swarmdata.rollouts.metrics import Estimate
+
+FAMILIES = {"bc": "cloning", "vdn": "values", "qmix": "values", "omar": "critics"}
+SCORE, CLEAN = Column("score", "score", "", 1), Column("clean", "clean success", "%", 1, 100.0)
+
+
+def make_board(
+    scores: Mapping[str, Mapping[str, float]],
+    data: Mapping[str, float],
+    width: float = 1.0,
+    column: Column = SCORE,
+) -> Board:
+    estimates = {
+        dataset: {k: Estimate(v, v - width, v + width) for k, v in found.items()}
+        for dataset, found in scores.items()
+    }
+    return Board(column, estimates, data, FAMILIES)
+
+
+BOARD = make_board(
+    {"x-v0": {"bc": 10, "vdn": 30, "qmix": 29, "omar": 20}, "y-v0": {"bc": 90, "vdn": -9}},
+    {"x-v0": 15, "y-v0": 100},
+)
+
+
+def test_winners_say_by_how_much_and_whether_it_is_certain() -> None:
+    first, second = sentences.winners(BOARD)
+    assert first == (
+        "On x, `vdn` (values) is best with 30.0 [29.0, 31.0]; the best of another family, `omar` "
+        "(critics), has 20.0 [19.0, 21.0], 10.0 less, and their intervals do not overlap. The "
+        "data's own mean is 15.0: it is 15.0 above, 2.0 times as much."
+    )
+    assert "it is 10.0 below, 0.9 times as much." in second
+    assert "intervals overlap" in sentences.winners(make_board({"x": {"bc": 1, "vdn": 2}}, {}))[0]
+
+
+def test_families_win_and_lag() -> None:
+    sentences = sentences.families(BOARD)
+    assert sentences[0].startswith("Cloning has the best algorithm on 1 of 2 datasets (y)")
+    assert "its best is 49.5 behind the best of all on average, and 99.0 at most" in sentences[1]
+    assert "on 0 of 1 datasets; its best is 10.0 behind" in sentences[2]
+    assert sentences.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
+
+
+def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
+    first, second = sentences.against_data(BOARD)
+    assert first == (
+        "On x, beside the data's mean 15.0: `vdn`, `qmix`, `omar` above it, with the whole "
+        "interval; `bc` below it, with the whole interval."
+    )
+    assert "`bc`, `vdn` below it" in second
+    wide = make_board({"x": {"bc": 10, "vdn": 30}}, {"x": 15}, width=6)
+    assert "`bc` not told apart from it" in sentences.against_data(wide)[0]
+
+
+def test_surprises_are_shifts_touches_and_online_teams() -> None:
+    scores = {"x": {"bc": 1, "vdn": 9, "qmix": 8, "omar": 7}}
+    scores["y"] = {"bc": 9, "vdn": 2, "qmix": 3, "omar": 4}
+    clean = make_board({"x": {"vdn": 0.2, "bc": 0.7}}, {}, width=0.01, column=CLEAN)
+    sentences = sentences.surprises(make_board(scores, {}), clean, {"mappo": 8.5})
+    assert "`bc` is number 1 of 4 on y and number 4 of 4 on x." in sentences
+    assert any("`vdn` solves 20.0 [19.0, 21.0] % of the episodes" in each for each in sentences)
+    assert sentences[-1].endswith("is above that on 2 of 2 datasets (x, y).")
+
+
+def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
+    missing = {"omar/y": "not run yet", "iql/y": "not run yet", "bc/z": "ValueError: oh"}
+    sentences = sentences.failures(BOARD, missing)
+    assert sentences[0] == "`vdn` is below no skill, with the whole interval, on y."
+    assert sentences[-2:] == [
+        "On y, `omar`, `iql` have no results: not run yet.",
+        "On z, `bc` has no results: ValueError: oh.",
+    ]
+    many = {f"a{k}/y": "not run yet" for k in range(9)}
+    assert sentences.failures(BOARD, many)[-1] == "On y, 9 algorithms have no results: not run yet."
+    assert sentences.failures(make_board({}, {}), {})[0].startswith("No cell failed")
+
+
+NUMBERS = st.floats(-100, 100)
+SCORES = st.dictionaries(st.sampled_from(sorted(FAMILIES)), NUMBERS, min_size=1)
+
+
+@given(st.dictionaries(st.sampled_from(["x", "y"]), SCORES, min_size=1), NUMBERS, st.floats(0, 20))
+def test_any_numbers_give_sentences_that_agree_with_the_table(
+    scores: dict[str, dict[str, float]], own: float, width: float
+) -> None:
+    board = make_board(scores, dict.fromkeys(scores, own), width)
+    table = board_table(board)
+    for dataset, sentence in zip(board.estimates, sentences.winners(board), strict=True):
+        best = board.ranking(dataset)[0]
+        assert scores[dataset][best] == max(scores[dataset].values())
+        assert f"`{best}`" in sentence
+        assert best in board.leaders(dataset)
+    assert table.count("**") == 2 * sum(len(board.leaders(dataset)) for dataset in scores)
+    groups = " ".join(sentences.against_data(board))
+    assert sum(groups.count(f"`{label}`") for label in FAMILIES) == sum(map(len, scores.values()))
+    for sentences in (
+        sentences.families(board),
+        sentences.surprises(board, board, {}),
+        sentences.failures(board, {}),
+    ):
+        assert all(each.endswith(".") for each in sentences)
+
+
+def test_durations_and_tables_are_readable() -> None:
+    assert [duration(s) for s in (42, 210, 7560)] == ["42 s", "3.5 min", "2.1 h"]
+    rows: list[dict[str, object]] = [{"a": 1, "b": 0.1}, {"a": None, "c": "x", "b": float("nan")}]
+    assert to_csv(rows) == "a,b,c\n1,0.1,\n,,x\n"

@@ -1,0 +1,109 @@
+"""The folder of a study: every table and figure that was asked for, from what the cells found."""
+
+import csv
+import io
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.cards.baselines import baselines_section, read_runs
+from swarmdata.errors import StudyError
+from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.study.cells.cell_worker import RESULTS
+from swarmdata.evaluation.study.pages import study_folder
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import Options, conduct
+from tests.evaluation.study.conftest import BC, MADDPG
+
+pytestmark = pytest.mark.usefixtures("here")
+
+WHOLE = {
+    "algorithms": {"bc": BC, "maddpg": MADDPG},
+    "curves": {"points": 2, "episodes": 2},
+}
+
+
+@pytest.fixture
+def study(data: Path, make_study: Callable[..., Study]) -> Study:
+    return make_study(
+        **WHOLE,
+        sizes={"datasets": [str(data)], "algorithms": ["bc"], "sizes": ["full", 200]},
+        losses={
+            "q": {"column": "q", "label": "mean Q", "datasets": [str(data)],
+                  "algorithms": ["maddpg"]},
+        },
+    )  # fmt: skip
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(file.read_text())))
+
+
+def test_everything_is_written_and_again_the_same(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    options = Options(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = conduct(study, options, "swarmdata study tiny.yaml")
+    assert failures == {}
+    assert files[0] == tmp_path / "out" / "report.md"
+    assert sorted(file.name for file in files) == [
+        "clean.png", "collisions.png", "costs.csv", "curves.csv", "curves.png", "data.csv",
+        "losses-q.png", "report.md", "results.csv", "scores.png", "sizes.png", "study.yaml",
+    ]  # fmt: skip
+    page = files[0].read_text()
+    assert "swarmdata study tiny.yaml" in page
+    for title in ("Who wins", "Return", "Success", "Less data", "Mean Q", "What it cost"):
+        assert f"\n## {title}" in page
+    _check_tables(tmp_path)
+    _, again = conduct(study, options, "swarmdata study tiny.yaml")
+    assert again[0].read_text() == page
+    assert Study.from_file(tmp_path / "out" / "study.yaml") == study
+    monkeypatch.setattr(study_folder, "MOST_NAMED", 1)  # too many names beside a figure
+    _, files = conduct(study, replace(options, out=tmp_path / "few"), "swarmdata study tiny.yaml")
+    assert "Return and collisions" not in files[0].read_text()
+    assert not (tmp_path / "few" / "collisions.png").exists()
+
+
+def _check_tables(folder: Path) -> None:
+    """One row a run, with the means of its file; a card shows them."""
+    runs = rows(folder / "out" / "results.csv")
+    assert [(run["label"], run["dataset"], run["seed"]) for run in runs] == [
+        ("bc", "coop_nav-tiny-200-v0", "0"),
+        ("bc", "coop_nav-tiny-200-v0", "1"),
+        ("bc", "coop_nav-tiny-v0", "0"),
+        ("bc", "coop_nav-tiny-v0", "1"),
+        ("maddpg", "coop_nav-tiny-v0", "0"),
+        ("maddpg", "coop_nav-tiny-v0", "1"),
+    ]
+    (file, *_) = sorted((folder / "work/cells/maddpg/coop_nav-tiny-v0" / RESULTS).iterdir())
+    mean = float(np.mean(load(file).evaluation.metrics["return"]))
+    assert float(runs[4]["return"]) == pytest.approx(mean)
+    assert (runs[4]["updates"], runs[4]["episodes"], runs[4]["score"]) == ("10", "4", "")
+    text = (folder / "out" / "results.csv").read_text()
+    section = baselines_section("coop_nav-tiny-v0", runs[4]["digest"], read_runs(text))
+    assert section.count("| `") == 2
+    facts = {row["dataset"]: row for row in rows(folder / "out" / "data.csv")}
+    assert int(facts["coop_nav-tiny-v0"]["n_steps"]) >= 400
+    assert {row["attempts"] for row in rows(folder / "out" / "costs.csv")} == {"1"}
+
+
+def test_what_failed_is_told_and_nothing_at_all_is_an_error(
+    make_study: Callable[..., Study], data: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    other = tmp_path / "other-v0"
+    shutil.copytree(data, other)
+    study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
+    options = Options(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
+    _, files = conduct(study, options, "x")
+    assert "On other-v0, `bc` has no results: not run yet." in files[0].read_text()
+    study = make_study(algorithms={"bc": BC}, device="nowhere")
+    empty = Options(tmp_path / "out", tmp_path / "empty", progress=False)
+    with pytest.raises(StudyError, match="no cell of the study's datasets is done"):
+        conduct(study, empty, "x")
+    assert "nowhere" in (tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt").read_text()

@@ -1,0 +1,84 @@
+"""A study's file: what it may say, and that names in it are its own."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.behavior_policies.tiers import is_dataset
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.study.plan import Baseline, Study
+
+SHIPPED = Path(__file__).parents[3] / "cards" / "study"
+
+Make = Callable[..., Study]
+
+
+@pytest.mark.parametrize("name", ["coop_nav", "all", "smoke"])
+def test_shipped_studies_are_of_shipped_datasets(name: str) -> None:
+    study = Study.from_file(SHIPPED / f"{name}.yaml")
+    assert study.name == name
+    assert all(map(is_dataset, study.datasets))
+    assert len(study.seeds) >= (2 if name == "smoke" else 5)
+
+
+@given(
+    st.lists(st.integers(0, 99), min_size=1, unique=True),
+    st.floats(0.01, 10),
+    st.dictionaries(
+        st.sampled_from(["alpha", "hidden"]),
+        st.one_of(st.floats(0, 9), st.lists(st.integers(1, 9))),
+    ),
+)
+def test_a_study_survives_its_own_yaml(
+    seeds: list[int], budget: float, settings: dict[str, Any]
+) -> None:
+    algorithms = {"x": {"algorithm": "bc", "family": "f", "settings": settings}}
+    content = {"name": "s", "datasets": ["d"], "algorithms": algorithms}
+    study = Study.parse({**content, "seeds": seeds, "budget": budget})
+    assert Study.from_text(study.to_yaml()) == study
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seeds": [1, 1]}, "are not different"),
+        ({"seed": [1]}, "unknown key. Did you mean 'seeds'"),
+        ({"online": {"bc": {"run": "runs/x"}}}, "labels of offline and online"),
+        ({"sizes": {"datasets": ["x"], "algorithms": ["bc"]}}, "sizes.datasets has 'x'"),
+        ({"sizes": {"datasets": [], "algorithms": ["x"]}}, "sizes.algorithms has 'x'"),
+        ({"curves": {"datasets": ["x"]}}, "curves.datasets has 'x'"),
+        (
+            {"losses": {"q": {"column": "q", "label": "q", "datasets": [], "algorithms": ["x"]}}},
+            "losses.q.algorithms has 'x', which the study lacks: bc, other",
+        ),
+        (
+            {"sweeps": {"s": {"dataset": "x", "vary": "communication", "axis": "drop=0..1"}}},
+            "sweeps.s.datasets has 'x'",
+        ),
+        ({"algorithms": {"a/b": {"algorithm": "bc", "family": "f"}}}, "algorithms"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    make_study: Make, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SpecError, match=message):
+        make_study(**changes)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{}, {"algorithm": "mappo"}, {"run": "x", "algorithm": "a", "task": "t"},
+     {"run": "x", "frames": 3}],
+)  # fmt: skip
+def test_a_baseline_is_a_run_or_a_training(fields: dict[str, Any]) -> None:
+    with pytest.raises(SpecError, match="either `run`, or `algorithm` and `task`"):
+        Baseline.parse(fields)
+
+
+def test_families_keep_the_order_of_the_file(make_study: Make) -> None:
+    named = {f"a{k}": {"algorithm": "bc", "family": family} for k, family in enumerate("bab")}
+    assert make_study(algorithms=named).families == ("b", "a")
