@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.errors import DatasetNotFoundError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.hub.catalog.catalog import find_folder, load
@@ -18,7 +18,7 @@ LONG = "x" * 300
 
 def shell(command: str) -> tuple[int, str, str]:
     """Runs a pipeline in bash, where `swarmdata` is ours; code of the first program, outputs."""
-    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()"
+    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()"
     ours = 'swarmdata() { "$PYTHON" -c "$SCRIPT" "$@"; }'
     found = subprocess.run(
         ["bash", "-c", f"{ours}; {command}; exit ${{PIPESTATUS[0]}}"],

@@ -147,7 +147,7 @@ def test_a_folder_whose_name_is_no_text(tmp_path: Path, digest: str) -> None:
     """Row 31: bytes that are not UTF-8; such folders come from old archives."""
     folder = tmp_path / os.fsdecode(b"\xe9t\xe9") / "d"
     assert load(make_tiny(folder), verify="full").digest == digest
-    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()"
+    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()"
     found = subprocess.run(
         [sys.executable, "-c", script, "verify", os.fsencode(folder)],
         capture_output=True, check=False,

@@ -190,7 +190,7 @@ for k in range(10):
 
 REMOTES = """
 from typer.testing import CliRunner
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 for k in range(10):
     found = CliRunner().invoke(app, ["remote", "add", f"hf://org{sys.argv[2]}-{k}"])
     assert found.exit_code == 0, found.output

@@ -158,7 +158,7 @@ def test_a_slow_hub_is_left(
 
 def interrupted(server: FaultyServer, pattern: str, *arguments: str) -> tuple[int, float, str]:
     """Runs a command, presses Ctrl-C when it hangs; exit code, seconds that it took, its words."""
-    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()"
+    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", script, *arguments],
         stderr=subprocess.PIPE,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from swarmdata.building.build import build, build_folder
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.repair import examine, repair

@@ -181,7 +181,7 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
     pytest.importorskip("torch", reason="training needs the torch extra")
     from typer.testing import CliRunner
 
-    from swarmdata.cli import app
+    from swarmdata.cli.main import app
     from swarmdata.learn.training.run_folder import read_run
 
     tiny = Recipe(

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 pytest.importorskip("torch", reason="training needs the torch extra")
 
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
 from swarmdata.evaluation.results.result_files import load

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from swarmdata.building.build import build
 from swarmdata.cards.render import write_card
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
 from swarmdata.hub.catalog import catalog, identity

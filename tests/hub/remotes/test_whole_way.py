@@ -10,7 +10,7 @@ pytest.importorskip("mpe2", reason="records simple_spread_v3 of mpe2")
 
 import swarmdata
 from swarmdata.audit import audit
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.hub.remotes import Release, open_remote
 from tests.examples import record_simple_spread as example
 from tests.hub.remotes.loopback_hub import LoopbackHub

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.behavior_policies import tiers
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.hub.publishing import regenerate
 from swarmdata.registry.published import Published
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.task_commands import Communication, Observation, setting
+from swarmdata.cli.task_commands import Communication, Observation, setting
 
 ONLINE = ("first_seed", "steps", "workers")
 OFFLINE = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")

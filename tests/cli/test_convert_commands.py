@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.audit import audit
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset

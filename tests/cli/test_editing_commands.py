@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.building.edit import filter_dataset
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.origins import Edit
 from swarmdata.testing.synthetic import make_dataset

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarmdata import (
-    __version__,
+from swarmdata import __version__
+from swarmdata.cli.main import (
     audit_commands,
     convert_commands,
     editing_commands,
@@ -23,10 +23,10 @@ from swarmdata import (
     sweep_commands,
     training_commands,
 )
+from swarmdata.cli.record_commands import record_app
+from swarmdata.cli.registry_commands import registry_app
+from swarmdata.cli.task_commands import Communication, Observation, task_app
 from swarmdata.errors import SwarmdataError
-from swarmdata.record_commands import record_app
-from swarmdata.registry_commands import registry_app
-from swarmdata.task_commands import Communication, Observation, task_app
 
 
 class _Group(TyperGroup):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.evaluation.results.result_files import load
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import do_cell
@@ -43,7 +43,7 @@ def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path)
 
 
 def start(file: Path, folder: Path) -> "subprocess.Popen[bytes]":
-    code = "from swarmdata.cli import main; main()"
+    code = "from swarmdata.cli.main import main; main()"
     options = ["--out", folder / "out", "--work", folder / "work", "--workers", "2"]
     words = [sys.executable, "-c", code, "study", file, *options]
     return subprocess.Popen([str(word) for word in words], env={**os.environ, "PYTHONPATH": "."})

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.record import Recorder
 from tests.record.worlds import Counting, play, steady

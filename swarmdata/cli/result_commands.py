@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swarmdata.task_commands import Communication, Observation
+from swarmdata.cli.task_commands import Communication, Observation
 
 
 def evaluate(

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cards.render import write_card
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD
 

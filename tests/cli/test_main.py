@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.building.build import build_folder
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
 
 COMMAND = [
     sys.executable,
     "-c",
-    f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli import main; main()",
+    f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()",
 ]
 
 

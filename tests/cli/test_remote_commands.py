@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from swarmdata.behavior_policies.tiers import SPECS
 from swarmdata.cards.render import write_card
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 
 ID = "coop_nav-small-v0"
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swarmdata.task_commands import setting
+from swarmdata.cli.task_commands import setting
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="offline runs of one dataset")]
 Out = Annotated[Path | None, typer.Option(help="folder for ranking.md, ranking.csv, ranking.json")]

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
-from swarmdata.cli import app
+from swarmdata.cli.main import app
 
 
 def run(*arguments: str | Path, code: int = 0) -> str:
