@@ -11,7 +11,7 @@ import numpy as np
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.envs.coverage import fill_distances
+from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs

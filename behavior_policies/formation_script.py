@@ -13,9 +13,9 @@ import numpy as np
 from swarmdata.behavior_policies.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.envs.formation import Formation
-from swarmdata.envs.reference import write_pose
-from swarmdata.envs.slots import slot_velocity
+from swarmdata.envs.formation.formation import Formation
+from swarmdata.envs.formation.reference_path import write_pose
+from swarmdata.envs.formation.slots import slot_velocity
 from swarmdata.numerics.geometry import clearance
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.kernels import kernel

@@ -26,7 +26,7 @@ from swarmdata.behavior_policies.orca import solve
 from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.tracking import command_of
-from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
+from swarmdata.envs.physics.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.planner import free_distance, waypoint
 from swarmdata.behavior_policies.pushing import ASIDE, AWAY
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.way_around import way_around
-from swarmdata.envs.payload import Shape
+from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import nearest
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Float

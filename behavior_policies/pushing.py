@@ -6,7 +6,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import numpy as np
 
 from swarmdata.behavior_policies.way_around import crosses
-from swarmdata.envs.payload import Shape
+from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int

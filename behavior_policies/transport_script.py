@@ -50,7 +50,7 @@ from swarmdata.behavior_policies.pushing import (
     stands,
 )
 from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
-from swarmdata.envs.payload import Shape, payload_radius, place_row, shape_of
+from swarmdata.envs.transport.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.registry.components import make_task

@@ -10,7 +10,7 @@ leaves by the next lane in the aisle's direction, and goes from lane to lane thr
 
 import numpy as np
 
-from swarmdata.envs.floor_plan import STANDOFF, best_lane, corridor
+from swarmdata.envs.warehouse.floor_plan import STANDOFF, best_lane, corridor
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import WarehouseRules

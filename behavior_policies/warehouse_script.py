@@ -32,8 +32,8 @@ from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.behavior_policies.warehouse_routes import steer, tracks_of
-from swarmdata.envs.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
-from swarmdata.envs.floor_plan import FloorPlan
+from swarmdata.envs.physics.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
+from swarmdata.envs.warehouse.floor_plan import FloorPlan
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of

@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmdata.behavior_policies.distance_field import MARGIN
 from swarmdata.behavior_policies.planner import free_distance, is_visible
-from swarmdata.envs.payload import Shape
+from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Float

@@ -9,7 +9,7 @@ from swarmdata.drawing.style import GRAY
 from swarmdata.envs.render import draw
 from swarmdata.envs.render.canvas import WALL_SHOWN
 from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
-from swarmdata.envs.render.scene import n_bodies
+from swarmdata.envs.render.drawn_scene import n_bodies
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -20,7 +20,7 @@ from swarmdata.behavior_policies.distance_field import (
     grid_shape,
     nearest_node,
 )
-from swarmdata.envs.payload import payload_radius
+from swarmdata.envs.transport.payload import payload_radius
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of

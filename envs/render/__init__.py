@@ -2,9 +2,9 @@
 
 from swarmdata.envs.render.canvas import Image
 from swarmdata.envs.render.colors import ROBOT_COLORS
+from swarmdata.envs.render.drawn_scene import Messages
 from swarmdata.envs.render.notebook import Picture, play, show
 from swarmdata.envs.render.picture import draw, save_png
-from swarmdata.envs.render.scene import Messages
 from swarmdata.envs.render.video import animate
 
 __all__ = [

@@ -13,8 +13,8 @@ from swarmdata.envs.render.colors import (
     robot_color,
     tint,
 )
-from swarmdata.envs.render.scene import Scene
-from swarmdata.envs.render.targets import payload_outline
+from swarmdata.envs.render.drawn_scene import Scene
+from swarmdata.envs.render.target_marks import payload_outline
 from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.state_layout import X, Y
 from swarmdata.types import Double

@@ -9,13 +9,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from swarmdata.envs.pymunk_space import bars
+from swarmdata.envs.physics.public_backend import bars
 from swarmdata.envs.render.canvas import WALL_SHOWN, Canvas, Image, pillow
 from swarmdata.envs.render.colors import FLOOR, GRID, SOLID
+from swarmdata.envs.render.drawn_scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.movers import draw_bodies, draw_robots, draw_trails
-from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.signals import draw_fans, draw_hits, draw_messages
-from swarmdata.envs.render.targets import draw_targets
+from swarmdata.envs.render.target_marks import draw_targets
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Counts, Float

@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmdata.envs.render.canvas import Canvas
 from swarmdata.envs.render.colors import DROPPED, ink, robot_color
-from swarmdata.envs.render.scene import Scan, Scene
+from swarmdata.envs.render.drawn_scene import Scan, Scene
 from swarmdata.specs.state_layout import UX, UY, X, Y
 from swarmdata.types import Double
 

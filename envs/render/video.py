@@ -28,8 +28,8 @@ from swarmdata.envs.render.colors import (
     robot_color,
     tint,
 )
+from swarmdata.envs.render.drawn_scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.picture import backdrop, paint
-from swarmdata.envs.render.scene import Messages, Scene, build_scan, build_scene
 from swarmdata.errors import ProgramError, SchemaError
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Episode, Float

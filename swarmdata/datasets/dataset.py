@@ -379,7 +379,7 @@ class Dataset:
             raise UnknownNameError("api", api, ("vector", "pettingzoo"))
         if n_copies != 1:
             raise SchemaError(f"a PettingZoo environment has 1 copy, got n_copies={n_copies}")
-        return import_module("swarmdata.envs.parallel").ParallelWorld(self.task)
+        return import_module("swarmdata.envs.world.pettingzoo").ParallelWorld(self.task)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.

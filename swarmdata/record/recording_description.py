@@ -19,7 +19,7 @@ def is_ours(env: Any) -> bool:
     """Whether an environment is a task of this library behind PettingZoo's interface."""
     if not isinstance(getattr(env, "spec", None), TaskSpec):
         return False
-    from swarmdata.envs.parallel import ParallelWorld  # noqa: PLC0415  (compiled code)
+    from swarmdata.envs.world.pettingzoo import ParallelWorld  # noqa: PLC0415  (compiled code)
 
     return isinstance(env, ParallelWorld)
 

@@ -11,10 +11,10 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term
 
 TASKS = {
-    "coop_nav": "swarmdata.envs.coop_nav:CoopNav",
-    "transport": "swarmdata.envs.transport:Transport",
-    "warehouse": "swarmdata.envs.warehouse:Warehouse",
-    "formation": "swarmdata.envs.formation:Formation",
+    "coop_nav": "swarmdata.envs.coop_nav.coop_nav:CoopNav",
+    "transport": "swarmdata.envs.transport.transport:Transport",
+    "warehouse": "swarmdata.envs.warehouse.warehouse:Warehouse",
+    "formation": "swarmdata.envs.formation.formation:Formation",
 }
 
 POLICIES = {
@@ -80,7 +80,7 @@ def make_task(spec: TaskSpec) -> Task:
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
     """Every term of a robot's reward in `task`: its own, and those that all tasks share."""
-    terms: tuple[Term, ...] = import_module("swarmdata.envs.rewards").reward_terms(task)
+    terms: tuple[Term, ...] = import_module("swarmdata.envs.world.rewards").reward_terms(task)
     return terms
 
 
@@ -92,7 +92,7 @@ def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
     """
     if problem := copies_excess(spec, n_copies):
         raise SpecError(problem)
-    build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.engine").TaskEnv
+    build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.world.task_env").TaskEnv
     return build(make_task(spec), n_copies)
 
 

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.formation_script import (
     aim_at_slots,
     next_free_place,
 )
-from swarmdata.envs.formation import Formation
+from swarmdata.envs.formation.formation import Formation
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE, clearance
 from swarmdata.registry.components import make_env, make_policy

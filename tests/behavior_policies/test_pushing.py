@@ -17,7 +17,7 @@ from swarmdata.behavior_policies.pushing import (
     push_forces,
     stands,
 )
-from swarmdata.envs.payload import Shape
+from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.types import Double, Float, Int
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.orca import damper_half_plane
 from swarmdata.behavior_policies.tracking import command_of, speed_along, turn_command
-from swarmdata.envs.dynamics import GRIP, limits_of
-from swarmdata.envs.engine import TaskEnv
-from swarmdata.envs.kinematic import KinematicBackend
+from swarmdata.envs.physics.dynamics import GRIP, limits_of
+from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.registry.components import make_task
 from swarmdata.specs.state_layout import UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec

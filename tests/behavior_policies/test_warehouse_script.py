@@ -19,9 +19,9 @@ from swarmdata.behavior_policies.warehouse_script import (
     brake_half_planes,
     rank_half_planes,
 )
-from swarmdata.envs.engine import TaskEnv
-from swarmdata.envs.floor_plan import FloorPlan, corridor
-from swarmdata.envs.warehouse import Warehouse
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
+from swarmdata.envs.warehouse.warehouse import Warehouse
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env, make_policy

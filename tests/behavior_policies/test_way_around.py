@@ -15,7 +15,7 @@ from swarmdata.behavior_policies.way_around import (
     fill_rings,
     way_around,
 )
-from swarmdata.envs.payload import Shape, place_row
+from swarmdata.envs.transport.payload import Shape, place_row
 from swarmdata.numerics.geometry import BOX, CIRCLE, nearest
 from swarmdata.types import Bool, Double, Float
 

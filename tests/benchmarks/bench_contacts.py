@@ -22,11 +22,11 @@ from unittest import mock
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import checkpoints
-from swarmdata.envs import munk
-from swarmdata.envs.backend import Plan
-from swarmdata.envs.dynamics import drive, limits_of
-from swarmdata.envs.payload import place_row, shape_of
-from swarmdata.envs.pymunk_space import ITERATIONS, build_space
+from swarmdata.envs.physics import fast_backend
+from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.public_backend import ITERATIONS, build_space
+from swarmdata.envs.transport.payload import place_row, shape_of
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.geometry import clearance, nearest
@@ -109,7 +109,7 @@ def changed(variant: Variant) -> Iterator[None]:
             space.collision_bias = variant.bias
         return space, bodies
 
-    with mock.patch.object(munk, "build_space", build):
+    with mock.patch.object(fast_backend, "build_space", build):
         yield
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.backend import Plan
-from swarmdata.envs.munk import (
+from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.physics.fast_backend import (
     GET_VELOCITY,
     SET_FORCE,
     STEP,
@@ -24,7 +24,7 @@ from swarmdata.envs.munk import (
     call_pv,
     load_addresses,
 )
-from swarmdata.envs.parallel import ParallelWorld
+from swarmdata.envs.world.pettingzoo import ParallelWorld
 from swarmdata.registry.components import make_env, make_task
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Int

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.envs.pymunk_space import bars
+from swarmdata.envs.physics.public_backend import bars
 from swarmdata.numerics.geometry import (
     CIRCLE,
     bounding_radius,

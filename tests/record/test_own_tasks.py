@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.envs.parallel import ParallelWorld
+from swarmdata.envs.world.pettingzoo import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env, make_policy

@@ -54,7 +54,7 @@ def test_other_modules_do_not_matter(package: Path) -> None:
 
 def test_the_engine_depends_on_geometry() -> None:
     source = kernels.PACKAGE / "numerics" / "geometry.py"
-    assert "swarmdata.numerics.geometry" in kernels._imports_of("swarmdata.envs.contacts")
+    assert "swarmdata.numerics.geometry" in kernels._imports_of("swarmdata.envs.physics.contacts")
     assert kernels._source_of("swarmdata.numerics.geometry") == source.read_bytes()
 
 

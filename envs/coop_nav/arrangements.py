@@ -1,0 +1,230 @@
+"""Fixed hard layouts that every planner fears: antipodal swap, doorway swap, corridor.
+
+Nothing but small jitters (and the turn of a swap) depends on the episode's seed. Each arrangement
+is symmetric, and a robot's goal is the mirror image of its start, so that robots swap places.
+Starts and goals keep the distances of `spec.spawn` by construction; obstacles of `spec.obstacles`
+do not apply and must be none.
+
+Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered, then turned; its goal is
+opposite, (-x, -y); no obstacles.
+Doorway: even robots left and odd ones right of a wall along y with a door at the origin; the goal
+of (x, y) is (-x, y), so that few ways are straight.
+Corridor: the same with a passage along x between two solid blocks.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
+from swarmdata.errors import SpecError
+from swarmdata.numerics.geometry import BOX
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
+from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Double, Float, Int, Seeds
+
+PASSABLE = 0.1
+"""Metres that a passage must be wider than what has to fit in it."""
+
+ROUNDING = 1e-5
+"""Metres by which places keep more than their distance, for their float32 bits."""
+
+
+@kernel
+def _arrange(
+    seeds: Seeds,
+    copies: Int,
+    layout: Float,
+    anchors: Double,
+    jitter: float,
+    is_turned: bool,
+    has_heading: Bool,
+    layouts: Float,
+    robots: Float,
+) -> None:
+    """Writes the episodes `seeds` into `copies`; see `Arranged.spawn`."""
+    state = np.empty(1, np.uint64)
+    for k in range(copies.shape[0]):
+        b = copies[k]
+        layouts[b] = layout
+        state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
+        cos, sin = 1.0, 0.0
+        if is_turned:
+            draw_heading(state, robots[b, 0])
+            cos, sin = float(robots[b, 0, UX]), float(robots[b, 0, UY])
+        for i in range(anchors.shape[0]):
+            robot = robots[b, i]
+            x = anchors[i, 0] + jitter * (2.0 * next_uniform(state) - 1.0)
+            y = anchors[i, 1] + jitter * (2.0 * next_uniform(state) - 1.0)
+            robot[X], robot[Y] = cos * x - sin * y, sin * x + cos * y
+            robot[TX], robot[TY] = -robot[X], -robot[Y] if is_turned else robot[Y]
+            robot[VX] = robot[VY] = robot[UY] = 0.0
+            robot[UX] = 1.0
+            if has_heading[i]:
+                draw_heading(state, robot)
+
+
+@dataclass(frozen=True, eq=False)
+class Arranged:
+    """A fixed layout and where the robots of a team start in it."""
+
+    layout: Float  # [M, 8]
+    anchors: Double  # [N, 2] starts without jitter, m
+    jitter: float  # m
+    is_turned: bool  # by a random angle, with goals opposite; else goals are mirrored left to right
+    has_heading: Bool  # [N] whether a heading is drawn
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
+        """Writes the episodes `seeds` into the rows `copies`.
+
+        Args:
+            seeds: one for each copy to write.
+            copies: rows to write.
+            layouts: written, [E, M, 8].
+            robots: written, columns `states.ROBOT`, [E, N, 8].
+        """
+        _arrange(
+            seeds, copies, self.layout, self.anchors, self.jitter, self.is_turned,
+            self.has_heading, layouts, robots,
+        )  # fmt: skip
+
+
+def arrange(spec: TaskSpec) -> Arranged:
+    """Builds the arrangement that the rules of `coop_nav` name.
+
+    Raises:
+        SpecError: something of the spec does not apply to it, or it does not fit.
+    """
+    rules = spec.rules
+    assert isinstance(rules, NavigationRules)
+    kind = rules.arrangement
+    if rules.goals != "assigned":
+        raise SpecError(
+            f"rules.goals is {rules.goals!r} with arrangement {kind.kind!r}: robots that swap "
+            "places start on goals. Use goals: assigned, or arrangement: {kind: random}."
+        )
+    check_fixed_layout(spec, f"arrangement {kind.kind!r}")
+    if isinstance(kind, Swap):
+        layout, anchors = np.zeros((0, 8), np.float32), _ring(spec, kind)
+    elif isinstance(kind, Doorway):
+        layout, anchors = _passage(spec, kind.width, kind.thickness, 1), _sides(spec, kind)
+    elif isinstance(kind, Corridor):
+        layout, anchors = _passage(spec, kind.width, kind.length, 2), _sides(spec, kind)
+    else:
+        raise SpecError("arrangement 'random' has no fixed layout; use spawn.spawn_random")
+    if isinstance(kind, Swap):
+        away = kind.circle_radius - math.sqrt(2) * kind.jitter
+    else:
+        away = float(np.abs(anchors[:, 0]).min()) - kind.jitter
+    nearest = 2.0 * away
+    if nearest < spec.spawn.min_goal_distance:
+        raise SpecError(
+            f"goals of arrangement {kind.kind!r} can be {nearest:.2f} m from their starts, less "
+            f"than spawn.min_goal_distance ({spec.spawn.min_goal_distance:g} m). Reduce either."
+        )
+    return Arranged(
+        layout=layout,
+        anchors=anchors,
+        jitter=kind.jitter,
+        is_turned=isinstance(kind, Swap),
+        has_heading=np.array([robot.dynamics == "unicycle" for robot in spec.robots]),
+    )
+
+
+def _margins(spec: TaskSpec) -> tuple[float, float, float]:
+    """Largest radius, clearance and separation of places that are starts and goals at once, m."""
+    s = spec.spawn
+    return (
+        max(robot.radius for robot in spec.robots),
+        max(s.start_clearance, s.goal_clearance) + ROUNDING,
+        max(s.start_separation, s.goal_separation) + ROUNDING,
+    )
+
+
+def unit_circle(n: int) -> Double:
+    """Corners of a regular polygon, from (1, 0) counterclockwise, [n, 2].
+
+    By Taylor's series: the standard library's sine differs between platforms in the last bit.
+    """
+    corners = np.empty((n, 2))
+    for k in range(n):
+        angle = 2.0 * math.pi * (k if 2 * k <= n else k - n) / n
+        term, parts = 1.0, [0.0, 0.0]
+        for power in range(40):
+            parts[power % 2] += term if power % 4 < 2 else -term
+            term = term * angle / (power + 1)
+        corners[k] = parts
+    return corners
+
+
+def _ring(spec: TaskSpec, swap: Swap) -> Double:
+    radius, clearance, separation = _margins(spec)
+    anchors = swap.circle_radius * unit_circle(spec.n_agents)
+    slack = math.sqrt(2) * swap.jitter
+    chord = 2.0 * swap.circle_radius
+    if spec.n_agents > 1:
+        step = anchors[1] - anchors[0]
+        chord = math.sqrt(float(step @ step))
+    need = 2.0 * radius + separation + 2.0 * slack
+    if chord < need:
+        raise SpecError(
+            f"neighbours on the circle are {chord:.2f} m apart, expected at least {need:.2f} m for "
+            f"{spec.n_agents} robots. Enlarge arrangement.circle_radius or reduce its jitter."
+        )
+    reach = swap.circle_radius + slack + radius + clearance
+    half = min(spec.arena.width, spec.arena.height) / 2
+    if reach > half:
+        raise SpecError(
+            f"the circle with its robots reaches {reach:.2f} m from the middle of an arena whose "
+            f"walls are {half:.2f} m away. Enlarge the arena or reduce arrangement.circle_radius."
+        )
+    return anchors
+
+
+def _passage(spec: TaskSpec, width: float, length: float, n_abreast: int) -> Float:
+    """Two boxes that leave a passage along x in the middle of the arena, [2, 8]."""
+    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSABLE
+    room = spec.arena.height / 2 - width / 2
+    if width < need or room <= 0.0:
+        raise SpecError(
+            f"arrangement.width is {width:g} m, expected at least {need:.2f} m for {n_abreast} "
+            f"robots abreast and less than the arena's height ({spec.arena.height:g} m)"
+        )
+    middle = width / 2 + room / 2
+    rows = [(BOX, 0.0, sign * middle, 1.0, 0.0, length / 2, room / 2, 0.0) for sign in (1, -1)]
+    return np.array(rows, dtype=np.float32)
+
+
+def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
+    """Starts of the two teams in columns in the middle of their sides, [N, 2]."""
+    radius, clearance, separation = _margins(spec)
+    edge = (kind.thickness if isinstance(kind, Doorway) else kind.length) / 2
+    margin = radius + clearance + kind.jitter
+    step = 2.0 * radius + separation + 2.0 * kind.jitter
+    deep = spec.arena.width / 2 - edge - 2.0 * margin
+    high = spec.arena.height - 2.0 * margin
+    n_rows = int(max(high, 0.0) / step) + 1
+    n_left = (spec.n_agents + 1) // 2
+    n_columns = -(-n_left // n_rows)
+    if deep < (n_columns - 1) * step or high < 0.0:
+        raise SpecError(
+            f"{n_left} robots with their distances do not fit beside arrangement {kind.kind!r}: "
+            f"each side has {max(deep, 0.0):.2f} m x {max(high, 0.0):.2f} m for their centres, "
+            f"which are {step:.2f} m apart. Enlarge the arena."
+        )
+    middle, anchors = (edge + spec.arena.width / 2) / 2, np.empty((spec.n_agents, 2))
+    n_rows = -(-n_left // n_columns)
+    for k in range(n_left):
+        column, row = divmod(k, n_rows)
+        n_here = min(n_rows, n_left - column * n_rows)
+        place = (
+            middle + (column - (n_columns - 1) / 2) * step,
+            (row - (n_here - 1) / 2) * step,
+        )
+        anchors[2 * k] = -place[0], place[1]
+        if 2 * k + 1 < spec.n_agents:
+            anchors[2 * k + 1] = place
+    return anchors

@@ -1,0 +1,220 @@
+"""Cooperative navigation: N robots drive to goals among obstacles and each other.
+
+State: the robots (`states.ROBOT`). With `goals: assigned`, robot i's target is its goal, for the
+whole episode. With `goals: unassigned`, the N goals belong to nobody and follow as `goal_0_x`,
+`goal_0_y`, ... (m); robot i's target is then the nearest goal that it covers itself or no robot
+does (with equal distances, the first).
+Action: a command (`dynamics`).
+Observation: that of the observation model, which shows the target. Unassigned goals add all goals
+to it, nearest first: `goal_k.offset` (m, goal minus own position) and `goal_k.is_taken` (1 if
+another robot covers the goal, the first if several do).
+
+A robot has reached its goal, and a goal is covered, where their distance is at most `goal_radius`.
+Goals are more than two radii apart, so a robot covers at most one.
+
+Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance to its goal before
+(d') and after the step, and [x] one if x holds, else zero:
+
+    assigned:    w.progress (d' - d) - w.time [d > goal_radius]
+    unassigned:  (w.progress (D' - D) - w.time * goals not covered) / N,  the same for all robots
+
+where D is the sum of distances from robots to goals under the assignment that makes it least. So
+the sum over the team is w.progress times what is less left to drive, and w.time for each goal not
+reached, in both. What all tasks share comes on top (`rewards`).
+
+Solved: all robots have reached their goals at the same time, or all goals are covered.
+Metric: `reached_fraction`, the share of goals reached or covered in the last state.
+
+Layouts: `arrangement: {kind: random}` draws obstacles, starts and goals (`spawn`); the others are
+fixed hard ones (`arrangements`).
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+
+from swarmdata.envs.coop_nav.arrangements import arrange
+from swarmdata.envs.coop_nav.unassigned_goals import (
+    goal_features,
+    score_coverage,
+    share_goals,
+    write_goal_features,
+)
+from swarmdata.envs.world.spawn import SpawnPlan, spawn_random
+from swarmdata.errors import SpecError
+from swarmdata.numerics.assignment import assignment_work
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature
+from swarmdata.specs.rules import NavigationRules, Payload
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+
+
+@kernel
+def score_navigation(
+    before: Float,
+    after: Float,
+    active: Bool,
+    goal_radius: float,
+    weights: tuple[float, float],
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Writes the task's own rewards of the active copies, and whether all are at their goals.
+
+    Args:
+        before: states before the step, [E, S].
+        after: states after the step, [E, S].
+        active: [E].
+        goal_radius: m.
+        weights: of progress and of time.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    for b in range(before.shape[0]):
+        if not active[b]:
+            continue
+        everyone = True
+        for i in range(rewards.shape[1]):
+            old = _goal_distance(before[b], i)
+            new = _goal_distance(after[b], i)
+            outside = new > goal_radius
+            everyone = everyone and not outside
+            rewards[b, i] = weights[0] * (old - new) - (weights[1] if outside else 0.0)
+        solved[b] = everyone
+
+
+@kernel(inline="always")
+def _goal_distance(state: Float, i: int) -> float:
+    r = N_COLUMNS * i
+    dx = float(state[r + TX]) - float(state[r])
+    dy = float(state[r + TY]) - float(state[r + 1])
+    return math.sqrt(dx * dx + dy * dy)
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "reached_fraction": Metric(
+            "goals reached", "", "higher", "share of goals reached or covered in the last state"
+        )
+    }
+)
+"""What this task measures besides `metrics.EPISODE_METRICS`."""
+
+
+class CoopNav:
+    """Implements `interfaces.Task`.
+
+    Raises:
+        SpecError: the spec is another task's, or contradicts itself.
+    """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
+    def __init__(self, spec: TaskSpec) -> None:
+        rules, n = spec.rules, spec.n_agents
+        if not isinstance(rules, NavigationRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'coop_nav'")
+        self.spec = spec
+        is_random = rules.arrangement.kind == "random"
+        self._plan = SpawnPlan.of(spec)
+        self._arranged = None if is_random else arrange(spec)
+        self.kinds: Int = self._plan.kinds
+        if self._arranged is not None:
+            self.kinds = self._arranged.layout[:, 0].astype(np.int64)
+        self.movables: tuple[Payload, ...] = ()
+        self.extras: tuple[Column, ...] = ()
+        self.features: tuple[Feature, ...] = ()
+        self._is_shared = rules.goals == "unassigned"
+        if self._is_shared:
+            _check_separation(spec, rules.goal_radius)
+            self.extras = _goal_columns(n, spec.half_size)
+            self.features = goal_features(n)
+        self._radius = rules.goal_radius
+        self._weights = (rules.rewards.progress, rules.rewards.time)
+        self.terms = _shared_terms(rules) if self._is_shared else _own_terms(rules)
+        self.solved = (
+            f"every goal has a robot within {rules.goal_radius:g} m"
+            if self._is_shared
+            else f"every robot is within {rules.goal_radius:g} m of its target"
+        )
+        self._scratch = (np.zeros((n, n)), *assignment_work(n))
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        robots = robots_of(states, self.spec.n_agents)
+        if self._arranged is not None:
+            self._arranged.spawn(seeds, copies, layouts, robots)
+        else:
+            spawn_random(self._plan, seeds, copies, layouts, robots)
+        if self._is_shared:
+            share_goals(states, copies, self.spec.n_agents, self._radius)
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        if self._is_shared:
+            score_coverage(
+                before.states, now.states, active, self._radius, self._weights, self._scratch,
+                rewards, solved,
+            )  # fmt: skip
+        else:
+            score_navigation(
+                before.states, now.states, active, self._radius, self._weights, rewards, solved
+            )
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        if self._is_shared:
+            write_goal_features(states, active, self.spec.n_agents, self._radius, out)
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        n, last = self.spec.n_agents, episode.states[-1]
+        robots = robots_of(last, n).astype(np.float64)
+        places, goals = robots[:, [X, Y]], robots[:, [TX, TY]]
+        if self._is_shared:
+            goals = last[N_COLUMNS * n :].reshape(n, 1, 2).astype(np.float64)
+        away = np.sqrt(((goals - places) ** 2).sum(axis=-1))  # [N], or [goals, robots]
+        reached = (away <= self._radius) if away.ndim == 1 else (away <= self._radius).any(axis=1)
+        return {"reached_fraction": float(reached.mean())}
+
+
+def _goal_columns(n: int, half: tuple[float, float]) -> tuple[Column, ...]:
+    columns = (pair(f"goal_{k}_", f"position of goal {k}", "m", half) for k in range(n))
+    return tuple(column for both in columns for column in both)
+
+
+def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
+    distance = (
+        "d: distance of the robot (x, y) to its target (tx, ty), m, after the step; d': before it"
+    )
+    w, radius = rules.rewards, rules.goal_radius
+    return (
+        Term("progress", w.progress, "weight * (d' - d)", distance),
+        Term("time", w.time, f"-weight * [d > {radius:g}]", distance),
+    )
+
+
+def _shared_terms(rules: NavigationRules) -> tuple[Term, ...]:
+    w, radius = rules.rewards, rules.goal_radius
+    left = (
+        "D: least sum of distances, m, from robots to goals over all assignments of one goal to "
+        "each robot, after the step; D': before it; N: number of robots"
+    )
+    is_open = f"open: number of goals with no robot within {radius:g} m after the step"
+    return (
+        Term("progress", w.progress, "weight * (D' - D) / N", left),
+        Term("time", w.time, "-weight * open / N", f"{is_open}; N: number of robots"),
+    )
+
+
+def _check_separation(spec: TaskSpec, goal_radius: float) -> None:
+    """Raises unless no robot can cover two unassigned goals."""
+    radii = sorted(robot.radius for robot in spec.robots)
+    apart = sum(radii[:2]) + spec.spawn.goal_separation
+    if spec.n_agents > 1 and apart <= 2 * goal_radius:
+        raise SpecError(
+            f"unassigned goals can be {apart:.3f} m apart (two radii and spawn.goal_separation), "
+            f"expected more than two goal radii ({2 * goal_radius:.3f} m), so that no robot covers "
+            "two. Enlarge spawn.goal_separation or reduce rules.goal_radius."
+        )

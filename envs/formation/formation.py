@@ -1,0 +1,302 @@
+"""Formation: N robots reach and hold a shape while its reference moves through an arena.
+
+The reference is the centre of the slots and faces where it drives, along a smooth path
+(`reference`). Its path is clear, but slots meet obstacles: the formation must bend around them and
+come back (`formation_spawn` says what every episode keeps). Slots are rigid in the reference's
+frame (`shapes`): p + R(heading) offset. A slot's velocity is v + w x (slot - p), with the
+reference's position p, velocity v and turn rate w.
+
+State: the robots (`states.ROBOT`); a robot's target is its own slot now. `slots: fixed`: robot i
+has slot i. `slots: assigned`: the assignment with the least sum of squared distances, anew in each
+step. Then, of the reference, x, y (m), vx, vy (m/s), heading ux, uy, turn_rate (rad/s);
+steps_held, the steps in formation so far; for each time of `preview` the reference's place and
+heading then; and the path's control points x, y (m).
+Action: a command (`dynamics`).
+Observation: that of the observation model, which shows the own slot, and, in the world's frame:
+
+    reference.offset    from the robot to the reference, m
+    reference.velocity  m/s
+    reference.heading   unit vector
+    slot.velocity       of the own slot, minus the robot's own, m/s
+    preview_k.offset    from the robot to where its slot will be after preview[k] seconds, m
+
+Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance to its slot and dv
+its velocity's difference to that of the slot, after the step, and [x] one if x holds, else zero:
+
+    - w.deviation min(d, 1) - (w.time if d > tolerance else w.velocity dv)
+
+Velocities count only in the slot, so that a robot may hurry to it. What all tasks share comes on
+top (`rewards`).
+
+The team is in formation in a step if the root mean square of d over robots is at most `tolerance`.
+Solved: in formation for `hold_fraction` of the horizon's steps, in total, whether in one piece or
+not. The episode ends there, and not at the horizon: forming up fast and losing the shape rarely is
+then what ends it early, the bonus comes when it is earned, and longer episodes hold what is hard.
+
+Metrics: `formation_rmse`, `time_in_formation`, `reference_error`; see `METRICS`.
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+
+from swarmdata.envs.formation.formation_spawn import draw_episodes, plan_episodes
+from swarmdata.envs.formation.shapes import check_slots, slot_offsets
+from swarmdata.envs.formation.slots import (
+    HELD,
+    PREVIEW,
+    Course,
+    Scratch,
+    begin_episodes,
+    place_reference,
+    slot_velocity,
+)
+from swarmdata.errors import SpecError
+from swarmdata.numerics.assignment import assignment_work
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.rules import FormationRules, Payload
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+
+
+@kernel
+def score_formation(
+    state: Float, tolerance: float, weights: tuple[float, float, float], rewards: Double
+) -> bool:
+    """Writes the task's own rewards of one copy; returns whether it is in formation.
+
+    Args:
+        state: after the step, [S].
+        tolerance: m.
+        weights: of deviation, velocity and time.
+        rewards: written, [N].
+    """
+    n, total = rewards.shape[0], 0.0
+    for i in range(n):
+        r = N_COLUMNS * i
+        dx = float(state[r + TX]) - float(state[r + X])
+        dy = float(state[r + TY]) - float(state[r + Y])
+        square = dx * dx + dy * dy
+        d = math.sqrt(square)
+        total += square
+        if d > tolerance:
+            rewards[i] = -weights[0] * min(d, 1.0) - weights[2]
+        else:
+            vx, vy = slot_velocity(state, n, i)
+            vx, vy = vx - float(state[r + VX]), vy - float(state[r + VY])
+            rewards[i] = -weights[0] * min(d, 1.0) - weights[1] * math.sqrt(vx * vx + vy * vy)
+    return total <= n * tolerance * tolerance
+
+
+@kernel
+def advance(
+    states: Float,
+    times: Int,
+    active: Bool,
+    course: Course,
+    rule: tuple[float, float, float, float, int],
+    scratch: Scratch,
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Completes the states of the active copies and scores them.
+
+    Args:
+        states: robots are those after the step; targets and extras are written, [E, S].
+        times: control steps taken, [E].
+        active: [E].
+        course: of the spec.
+        rule: tolerance, m; weights of deviation, velocity and time; steps in formation to solve.
+        scratch: overwritten.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    held = N_COLUMNS * course[0].shape[0] + HELD
+    for b in range(states.shape[0]):
+        if active[b]:
+            place_reference(states[b], times[b], course, scratch)
+            if score_formation(states[b], rule[0], (rule[1], rule[2], rule[3]), rewards[b]):
+                states[b, held] += np.float32(1.0)
+            solved[b] = states[b, held] >= rule[4]
+
+
+@kernel
+def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
+    """Writes what the task adds to the observations of the active copies, [E, N, F].
+
+    Args:
+        states: [E, S].
+        active: [E].
+        n: number of robots.
+        out: written; 8 features and 2 for each preview, [E, N, F].
+    """
+    n_previews = (out.shape[2] - 8) // 2
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        extras = states[b, N_COLUMNS * n :]
+        ux, uy = float(extras[4]), float(extras[5])
+        for i in range(n):
+            robot, row = states[b, N_COLUMNS * i :], out[b, i]
+            px, py = float(robot[X]), float(robot[Y])
+            row[0], row[1] = float(extras[0]) - px, float(extras[1]) - py
+            for c in range(4):
+                row[2 + c] = extras[2 + c]
+            vx, vy = slot_velocity(states[b], n, i)
+            row[6], row[7] = vx - float(robot[VX]), vy - float(robot[VY])
+            dx, dy = float(robot[TX]) - float(extras[0]), float(robot[TY]) - float(extras[1])
+            lx, ly = dx * ux + dy * uy, dy * ux - dx * uy  # the slot in the reference's frame
+            for k in range(n_previews):
+                pose = extras[PREVIEW + 4 * k :]
+                wx, wy = float(pose[2]), float(pose[3])
+                row[8 + 2 * k] = float(pose[0]) + wx * lx - wy * ly - px
+                row[9 + 2 * k] = float(pose[1]) + wy * lx + wx * ly - py
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "formation_rmse": Metric(
+            "formation RMSE",
+            "m",
+            "lower",
+            "root mean square distance of robots to their slots, mean over steps",
+        ),
+        "time_in_formation": Metric(
+            "time in formation", "", "higher", "share of steps with an RMSE within the tolerance"
+        ),
+        "reference_error": Metric(
+            "reference error",
+            "m",
+            "lower",
+            "distance of the robots' centroid from the reference, mean over steps",
+        ),
+    }
+)
+"""What this task measures besides `metrics.EPISODE_METRICS`."""
+
+
+class Formation:
+    """Implements `interfaces.Task`.
+
+    Raises:
+        SpecError: the spec is another task's, or contradicts itself.
+    """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
+    def __init__(self, spec: TaskSpec) -> None:
+        rules, n = spec.rules, spec.n_agents
+        if not isinstance(rules, FormationRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'formation'")
+        self.spec = spec
+        check_slots(rules, np.array([robot.radius for robot in spec.robots]))
+        offsets = slot_offsets(rules, n)
+        self._plan = plan_episodes(spec, rules, offsets)
+        self.kinds: Int = self._plan.sizes[:, 0].astype(np.int64)
+        self.movables: tuple[Payload, ...] = ()
+        self.extras = _extras(rules.preview, self._plan.path.n_points, spec)
+        self.features: tuple[Feature, ...] = _features(rules.preview)
+        self.segment_rate = rate = self._plan.path.rate  # segments of the path per second
+        ahead = np.array(rules.preview, dtype=np.float64) * rate
+        is_assigned = rules.slots == "assigned"
+        self._course: Course = (offsets, is_assigned, spec.control_dt * rate, rate, ahead)
+        self._scratch = (np.zeros((n, 2)), np.zeros((n, n)), *assignment_work(n))
+        w = rules.rewards
+        needed = max(1, math.ceil(rules.hold_fraction * spec.horizon - 1e-9))
+        self._rule = (rules.tolerance, w.deviation, w.velocity, w.time, needed)
+        self._tolerance = rules.tolerance
+        self.terms = _terms(rules)
+        self.solved = (
+            f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
+            f"{rules.tolerance:g} m in {needed} steps of the episode, in a row or not"
+        )
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        draw_episodes(self._plan, self.spec, seeds, copies, layouts, states)
+        begin_episodes(copies, states, self._course, self._scratch)
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        advance(
+            now.states, now.times, active, self._course, self._rule, self._scratch, rewards, solved
+        )
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        write_formation_features(states, active, self.spec.n_agents, out)
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        n = self.spec.n_agents
+        centre = episode.states[1:, N_COLUMNS * n : N_COLUMNS * n + 2].astype(np.float64)
+        robots = robots_of(episode.states[1:], n).astype(np.float64)
+        offsets = robots[..., [TX, TY]] - robots[..., [X, Y]]
+        squares = (offsets * offsets).sum(axis=(1, 2))
+        away = robots[..., [X, Y]].mean(axis=1) - centre
+        is_formed = squares <= n * self._tolerance * self._tolerance
+        return {
+            "formation_rmse": float(np.sqrt(squares / n).mean()),
+            "time_in_formation": float(is_formed.mean()),
+            "reference_error": float(np.sqrt((away * away).sum(axis=1)).mean()),
+        }
+
+
+def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple[Column, ...]:
+    rules, half = spec.rules, spec.half_size
+    assert isinstance(rules, FormationRules)  # checked by the task
+    spline = (
+        "of the reference's path, a uniform cubic B-spline of which each segment takes "
+        f"{rules.segment_time:g} s; the same in the whole episode"
+    )
+    held = "steps of the episode so far, this one included, in which the team was in formation"
+    return (
+        *pair("reference_", "position of the reference, the origin of the slots", "m", half),
+        *pair("reference_v", "velocity of the reference", "m/s", None),
+        *pair("reference_u", "heading of the reference", "", (1.0, 1.0), "; a unit vector"),
+        Column("reference_turn_rate", "turn rate of its heading, counter-clockwise", "rad/s"),
+        Column("steps_held", held, low=0, high=spec.horizon),
+        *(
+            column
+            for k, seconds in enumerate(previews)
+            for column in (
+                *pair(f"preview_{k}_", f"position of the reference {seconds:g} s later", "m", half),
+                *pair(f"preview_{k}_u", f"heading of it {seconds:g} s later", "", (1.0, 1.0)),
+            )
+        ),
+        *(
+            column
+            for k in range(n_points)
+            for column in pair(f"control_{k}_", f"control point {k} {spline}", "m", half)
+        ),
+    )
+
+
+def _terms(rules: FormationRules) -> tuple[Term, ...]:
+    w, tolerance = rules.rewards, rules.tolerance
+    distance = "d: distance of the robot (x, y) to its slot (tx, ty), m, after the step"
+    velocity = (
+        "dv: length, m/s, of the difference of the robot's velocity (vx, vy) and its slot's, which "
+        "is (reference_vx - r (ty - reference_y), reference_vy + r (tx - reference_x)) with "
+        "r = reference_turn_rate, after the step"
+    )
+    return (
+        Term("deviation", w.deviation, "-weight * min(d, 1)", distance),
+        Term("time", w.time, f"-weight * [d > {tolerance:g}]", distance),
+        Term("velocity", w.velocity, f"-weight * dv * [d <= {tolerance:g}]", velocity),
+    )
+
+
+def _features(previews: tuple[float, ...]) -> tuple[Feature, ...]:
+    later = (
+        vector(f"preview_{k}.offset", "position", f"own slot in {seconds:g} s - own position")
+        for k, seconds in enumerate(previews)
+    )
+    return (
+        *vector("reference.offset", "position", "reference - own position"),
+        *vector("reference.velocity", "velocity", "of the reference"),
+        *vector("reference.heading", "direction", "of the reference, where it drives"),
+        *vector("slot.velocity", "velocity", "own slot's velocity - own velocity"),
+        *(feature for pair in later for feature in pair),
+    )

@@ -1,0 +1,195 @@
+"""The smooth path of a formation's reference: a uniform cubic B-spline over drawn control points.
+
+Segment k of the path is made of control points k to k + 3 and takes `segment_time`. With the edges
+of the control polygon e = p[k+1] - p[k], the path has three properties by construction (Farin,
+"Curves and Surfaces for CAGD", 5th edition, 2002, chapter 8; its derivative is a quadratic
+B-spline over e / segment_time):
+
+- it stays in the convex hull of its control points, so within a box if they are;
+- it is never faster than the longest edge / `segment_time`;
+- position, velocity and acceleration are continuous; and since edges turn by less than a right
+  angle, the velocity is never zero, so that the heading, its direction, is smooth too.
+
+Polynomials and square roots only, so that the bits are the same on every platform.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.envs.world.spawn import next_uniform
+from swarmdata.runtime.kernels import kernel
+from swarmdata.types import Double, Float, Seeds
+
+SIXTH = 1.0 / 6.0
+
+TRIES = 8
+"""Draws of an edge before the walk takes the next one of a loop."""
+
+SHORTEST = 0.7
+"""Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
+
+
+class PathPlan(NamedTuple):
+    """What drawing a path needs to know."""
+
+    room: Double  # half width and half height of the box for control points, m, [2]
+    n_points: int  # K
+    longest: float  # edge, m
+    tangent: float  # of half the largest turn from edge to edge
+    n_loop: int  # edges of a loop with such turns
+    rate: float  # segments per second
+    reach: float  # m, from the reference to the farthest slot
+    top: float  # m/s, speed that no slot may exceed
+
+
+@kernel(inline="always")
+def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
+    """Returns a path's position, and its first and second derivative by `s`.
+
+    Args:
+        row: ends with the control points x, y, x, y, ..., m, [first + 2 K].
+        first: where they begin.
+        s: segments from the start, at least 0; the last segment goes on.
+    """
+    k = min(int(s), (row.shape[0] - first) // 2 - 4)
+    u = s - k
+    v = 1.0 - u
+    c0, c2 = 0.5 * v * v, 0.5 * u * u
+    c1 = 1.0 - c0 - c2
+    b0, b3 = SIXTH * v * v * v, SIXTH * u * u * u
+    b2 = SIXTH + 0.5 * u * (1.0 + u * v)
+    b1 = 1.0 - b0 - b2 - b3
+    i = first + 2 * k
+    x0, x1, x2 = float(row[i]), float(row[i + 2]), float(row[i + 4])
+    y0, y1, y2 = float(row[i + 1]), float(row[i + 3]), float(row[i + 5])
+    x3, y3 = float(row[i + 6]), float(row[i + 7])
+    return (
+        b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3,
+        b0 * y0 + b1 * y1 + b2 * y2 + b3 * y3,
+        c0 * (x1 - x0) + c1 * (x2 - x1) + c2 * (x3 - x2),
+        c0 * (y1 - y0) + c1 * (y2 - y1) + c2 * (y3 - y2),
+        v * (x2 - 2.0 * x1 + x0) + u * (x3 - 2.0 * x2 + x1),
+        v * (y2 - 2.0 * y1 + y0) + u * (y3 - 2.0 * y2 + y1),
+    )
+
+
+@kernel
+def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
+    """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
+
+    Args:
+        row: as in `spline`.
+        first: as in `spline`.
+        s: segments from the start.
+        out: written; may be `row`.
+        at: where.
+    """
+    x, y, dx, dy, _, _ = spline(row, first, s)
+    scale = 1.0 / math.sqrt(dx * dx + dy * dy)
+    out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * scale, dy * scale
+
+
+@kernel
+def write_motion(
+    row: Float, first: int, s: float, rate: float, out: Float | Double, at: int
+) -> None:
+    """Writes position (m), velocity (m/s), heading and turn rate (rad/s), 7 numbers.
+
+    The turn rate is that of the velocity's direction, (v x a) / |v|^2. Arguments are those of
+    `write_pose`, and segments per second.
+    """
+    x, y, dx, dy, ddx, ddy = spline(row, first, s)
+    square = dx * dx + dy * dy
+    scale = 1.0 / math.sqrt(square)
+    out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * rate, dy * rate
+    out[at + 4], out[at + 5] = dx * scale, dy * scale
+    out[at + 6] = (dx * ddy - dy * ddx) / square * rate
+
+
+@kernel
+def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
+    """Draws a path whose slots are never too fast; False if it found none.
+
+    A random walk in the box that keeps a way back: after every edge, a loop of the sharpest turns
+    to one side fits. Where random edges do not, the walk takes the loop's next edge.
+
+    Args:
+        state: of the generator, [1].
+        plan: the same for every episode.
+        points: written, control points x, y, x, y, ..., m, [2 K].
+    """
+    points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
+    points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
+    ux, uy = _direction(2.0 * next_uniform(state) - 1.0)
+    if next_uniform(state) < 0.5:
+        ux, uy = -ux, -uy
+    for k in range(1, plan.n_points):
+        for attempt in range(TRIES + 3):
+            if attempt == TRIES + 2:
+                return False
+            t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
+            edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
+            if attempt >= TRIES:
+                t = plan.tangent if attempt == TRIES else -plan.tangent
+                edge = SHORTEST * plan.longest
+            wx, wy = turned(ux, uy, t)
+            x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
+            rest = min(plan.n_points - 1 - k, plan.n_loop)
+            if not (fits(x, y, wx, wy, plan, rest, 1.0) or fits(x, y, wx, wy, plan, rest, -1.0)):
+                continue
+            points[2 * k], points[2 * k + 1] = x, y
+            if k < 3 or is_slow(points[2 * k - 6 : 2 * k + 2], plan):
+                break
+        ux, uy = wx, wy
+    return True
+
+
+@kernel
+def fits(
+    x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
+) -> bool:
+    """Whether a point, and shortest edges with the sharpest turns that follow, are in the box.
+
+    Args:
+        x: point, m.
+        y: point, m.
+        ux: direction of the edge that led to it, unit vector.
+        uy: the same.
+        plan: the same for every episode.
+        n_edges: how many follow.
+        side: 1 to turn left, -1 to turn right.
+    """
+    edge = SHORTEST * plan.longest
+    for _ in range(n_edges):
+        if abs(x) > plan.room[0] or abs(y) > plan.room[1]:
+            return False
+        ux, uy = turned(ux, uy, side * plan.tangent)
+        x, y = x + edge * ux, y + edge * uy
+    return abs(x) <= plan.room[0] and abs(y) <= plan.room[1]
+
+
+@kernel(inline="always")
+def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
+    """A unit vector, turned by twice the angle of tangent t."""
+    cos, sin = _direction(t)
+    return ux * cos - uy * sin, ux * sin + uy * cos
+
+
+@kernel(inline="always")
+def _direction(t: float) -> tuple[float, float]:
+    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
+    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
+
+
+@kernel
+def is_slow(points: Float, plan: PathPlan) -> bool:
+    """Whether no slot exceeds its speed on one segment, [8], looked at in five places."""
+    motion = np.empty(7)
+    for quarter in range(5):
+        write_motion(points, 0, 0.25 * quarter, plan.rate, motion, 0)
+        speed = math.sqrt(motion[2] * motion[2] + motion[3] * motion[3])
+        if speed + abs(motion[6]) * plan.reach > plan.top:
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""Physics: robot dynamics, contacts, and the backends that simulate them."""

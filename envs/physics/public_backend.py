@@ -1,0 +1,195 @@
+"""How a world is built in Pymunk, and a backend that uses only Pymunk's public interface.
+
+This backend builds every space anew at reset. `envs.munk` does the same work about ten times
+faster through Munk2D's own functions, and must give the same bits; this one takes over where the
+private names are missing.
+"""
+
+import math
+
+import numpy as np
+import pymunk
+
+from swarmdata.envs.physics.backend import Contacts, Plan, write_state
+from swarmdata.envs.physics.contacts import update_contacts
+from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Counts, Double, Float, Int
+
+SLOP = 0.002
+"""Overlap (m) that Munk2D leaves at rest; its default of 0.1 is meant for pixels."""
+
+ITERATIONS = 10
+FRICTION = 0.2
+
+
+@kernel
+def bars(row: Float, out: Double) -> int:
+    """Writes the corners of the obstacle's bars, counter-clockwise; returns how many bars it has.
+
+    The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
+    gives, so that a shape built by hull and one written in place have the same vertices.
+
+    Args:
+        row: one obstacle, columns `geometry.OBSTACLE`, [8].
+        out: written, m, [3, 4, 2].
+    """
+    x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
+    a, b, t = float(row[5]), float(row[6]), float(row[7])
+    n_bars = int(row[0])  # shape codes count bars: circle 0, box 1, corner 2, pocket 3
+    local = np.empty((4, 2))
+    for k in range(n_bars):
+        cx, cy, hx, hy = 0.0, 0.0, a, b
+        if n_bars > 1:
+            cx, cy = (0.0, t - b) if k == 0 else (t - a if k == 1 else a - t, 0.0)
+            hx, hy = (a, t) if k == 0 else (t, b)
+        first = 0
+        for c in range(4):
+            lx = cx + hx if c in (1, 2) else cx - hx
+            ly = cy + hy if c in (2, 3) else cy - hy
+            local[c, 0] = x + lx * ux - ly * uy
+            local[c, 1] = y + lx * uy + ly * ux
+            lower = local[c, 1] < local[first, 1]
+            if local[c, 0] < local[first, 0] or (local[c, 0] == local[first, 0] and lower):
+                first = c
+        for c in range(4):
+            out[k, c, 0] = local[(first + c) % 4, 0]
+            out[k, c, 1] = local[(first + c) % 4, 1]
+    return n_bars
+
+
+def n_static_shapes(kinds: Int) -> int:
+    """Number of shapes of all obstacles, without the walls; every obstacle has at least one."""
+    return int(np.maximum(kinds, 1).sum())
+
+
+def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
+    t = spec.arena.wall_thickness
+    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
+    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    return [pymunk.Segment(body, corners[i], corners[(i + 1) % 4], t) for i in range(4)]
+
+
+def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk.Shape:
+    """Adds a body that slides on the floor; returns its shape, which is not in the space yet.
+
+    Dry friction with the floor is two joints without a spring and with little strength, which the
+    solver weighs against the contacts: a push below the friction moves nothing.
+    """
+    half = payload.half_length, payload.half_width
+    if payload.shape == "circle":
+        moment, area = pymunk.moment_for_circle(payload.mass, 0, half[0]), math.pi * half[0] ** 2
+    else:
+        size = 2 * half[0], 2 * half[1]
+        moment, area = pymunk.moment_for_box(payload.mass, size), size[0] * size[1]
+    body = pymunk.Body(payload.mass, moment)
+    body.position, body.angle = (pose[0], pose[1]), math.atan2(pose[5], pose[4])
+    slide = pymunk.PivotJoint(space.static_body, body, (0, 0), (0, 0))
+    turn = pymunk.GearJoint(space.static_body, body, 0.0, 1.0)
+    slide.max_bias = turn.max_bias = 0.0
+    slide.max_force = payload.friction
+    turn.max_force = payload.friction * 2 / 3 * math.sqrt(area / math.pi)  # that of such a disc
+    space.add(body, slide, turn)
+    if payload.shape == "circle":
+        return pymunk.Circle(body, half[0])
+    return pymunk.Poly.create_box(body, (2 * half[0], 2 * half[1]))
+
+
+def build_space(
+    plan: Plan, layout: Float, robots: Double, movables: Double
+) -> tuple[pymunk.Space, list[pymunk.Body]]:
+    """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
+
+    Args:
+        plan: what it consists of.
+        layout: obstacles, [M, 8].
+        robots: [N, 6].
+        movables: [K, 7].
+
+    Returns:
+        The space, and the bodies of robots and movables.
+    """
+    spec = plan.spec
+    space = pymunk.Space()
+    space.collision_slop = SLOP
+    space.iterations = ITERATIONS
+    space.damping = 1.0  # drag is part of the robots, not of the world
+    ground = space.static_body
+    shapes = _walls(spec, ground)
+    corners = np.empty((3, 4, 2))
+    for row in layout:
+        if row[0] == CIRCLE:
+            shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
+        else:
+            n_bars = bars(row, corners)
+            shapes += [
+                pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
+            ]
+    bodies = []
+    for robot, (x, y) in zip(spec.robots, robots[:, :2].tolist(), strict=True):
+        body = pymunk.Body(1.0, float("inf"))
+        body.position = x, y
+        shapes.append(pymunk.Circle(body, robot.radius))
+        bodies.append(body)
+    space.add(*bodies)
+    for payload, pose in zip(plan.movables, movables.tolist(), strict=True):
+        shapes.append(_movable(space, payload, pose))
+        bodies.append(shapes[-1].body)
+    for shape in shapes:
+        shape.friction, shape.elasticity = FRICTION, 0.0
+    space.add(*shapes)
+    return space, bodies
+
+
+class PublicBackend:
+    """The backend interface over attribute access; slow, and the reference for the fast one."""
+
+    def __init__(self, plan: Plan, n_copies: int) -> None:
+        self._plan, spec = plan, plan.spec
+        self._limits, self._timing = limits_of(spec), (spec.n_substeps, spec.physics_dt)
+        self._radii = np.array([robot.radius for robot in spec.robots])
+        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
+        self._layouts: dict[int, Float] = {}
+        self._forces: Double = np.zeros((spec.n_agents, 2))
+        self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
+        self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
+
+    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+        for b in copies.tolist():
+            self._layouts[b] = layouts[b].copy()
+            self._worlds[b] = build_space(self._plan, layouts[b], robots[b], bodies[b])
+        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
+
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
+        for b in np.flatnonzero(active).tolist():
+            world = self._worlds[b]
+            if world is None:
+                raise RuntimeError(f"copy {b} was stepped before its first reset")
+            for k in range(self._timing[0]):
+                self._substep(b, k, commands, *world)
+                update_contacts(
+                    self._robots[b], self._radii, self._layouts[b], self._half,
+                    *(array[b] for array in contacts), events[b],
+                )  # fmt: skip
+            write_state(self._robots[b], self._bodies[b], states[b])
+
+    def _substep(
+        self, b: int, k: int, commands: Double, space: pymunk.Space, bodies: list[pymunk.Body]
+    ) -> None:
+        n = len(self._radii)
+        drive(self._robots[b], commands[b], self._limits, self._timing, k, self._forces)
+        for body, force in zip(bodies[:n], self._forces.tolist(), strict=True):
+            body.force = tuple(force)
+        space.step(self._timing[1])
+        for i, body in enumerate(bodies[:n]):
+            self._robots[b, i, :4] = *body.position, *body.velocity
+        for i, body in enumerate(bodies[n:]):
+            self._bodies[b, i] = (
+                *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
+            )  # fmt: skip

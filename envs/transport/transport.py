@@ -1,0 +1,382 @@
+"""Transport: robots push a payload that none can move alone to a goal.
+
+A payload lies on the floor, whose dry friction (`Payload.friction`, N) holds it. A robot of mass
+1 kg pushes with at most its `max_acceleration`; by default 1.5 N against 2.5 N, so one robot pushes
+in vain (a run-up moves the payload 2 cm) and two move it. Robots cannot grip or pull: a payload
+comes off a wall only by pushing it along. Contacts with the payload are no collisions.
+
+State: the robots (`states.ROBOT`); a robot's target is the goal of the payload's centre (m), the
+same for all and in every step. Then the payload (`states.BODY`). With `goal_angle`, then the
+direction its local x axis shall have, a unit vector (`goal_ux`, `goal_uy`).
+
+Action: a command (`dynamics`).
+
+Observation: that of the observation model, then, in the world's frame, all relative to the robot
+or the payload:
+
+    payload_x, _y             payload's centre minus the robot's, m
+    payload_near_x, _y        the payload's nearest point minus the robot's centre, m
+    payload_velocity_x, _y    velocity of the payload, m/s
+    payload_goal_x, _y        goal minus the payload's centre, m
+    payload_obstacle_<k>.near_x, _y direction from the payload's centre to the nearest point of the
+                              obstacle nearest to it (k = 0) and of the next (1), times closeness:
+                              0 from `SURROUNDINGS` beyond its bounding circle on, 1 in contact
+    payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
+    payload_turn              turn rate times the distance of a corner, m/s (a box only)
+    goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
+
+A box looks the same after half a turn, so an axis has two directions. Of the payload's axis, the
+one given makes an angle of at most 90 degrees with `goal_axis`, or, without a goal angle, with the
+way to the goal.
+
+Own reward of robot i, with weights w from `spec.rules.rewards`, before (') and after the step: d
+the distance of the payload's centre to its goal, g_i the distance of the robot's centre to the
+payload's nearest point, s the sine of the angle between the payload's axis and the wanted one (0
+without `goal_angle`), and [x] one if x holds, else zero:
+
+    w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
+
+The first three are differences of potentials: going back and forth earns nothing, and the whole
+episode's sum is bounded by where things started. What all tasks share comes on top (`rewards`).
+Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
+within that angle of the wanted one.
+
+Episodes: obstacles keep `obstacles.gap` from each other and from the walls, in which the payload
+must fit in any direction; it starts with `room` around it, in which robots can get behind it, and
+its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine, so that the last
+bits of a box's episodes are the C library's; those of a circle's depend on none.
+
+Metrics: `METRICS`.
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+
+from swarmdata.envs.transport.payload import (
+    Shape,
+    count_contacts,
+    count_pushes,
+    payload_radius,
+    place_row,
+    shape_of,
+)
+from swarmdata.envs.transport.transport_spawn import draw_episodes
+from swarmdata.envs.world.spawn import SpawnPlan
+from swarmdata.errors import SpawnError, SpecError
+from swarmdata.numerics.geometry import BOX, nearest, nearest_of
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+
+N_AROUND = 2
+"""Obstacles around the payload that robots are told of."""
+
+SURROUNDINGS = 1.5
+"""Distance (m) from the payload's bounding circle from which on obstacles are not felt."""
+
+ANY_ANGLE = 2.0
+"""Largest sine of a payload's angle to the goal's where any will do."""
+
+
+@kernel(inline="always")
+def goal_error(state: Float, first: int) -> tuple[float, float]:
+    """Distance of the payload's centre to its goal (m), and the sine of its angle to the goal's.
+
+    Args:
+        state: [S].
+        first: where the payload begins.
+    """
+    dx = np.float64(state[TX]) - np.float64(state[first])
+    dy = np.float64(state[TY]) - np.float64(state[first + 1])
+    sine = 0.0
+    if state.shape[0] > first + 7:
+        ux, uy = np.float64(state[first + 4]), np.float64(state[first + 5])
+        sine = abs(ux * np.float64(state[first + 8]) - uy * np.float64(state[first + 7]))
+    return math.sqrt(dx * dx + dy * dy), sine
+
+
+@kernel
+def score_transport(
+    before: Float,
+    after: Float,
+    active: Bool,
+    shape: Shape,
+    goal: tuple[float, float],
+    weights: tuple[float, float, float, float],
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Writes the task's own rewards of the active copies, and whether they are solved.
+
+    Args:
+        before: states before the step, [E, S].
+        after: states after the step, [E, S].
+        active: [E].
+        shape: of the payload.
+        goal: radius, m, and largest sine of the angle.
+        weights: of progress, of turn progress, of approach and of time.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    n = rewards.shape[1]
+    first = N_COLUMNS * n
+    old, new = np.empty(8, np.float32), np.empty(8, np.float32)
+    for b in range(before.shape[0]):
+        if not active[b]:
+            continue
+        old_d, old_s = goal_error(before[b], first)
+        d, s = goal_error(after[b], first)
+        solved[b] = d <= goal[0] and s <= goal[1]
+        team = weights[0] * (old_d - d) + weights[1] * (old_s - s)
+        team -= 0.0 if solved[b] else weights[3]
+        place_row(before[b, first:], shape, old)
+        place_row(after[b, first:], shape, new)
+        for i in range(n):
+            x, y = before[b, N_COLUMNS * i], before[b, N_COLUMNS * i + 1]
+            gap = nearest(np.float64(x), np.float64(y), old)[0]
+            x, y = after[b, N_COLUMNS * i], after[b, N_COLUMNS * i + 1]
+            gap -= nearest(np.float64(x), np.float64(y), new)[0]
+            rewards[b, i] = team + weights[2] * gap
+
+
+@kernel(error_model="numpy")
+def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
+    """Writes the closeness vectors of the obstacles nearest to a payload, nearest first.
+
+    Args:
+        x: of the payload's centre, m.
+        y: of the payload's centre, m.
+        radius: of its bounding circle, m.
+        layout: obstacles, [M, 8].
+        out: written, [N_AROUND, 2].
+    """
+    distances = np.full(N_AROUND, np.inf)
+    out[:] = 0.0
+    for m in range(layout.shape[0]):
+        distance, vx, vy = nearest_of(x, y, layout, m)
+        slot = N_AROUND
+        while slot > 0 and distance < distances[slot - 1]:
+            slot -= 1
+            if slot + 1 < N_AROUND:
+                distances[slot + 1] = distances[slot]
+                out[slot + 1] = out[slot]
+        if slot < N_AROUND:
+            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS, 0.0), 1.0)
+            scale = closeness / max(distance, 1e-9)
+            distances[slot] = distance
+            out[slot, 0], out[slot, 1] = vx * scale, vy * scale
+
+
+@kernel
+def write_transport_features(
+    states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
+) -> None:
+    """Writes what the task adds to every robot's observation, as the module says.
+
+    Args:
+        states: [E, S].
+        layouts: obstacles, [E, M, 8].
+        active: [E].
+        shape: of the payload.
+        out: written, [E, N, F].
+    """
+    n, is_box = out.shape[1], shape[0] == BOX
+    first = N_COLUMNS * n
+    arm = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
+    radius = arm if is_box else shape[1]
+    row, around = np.empty(8, np.float32), np.empty((N_AROUND, 2))
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        state, body = states[b], states[b, first:]
+        place_row(body, shape, row)
+        write_surroundings(np.float64(body[0]), np.float64(body[1]), radius, layouts[b], around)
+        gx, gy = (
+            np.float64(state[TX]) - np.float64(body[0]),
+            np.float64(state[TY]) - np.float64(body[1]),
+        )
+        is_posed = body.shape[0] > 7
+        wx, wy = (np.float64(body[7]), np.float64(body[8])) if is_posed else (gx, gy)
+        ux, uy = np.float64(body[4]), np.float64(body[5])
+        sign = 1.0 if ux * wx + uy * wy >= 0.0 else -1.0
+        for i in range(n):
+            own, x, y = (
+                out[b, i],
+                np.float64(state[N_COLUMNS * i]),
+                np.float64(state[N_COLUMNS * i + 1]),
+            )
+            own[0], own[1] = np.float64(body[0]) - x, np.float64(body[1]) - y
+            _, own[2], own[3] = nearest(x, y, row)
+            own[4], own[5] = body[2], body[3]
+            own[6], own[7] = gx, gy
+            for k in range(N_AROUND):
+                own[8 + 2 * k], own[9 + 2 * k] = around[k, 0], around[k, 1]
+            at = 8 + 2 * N_AROUND
+            if is_box:
+                own[at], own[at + 1] = sign * ux, sign * uy
+                own[at + 2] = np.float64(body[6]) * arm
+            if is_posed:
+                own[at + 3], own[at + 4] = wx, wy
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "payload_distance": Metric(
+            "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
+        ),
+        "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
+        "payload_contacts": Metric(
+            "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
+        ),
+        "push_share": Metric(
+            "pushing", "", "neither", "share of robot steps in contact with the payload"
+        ),
+        "payload_angle": Metric(
+            "payload angle",
+            "rad",
+            "lower",
+            "angle of the payload's axis to its goal's at the end; 0 where any will do",
+        ),
+    }
+)
+"""What this task measures besides `metrics.EPISODE_METRICS`."""
+
+
+class Transport:
+    """Implements `interfaces.Task`.
+
+    Raises:
+        SpecError: the spec is another task's, or its obstacles leave no room for the payload.
+    """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
+    def __init__(self, spec: TaskSpec) -> None:
+        rules = spec.rules
+        if not isinstance(rules, TransportRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+        radius = payload_radius(rules.payload)
+        if spec.obstacles.gap < 2.0 * radius:
+            raise SpecError(
+                f"obstacles.gap is {spec.obstacles.gap:g} m, and the payload needs "
+                f"{2.0 * radius:.2f} m to pass in any direction. Make the gap wider or the payload "
+                "smaller."
+            )
+        self.spec = spec
+        self._plan = SpawnPlan.of(spec)
+        self.kinds: Int = self._plan.kinds
+        self.movables: tuple[Payload, ...] = (rules.payload,)
+        is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
+        wanted = "direction that the payload's local x axis shall have (or its opposite)"
+        self.extras = pair("goal_u", wanted, "", (1.0, 1.0)) if is_posed else ()
+        self.terms, self.solved = _terms(rules), _solved(rules)
+        self.features = _features(is_box, is_posed)
+        self._shape = shape_of(rules.payload)
+        # rounded, so that it is the same number whatever the C library's sine is
+        sine = ANY_ANGLE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
+        self._goal = (rules.goal_radius, sine)
+        w, s = rules.rewards, spec.spawn
+        self._weights = (w.progress, w.turn_progress, w.approach, w.time)
+        self._room = np.array(
+            [
+                radius, spec.obstacles.gap, rules.room, s.goal_clearance,
+                s.min_goal_distance, s.start_clearance, s.start_separation,
+            ]
+        )  # fmt: skip
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        plan, attempts = self._plan, self.spec.spawn.max_attempts
+        drawn = draw_episodes(
+            seeds, copies, plan.sizes, plan.half, plan.team, self._room, attempts, layouts, states
+        )
+        if drawn < len(copies):
+            raise SpawnError(
+                f"no layout found for seed {seeds[drawn]} in {attempts} attempts: the payload "
+                f"needs {self._room[0] + self._room[2]:.2f} m around its start, obstacles gaps of "
+                f"{self._room[1]:g} m. Use fewer or smaller obstacles, or a larger arena."
+            )
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        score_transport(
+            before.states, now.states, active, self._shape, self._goal, self._weights, rewards,
+            solved,
+        )  # fmt: skip
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        write_transport_features(states, layouts, active, self._shape, out)
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        n, first = self.spec.n_agents, N_COLUMNS * self.spec.n_agents
+        bodies = np.ascontiguousarray(episode.states[:, first : first + len(BODY)])
+        positions = np.ascontiguousarray(robots_of(episode.states[1:], n)[..., : Y + 1])
+        radii, half = self._plan.team[0], self._plan.half
+        distance, sine = goal_error(episode.states[-1], first)
+        pushes = count_pushes(positions, radii, bodies[1:], self._shape)
+        steps = np.diff(bodies[:, :2].astype(np.float64), axis=0)
+        return {
+            "payload_distance": distance,
+            "payload_path": float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+            "payload_contacts": float(count_contacts(bodies, self._shape, episode.layout, half)),
+            "push_share": pushes / (n * len(episode)),
+            "payload_angle": math.asin(min(sine, 1.0)),
+        }
+
+
+def _terms(rules: TransportRules) -> tuple[Term, ...]:
+    w = rules.rewards
+    distance = "d: distance of the payload's centre to the target (tx, ty), m, after the step"
+    sine = (
+        "s: |sine| of the angle between the payload's axis (ux, uy) and (goal_ux, goal_uy) after "
+        "the step; s': before it"
+        if rules.goal_angle is not None
+        else "s: 0, since any direction of the payload will do; s': the same"
+    )
+    size = f"{rules.payload.half_length:g}"
+    body = (
+        f"a disc of radius {size} m"
+        if rules.payload.shape == "circle"
+        else f"the rectangle |x| <= {size}, |y| <= {rules.payload.half_width:g} m in its frame"
+    )
+    gap = (
+        "g: distance of the robot's centre to the payload's nearest point, m, after the step; g': "
+        f"before it. The payload is {body}"
+    )
+    return (
+        Term("progress", w.progress, "weight * (d' - d)", f"{distance}; d': before it"),
+        Term("turn_progress", w.turn_progress, "weight * (s' - s)", sine),
+        Term("approach", w.approach, "weight * (g' - g)", gap),
+        Term("time", w.time, "-weight * [not solved]", "solved: as for success"),
+    )
+
+
+def _solved(rules: TransportRules) -> str:
+    near = f"the payload's centre is within {rules.goal_radius:g} m of the target"
+    if rules.goal_angle is None:
+        return near
+    return f"{near}, its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
+
+
+_NEAR = "from the payload to an obstacle's nearest point, times closeness"
+
+
+def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
+    found: tuple[Feature, ...] = (
+        *vector("payload", "position", "the payload's centre, from the robot"),
+        *vector("payload_near", "position", "the payload's nearest point, from the robot"),
+        *vector("payload_velocity", "velocity", "velocity of the payload"),
+        *vector("payload_goal", "position", "goal, from the payload's centre"),
+        *numbered("payload_obstacle", N_AROUND, vector("near", "direction", _NEAR)),
+    )
+    if is_box:
+        turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
+        found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
+    if is_posed:
+        found += vector("goal_axis", "direction", "direction that the axis shall have")
+    return found

@@ -1,0 +1,310 @@
+"""Warehouse: N robots fetch goods between shelves and deliver them at stations, order after order.
+
+The floor is that of `floor_plan`, the same in every episode; the spec has no other obstacles.
+Robots start at rest anywhere on it (`spawn.start_clearance`, `spawn.start_separation`). Order q of
+robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i
+and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
+`goal_radius` of it after a control step, drives to the station, delivers in the same way, and has
+the next order at once. Several robots may have the same place or station.
+
+State: the robots (`states.ROBOT`); a robot's target is the place of its order, or the station while
+it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made, which
+is also the number q of its order).
+Action: a command (`dynamics`).
+Observation: that of the observation model, and for each robot
+    carrying                0 or 1; tells the kind of its target, a place (0) or a station (1)
+    corner_x, corner_y      m, in the world's frame, from the robot to the point where it should
+                            drive next on its shortest way (`floor_plan.next_corner`)
+
+Own reward of robot i, with weights w from `spec.rules.rewards`, L the length of its shortest way
+(`floor_plan.way_length`, along the axes and around shelves) to the target it had before the step,
+before (L') and after it, and [x] one if x holds, else zero:
+
+    w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
+
+What all tasks share comes on top (`rewards`). Solved: the team has made `quota` deliveries.
+
+Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+
+from swarmdata.envs.warehouse.deadlocks import count_deadlocks
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, way_length
+from swarmdata.envs.world.spawn import check_fixed_layout, draw_heading, place_points
+from swarmdata.errors import SpawnError, SpecError
+from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random_kernels import absorb, to_uniform
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.rules import Payload, WarehouseRules
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+
+OWN = (
+    Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
+    Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
+)
+"""Columns of each robot behind the robots of a state."""
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
+        "throughput": Metric(
+            "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
+        ),
+        "deadlocks": Metric(
+            "deadlocks",
+            "",
+            "lower",
+            "times that robots within 0.3 m of each other began to stand still for 3 s",
+        ),
+        "carrying_time": Metric(
+            "carrying time", "", "higher", "share of the time that robots carry, mean over robots"
+        ),
+    }
+)
+"""What this task measures besides `metrics.EPISODE_METRICS`."""
+
+FEATURES: tuple[Feature, ...] = (
+    Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
+    *vector("corner", "position", "to where it should drive next on its shortest way"),
+)
+"""What this task adds to every robot's observation."""
+
+_STREAM = STREAMS["layout"]
+
+
+@kernel(inline="always")
+def draw_place(seed: np.uint64, robot: int, order: int, n_picks: int) -> int:
+    """Index of the place of a robot's order, uniform below `n_picks`."""
+    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 0)
+    return int(to_uniform(bits) * n_picks)
+
+
+@kernel(inline="always")
+def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> int:
+    """Index of the station of a robot's order, uniform below `n_stations`."""
+    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 1)
+    return int(to_uniform(bits) * n_stations)
+
+
+@kernel
+def start_episodes(
+    seeds: Seeds,
+    copies: Int,
+    shelves: Float,
+    team: tuple[Double, Bool],
+    room: tuple[Double, Double, int],
+    places: tuple[Double, int],
+    layouts: Float,
+    states: Float,
+) -> int:
+    """Writes layouts and states of the episodes; returns how many before one found no room.
+
+    Args:
+        seeds: [len(copies)].
+        copies: rows to write.
+        shelves: [M, 8].
+        team: radii, m, and whether a heading is drawn, each [N].
+        room: half width and half height of the arena, m, [2]; clearance and separation of starts,
+            m, [2]; most attempts.
+        places: of the plan, [P + K, 2], and P.
+        layouts: written, [E, M, 8].
+        states: written, [E, S].
+    """
+    n = team[0].shape[0]
+    state = np.empty(1, np.uint64)
+    for c in range(copies.shape[0]):
+        layouts[copies[c]] = shelves
+        state[0] = absorb(seeds[c], _STREAM)
+        row = states[copies[c]]
+        row[:] = 0.0
+        robots = row[: N_COLUMNS * n].reshape(n, N_COLUMNS)
+        starts, found = robots[:, X : Y + 1], False
+        for _ in range(room[2]):
+            found = place_points(state, shelves, room[0], team[0], room[1], starts, starts, 0.0)
+            if found:
+                break
+        if not found:
+            return c
+        for i in range(n):
+            robots[i, UX] = 1.0
+            if team[1][i]:
+                draw_heading(state, robots[i])
+            k = draw_place(seeds[c], i, 0, places[1])
+            robots[i, TX], robots[i, TY] = places[0][k, 0], places[0][k, 1]
+    return copies.shape[0]
+
+
+@kernel
+def serve_orders(
+    before: Float,
+    after: Float,
+    seeds: Seeds,
+    active: Bool,
+    lanes: Double,
+    rows: Double,
+    places: Double,
+    rules: tuple[int, float, int],
+    weights: tuple[float, float, float, float],
+    rewards: Double,
+    solved: Bool,
+) -> None:
+    """Picks, delivers and gives new orders in the active copies, and scores it.
+
+    Args:
+        before: states before the step, [E, S].
+        after: states after it; targets and own columns are still those before, and are written.
+        seeds: [E].
+        active: [E].
+        lanes: of the plan, [L, 2].
+        rows: of the plan, [3].
+        places: of the plan, [P + K, 2].
+        rules: P; goal radius, m; quota.
+        weights: of progress, pickup, delivery and time.
+        rewards: written, [E, N].
+        solved: written, [E].
+    """
+    n_picks, n = rules[0], rewards.shape[1]
+    for b in range(before.shape[0]):
+        if not active[b]:
+            continue
+        old, new, total = before[b], after[b], 0
+        for i in range(n):
+            r, own = N_COLUMNS * i, N_COLUMNS * n + 2 * i
+            x, y, tx, ty = float(new[r]), float(new[r + 1]), float(new[r + TX]), float(new[r + TY])
+            length = way_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
+            gain = weights[0] * (length - way_length(x, y, tx, ty, lanes, rows)) - weights[3]
+            if (tx - x) * (tx - x) + (ty - y) * (ty - y) <= rules[1] * rules[1]:
+                order = int(new[own + 1])
+                if new[own] > 0.0:
+                    new[own], new[own + 1] = 0.0, order + 1.0
+                    k = draw_place(seeds[b], i, order + 1, n_picks)
+                    gain += weights[2]
+                else:
+                    new[own] = 1.0
+                    k = n_picks + draw_station(seeds[b], i, order, places.shape[0] - n_picks)
+                    gain += weights[1]
+                new[r + TX], new[r + TY] = places[k, 0], places[k, 1]
+            total += int(new[own + 1])
+            rewards[b, i] = gain
+        solved[b] = total >= rules[2]
+
+
+@kernel
+def write_ways(
+    states: Float,
+    active: Bool,
+    lanes: Double,
+    rows: Double,
+    middles: Double,
+    out: Float,
+) -> None:
+    """Writes the task's features of every robot in the active copies, [E, N, 3]."""
+    n = out.shape[1]
+    for b in range(states.shape[0]):
+        if not active[b]:
+            continue
+        for i in range(n):
+            r = N_COLUMNS * i
+            x, y = float(states[b, r]), float(states[b, r + 1])
+            target = (float(states[b, r + TX]), float(states[b, r + TY]))
+            corner_x, corner_y = next_corner(x, y, target, lanes, rows, middles)
+            out[b, i, 0] = states[b, N_COLUMNS * n + 2 * i]
+            out[b, i, 1], out[b, i, 2] = corner_x - x, corner_y - y
+
+
+class Warehouse:
+    """Implements `interfaces.Task`.
+
+    Raises:
+        SpecError: the spec is another task's, its floor has no room for shelves or robots, or
+            it asks for drawn obstacles.
+    """
+
+    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+
+    def __init__(self, spec: TaskSpec) -> None:
+        rules, robots = spec.rules, spec.robots
+        if not isinstance(rules, WarehouseRules):
+            raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+        check_fixed_layout(spec, "task 'warehouse'")
+        self.spec, self.plan = spec, FloorPlan.of(spec)
+        self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
+        self.movables: tuple[Payload, ...] = ()
+        self.extras = tuple(
+            own._replace(name=f"{name}.{own.name}") for name in spec.agent_names for own in OWN
+        )
+        self.features = FEATURES
+        self._radii = np.array([robot.radius for robot in robots])
+        self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
+        self._room = (
+            np.array([spec.arena.width / 2, spec.arena.height / 2]),
+            np.array([spec.spawn.start_clearance, spec.spawn.start_separation]),
+            spec.spawn.max_attempts,
+        )
+        self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
+        w = rules.rewards
+        self._weights = (w.progress, w.pickup, w.delivery, w.time)
+        self.terms = _terms(rules, self.plan)
+        self.solved = f"the team has made {rules.quota} deliveries"
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        places = (self.plan.places, self.plan.n_picks)
+        done = start_episodes(
+            seeds, copies, self.plan.shelves, self._team, self._room, places, layouts, states
+        )
+        if done < len(copies):
+            raise SpawnError(
+                f"no starts found for seed {seeds[done]} in {self._room[2]} attempts: "
+                f"{self.spec.n_agents} robots with their gaps do not fit between the shelves. "
+                "Use a larger arena, fewer robots, or a smaller spawn.start_separation."
+            )
+
+    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+        serve_orders(
+            before.states, now.states, now.seeds, active, self.plan.lanes, self.plan.rows,
+            self.plan.places, self._rules, self._weights, rewards, solved,
+        )  # fmt: skip
+
+    def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
+        plan = self.plan
+        write_ways(states, active, plan.lanes, plan.rows, plan.middles, out)
+
+    def episode_metrics(self, episode: Episode) -> dict[str, float]:
+        n, seconds = self.spec.n_agents, len(episode) * self.spec.control_dt
+        positions = robots_of(episode.states, n)[..., : Y + 1].astype(np.float64)
+        own = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(OWN)).astype(np.float64)
+        deliveries = float(own[-1, :, 1].sum())
+        return {
+            "deliveries": deliveries,
+            "throughput": deliveries / n / (seconds / 60.0),
+            "deadlocks": float(count_deadlocks(positions, self._radii, self.spec.control_dt)),
+            "carrying_time": float(own[:-1, :, 0].mean()),
+        }
+
+
+def _terms(rules: WarehouseRules, plan: FloorPlan) -> tuple[Term, ...]:
+    w, (first, pitch, depth) = rules.rewards, plan.rows.tolist()
+    lanes = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in plan.lanes.tolist())
+    way = (
+        "L: length of the shortest way along the axes, m, from the robot (x, y) after the step to "
+        "the target (tx, ty) it had before the step; L': from where it was before the step. It is "
+        "|tx - x| + |ty - y| if y and ty are in one corridor, else longer by twice the smallest "
+        f"gap of a lane to the interval between x and tx. Lanes in x: {lanes}. With "
+        f"u = y - ({first:.9g}), y is in corridor 0 if u < 0; else, with k = floor(u / {pitch:.9g})"
+        f", in corridor k + 1 if u - k * {pitch:.9g} >= {depth:.9g}, else in the one beside "
+        "shelves, -1"
+    )
+    return (
+        Term("progress", w.progress, "weight * (L' - L)", way),
+        Term("pickup", w.pickup, "weight * [picked]", "picked: carrying went from 0 to 1"),
+        Term("delivery", w.delivery, "weight * [delivered]", "delivered: deliveries went up by 1"),
+        Term("time", w.time, "-weight", "in every step"),
+    )

@@ -1,0 +1,1 @@
+"""The world of all tasks: stepping, episodes' layouts, rewards, and PettingZoo's interface."""

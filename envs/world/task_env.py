@@ -1,0 +1,135 @@
+"""TaskEnv, E copies of any task in a world: physics, then the task's rules, then the senses."""
+
+import numpy as np
+
+from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.world.rewards import CONTACT_WEIGHTS
+from swarmdata.envs.world.step_buffer import StepMaker, keep_ended
+from swarmdata.envs.world.world import MakeBackend, World, make_backend, score_steps
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Task
+from swarmdata.perception.observer import Observer
+from swarmdata.specs.state_layout import state_size
+from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
+
+
+class TaskEnv:
+    """Implements `interfaces.VecEnv` for any task.
+
+    The reward of robot i, with weights w from `spec.rules.rewards` and [x] one if x holds:
+
+        task's own reward + w.success [solved]
+        - w.robot_contact [overlapped a robot]       - w.robot_collision * contacts that began
+        - w.obstacle_contact [overlapped an obstacle] - w.obstacle_collision * contacts that
+        began - w.proximity clip(1 - gap / 0.1 m, 0, 1)
+
+    then mixed with the team mean by `team_share`; `rewards` has it term by term, `types.EVENTS`
+    what contacts are. It is computed from the float32 states and the recorded events, partly in
+    float32, so these functions compute it again from a dataset bit for bit, and anybody else to
+    1e-5 (`store.attributes.PRECISION`). An episode is terminated when the task is solved, or by a
+    collision if `on_collision` is "fail"; the horizon truncates it. A task that is solved and
+    failed in one step is a failure, and its reward has the success in it.
+
+    Args:
+        task: the problem.
+        n_copies: E.
+        backend: builds the physics.
+    """
+
+    def __init__(self, task: Task, n_copies: int = 1, backend: MakeBackend = make_backend) -> None:
+        self.task, self.spec, self.n_copies = task, task.spec, n_copies
+        spec, rewards = task.spec, task.spec.rules.rewards
+        self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
+        self._observer = Observer(task, n_copies)
+        self.features = self._observer.features
+        self.action_size, self.state_size = (
+            spec.action_size,
+            state_size(spec.n_agents, len(task.movables), len(task.extras)),
+        )
+        self.observation_size = len(self.features)
+        self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))
+        self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
+        weights = np.array([getattr(rewards, name) for name in CONTACT_WEIGHTS])
+        self._scoring = (
+            self._world.radii, self._world.half, weights, spec.on_collision == "fail",
+            spec.horizon, self._task_rewards, self._solved,
+        )  # fmt: skip
+        self._shape = (n_copies, spec.n_agents, self.action_size)
+        self._now: Step | None = None
+        self._maker = StepMaker(self._blank())
+
+    def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
+        """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
+        chosen = np.arange(self.n_copies) if copies is None else np.asarray(copies, dtype=np.int64)
+        seeds = np.asarray(seeds, dtype=np.uint64)
+        self._check_reset(seeds, chosen)
+        old = self._now if self._now is not None else self._blank()
+        now = Step._make(array.copy() for array in old)
+        self.task.spawn(seeds, chosen, now.layouts, now.states)
+        self._world.reset(chosen, now.layouts, now.states)
+        now.seeds[chosen] = seeds
+        for name in ("rewards", "terminations", "truncations", "successes", "events", "times"):
+            getattr(now, name)[chosen] = 0
+        resets = np.zeros(self.n_copies, dtype=np.bool_)
+        resets[chosen] = True
+        self._observer.observe(now, None, resets, chosen)
+        self._now = now
+        return now
+
+    def step(self, actions: Float | Double) -> Step:
+        """Advances the copies that have not ended; see `interfaces.VecEnv.step`."""
+        before = self._now
+        if before is None:
+            raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
+        actions = np.ascontiguousarray(actions)  # type: ignore[assignment]  # the kind is checked
+        if actions.shape != self._shape or actions.dtype.char not in "fd":
+            raise SchemaError(
+                f"actions are {actions.dtype} {list(actions.shape)}, expected float32 or float64 "
+                f"{list(self._shape)} [E, N, A]"
+            )
+        now, active = self._maker.after(before), self._world.active
+        n_active = self._world.step(actions, before, now)
+        if n_active < 0:
+            raise SchemaError(
+                "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
+            )
+        if n_active < self.n_copies:
+            keep_ended(before, now, active)
+        self.task.update(before, now, active, self._task_rewards, self._solved)
+        score_steps(
+            *self._scoring, active, now.states, now.layouts, now.events, now.times,
+            now.rewards, now.terminations, now.truncations, now.successes,
+        )  # fmt: skip
+        self._observer.observe(now, actions, active)
+        self._now = now
+        return now
+
+    def _check_reset(self, seeds: Seeds, chosen: Int) -> None:
+        if seeds.shape != chosen.shape:
+            raise SchemaError(
+                f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: "
+                "one per reset copy"
+            )
+        if self._now is None and len(np.unique(chosen)) != self.n_copies:
+            raise SchemaError(
+                f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}"
+            )
+
+    def _blank(self) -> Step:
+        e, n = self.n_copies, self.spec.n_agents
+        observations, sent, delivered, ages = self._observer.allocate((e,), n)
+        return Step(
+            observations=observations,
+            states=np.zeros((e, self.state_size), dtype=np.float32),
+            rewards=np.zeros((e, n), dtype=np.float32),
+            terminations=np.zeros(e, dtype=np.bool_),
+            truncations=np.zeros(e, dtype=np.bool_),
+            successes=np.zeros(e, dtype=np.bool_),
+            events=np.zeros((e, n, 4), dtype=np.uint8),
+            seeds=np.zeros(e, dtype=np.uint64),
+            times=np.zeros(e, dtype=np.int64),
+            layouts=np.zeros((e, len(self.task.kinds), 8), dtype=np.float32),
+            sent=sent,
+            delivered=delivered,
+            ages=ages,
+        )

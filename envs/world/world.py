@@ -1,0 +1,220 @@
+"""The world that tasks run in: robots under commands, what they push, and their contacts."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.dynamics import begin_step, limits_of
+from swarmdata.envs.physics.fast_backend import MunkBackend, load_addresses
+from swarmdata.envs.physics.public_backend import PublicBackend
+from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.types import Bool, Counts, Double, Float, Int, Step
+
+PROXIMITY = 0.1
+"""Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
+
+_REACH = np.float32(PROXIMITY + 1e-3)
+"""For a first, cheap test: wider, so that rounding to float32 never makes it too narrow."""
+
+MakeBackend = Callable[[Plan, int], Backend]
+
+
+def make_backend(plan: Plan, n_copies: int) -> Backend:
+    """Returns the fast backend, or the public one where Pymunk's private names are missing."""
+    calls = load_addresses()
+    return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
+
+
+@kernel(error_model="numpy")
+def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
+    """Lowers gaps to those between robots, exact below `PROXIMITY`."""
+    n = radii.shape[0]
+    for i in range(n):
+        px, py, near = places[0, i], places[1, i], places[2, i] + _REACH
+        is_near = False
+        for j in range(i + 1, n):  # in vector registers
+            dx, dy, reach = places[0, j] - px, places[1, j] - py, places[2, j] + near
+            is_near |= dx * dx + dy * dy < reach * reach
+        for j in range(i + 1, n if is_near else 0):
+            dx, dy = places[0, j] - px, places[1, j] - py
+            gap = math.sqrt(dx * dx + dy * dy) - radii[i] - radii[j]
+            gaps[i], gaps[j] = min(gaps[i], gap), min(gaps[j], gap)
+
+
+@kernel(error_model="numpy")
+def _static_gap(
+    px: float, py: float, radius: float, layout: Float, circles: Float, half: Double
+) -> float:
+    """Gap of a robot to the nearest obstacle or wall, exact below `PROXIMITY`, else larger."""
+    near, is_near = np.float32(radius) + _REACH, False
+    for m in range(layout.shape[0]):  # in vector registers
+        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
+        is_near |= dx * dx + dy * dy < reach * reach
+    gap = math.inf
+    for wall in range(4):
+        gap = min(gap, wall_gap(px, py, half, wall) - radius)
+    for m in range(layout.shape[0] if is_near else 0):
+        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
+        if dx * dx + dy * dy < reach * reach:
+            gap = min(gap, nearest(px, py, layout[m])[0] - radius)
+    return gap
+
+
+@kernel(error_model="numpy")
+def proximities(
+    state: Float,
+    layout: Float,
+    radii: Double,
+    half: Double,
+    places: Float,
+    circles: Float,
+    out: Double,
+) -> None:
+    """Writes how near each robot of one copy is to touching something: 0 far, 1 at contact.
+
+    clip(1 - gap / PROXIMITY, 0, 1), where the gap is the smallest to a robot, obstacle or wall.
+
+    Args:
+        state: [S].
+        layout: [M, 8].
+        radii: m, [N].
+        half: half width and half height of the arena, m, [2].
+        places: scratch: positions and radii, [3, N].
+        circles: scratch: centres and radii that hold the obstacles, [3, M].
+        out: written, [N].
+    """
+    for m in range(layout.shape[0]):
+        circles[0, m] = layout[m, 1]
+        circles[1, m] = layout[m, 2]
+        circles[2, m] = outer_radius(layout[m])
+    for i in range(radii.shape[0]):
+        places[0, i] = state[N_COLUMNS * i]
+        places[1, i] = state[N_COLUMNS * i + 1]
+        places[2, i] = radii[i]
+    for i in range(radii.shape[0]):
+        out[i] = _static_gap(places[0, i], places[1, i], radii[i], layout, circles, half)
+    _robot_gaps(places, radii, out)
+    for i in range(radii.shape[0]):
+        out[i] = min(max(1.0 - out[i] / PROXIMITY, 0.0), 1.0)
+
+
+@kernel
+def score_steps(
+    radii: Double,
+    half: Double,
+    weights: Double,
+    is_fatal: bool,
+    horizon: int,
+    task_rewards: Double,
+    solved: Bool,
+    active: Bool,
+    states: Float,
+    layouts: Float,
+    events: Counts,
+    times: Int,
+    rewards: Float,
+    terminations: Bool,
+    truncations: Bool,
+    successes: Bool,
+) -> None:
+    """Adds what every task shares to the rewards of the active copies, and decides their ends.
+
+    The rewards of the others are 0; their ends stay.
+
+    Args:
+        radii: m, [N].
+        half: half width and half height of the arena, m, [2].
+        weights: of the contact terms in the order of `events`, of proximity, of success, and the
+            team's share, [7].
+        is_fatal: whether a collision fails the task.
+        horizon: steps.
+        task_rewards: the task's own rewards, [E, N].
+        solved: whether the task is, [E].
+        active: [E].
+        states: after the step, [E, S].
+        layouts: [E, M, 8].
+        events: of the step, [E, N, 4].
+        times: control steps taken, this one included, [E].
+        rewards: written, [E, N].
+        terminations: written, [E].
+        truncations: written, [E].
+        successes: written, [E].
+    """
+    n = radii.shape[0]
+    near, places = np.empty(n), np.empty((3, n), np.float32)
+    circles = np.empty((3, layouts.shape[1]), np.float32)
+    for b in range(states.shape[0]):
+        if not active[b]:
+            rewards[b] = 0.0
+            continue
+        proximities(states[b], layouts[b], radii, half, places, circles, near)
+        is_solved, touched, mean = solved[b], False, 0.0
+        for i in range(n):
+            reward = task_rewards[b, i] - weights[4] * near[i] + (weights[5] if is_solved else 0.0)
+            for c in range(4):
+                reward -= weights[c] * float(events[b, i, c])
+            touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
+            near[i] = reward
+            mean += reward / n
+        for i in range(n):
+            rewards[b, i] = (1.0 - weights[6]) * near[i] + weights[6] * mean
+        failure = is_fatal and touched
+        successes[b] = is_solved and not failure
+        terminations[b] = is_solved or failure
+        truncations[b] = times[b] >= horizon and not terminations[b]
+
+
+class World:
+    """E copies of robots among obstacles; knows no task.
+
+    `active` holds the copies that took the last step.
+    """
+
+    def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
+        spec, n, m = plan.spec, plan.spec.n_agents, len(plan.kinds)
+        self.radii: Double = np.array([robot.radius for robot in spec.robots])
+        self.half: Double = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self.active: Bool = np.zeros(n_copies, dtype=np.bool_)
+        self._contacts = Contacts(
+            robots=np.zeros((n_copies, n, n), dtype=np.bool_),
+            obstacles=np.zeros((n_copies, n, m + 4), dtype=np.bool_),
+            slack=np.zeros((n_copies, n, 3)),
+        )
+        self._backend = backend(plan, n_copies)
+        self._n_movables = len(plan.movables)
+        self._commands: Double = np.zeros((n_copies, n, 2))
+        self._fixed = (limits_of(spec), self.active, self._commands)
+
+    def reset(self, copies: Int, layouts: Float, states: Float) -> None:
+        """Starts worlds in `copies` from layouts [E, M, 8] and states [E, S]; all are at rest."""
+        e, n, k = len(states), len(self.radii), self._n_movables
+        for array in self._contacts:
+            array[copies] = 0
+        first = N_COLUMNS * n
+        robots = states[:, :first].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
+        bodies = states[:, first : first + 7 * k].reshape(e, k, 7).astype(np.float64)
+        self._backend.reset(copies, layouts, robots, bodies)
+
+    def step(self, actions: Float | Double, before: Step, now: Step) -> int:
+        """Advances the copies that have not ended by one control step.
+
+        Args:
+            actions: [E, N, A].
+            before: the step before; only read.
+            now: its times, events and states are written.
+
+        Returns:
+            How many copies had not ended; -1, and the world stays as it was, if an action is not
+            finite.
+        """
+        n_active: int = begin_step(
+            *self._fixed, actions, before.terminations, before.truncations, before.times,
+            before.states, now.times, now.states, now.events,
+        )  # fmt: skip
+        if n_active >= 0:
+            self._backend.step(self.active, self._commands, self._contacts, now.events, now.states)
+        return n_active

@@ -1,0 +1,170 @@
+"""Fixed layouts: distances of places, goals that mirror starts, and what is refused."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.envs.coop_nav.arrangements import PASSABLE, arrange, unit_circle
+from swarmdata.errors import SpecError
+from swarmdata.numerics.geometry import clearance
+from swarmdata.registry.components import make_env, make_task
+from swarmdata.registry.presets import preset
+from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Step
+
+EMPTY = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}
+KINDS = ("swap", "doorway", "corridor")
+
+
+def spec_of(kind: str, n: int, **changes: Any) -> TaskSpec:
+    arrangement = {"kind": kind, **changes.pop("arrangement", {})}
+    rules = {"task": "coop_nav", "arrangement": arrangement}
+    return TaskSpec.parse({"rules": rules, "team": [{"count": n}], "obstacles": EMPTY, **changes})
+
+
+def reset(spec: TaskSpec, n_episodes: int) -> Step:
+    return make_env(spec, n_episodes).reset(np.arange(n_episodes, dtype=np.uint64))
+
+
+def check_places(spec: TaskSpec, step: Step) -> None:
+    """Starts and goals keep the distances of the spec from everything."""
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    radii = np.array([robot.radius for robot in spec.robots])
+    s = spec.spawn
+    for layout, state in zip(step.layouts, step.states, strict=True):
+        robots = robots_of(state, spec.n_agents).astype(np.float64)
+        starts, goals = robots[:, [X, Y]], robots[:, TX:]
+        for points, clear, apart in (
+            (starts, s.start_clearance, s.start_separation),
+            (goals, s.goal_clearance, s.goal_separation),
+        ):
+            for (x, y), radius in zip(points, radii, strict=True):
+                assert clearance(x, y, layout, half) >= radius + clear
+            gaps = np.linalg.norm(points[:, None] - points, axis=-1) - radii[:, None] - radii
+            assert (gaps + 9.0 * np.eye(len(points))).min() >= apart
+        assert np.linalg.norm(starts - goals, axis=-1).min() >= s.min_goal_distance
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_places_keep_their_distances_for_many_seeds(kind: str, n: int) -> None:
+    spec = spec_of(kind, n)
+    step = reset(spec, 200)
+    check_places(spec, step)
+    starts = robots_of(step.states, n)[..., [X, Y]].reshape(200, -1)
+    assert len(np.unique(starts, axis=0)) == 200
+
+
+@given(
+    kind=st.sampled_from(KINDS),
+    n=st.integers(1, 24),
+    width=st.floats(2.5, 9.0),
+    height=st.floats(2.5, 9.0),
+    jitter=st.floats(0.0, 0.4),
+)
+def test_every_spec_is_either_refused_or_valid(
+    kind: str, n: int, width: float, height: float, jitter: float
+) -> None:
+    arena = {"width": width, "height": height}
+    spec = spec_of(kind, n, arena=arena, arrangement={"jitter": jitter})
+    try:
+        arrange(spec)
+    except SpecError:
+        return
+    check_places(spec, reset(spec, 3))
+
+
+def test_goals_of_a_swap_are_opposite_and_those_of_teams_are_mirrored() -> None:
+    for kind in KINDS:
+        robots = robots_of(reset(spec_of(kind, 4), 20).states, 4)
+        np.testing.assert_array_equal(robots[..., TX], -robots[..., X])
+        sign = -1.0 if kind == "swap" else 1.0
+        np.testing.assert_array_equal(robots[..., TX + 1], sign * robots[..., Y])
+        if kind != "swap":
+            assert (robots[:, ::2, X] < 0).all()
+            assert (robots[:, 1::2, X] > 0).all()
+
+
+def free_widths(spec: TaskSpec, layout: Float, x: float) -> Double:
+    """y from 0 upwards to the first solid point at this x, found by stepping."""
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    steps = np.arange(0.0, half[1], 1e-3)
+    return np.array([y for y in steps if clearance(x, y, layout, half) <= 0.0])
+
+
+@pytest.mark.parametrize(("kind", "width", "edge"), [("doorway", 0.5, 0.1), ("corridor", 0.8, 0.8)])
+def test_the_passage_has_the_width_and_length_of_the_spec(
+    kind: str, width: float, edge: float
+) -> None:
+    spec = spec_of(kind, 4)
+    layout = reset(spec, 1).layouts[0]
+    for x in (0.0, edge - 0.01, -edge + 0.01):
+        solid = free_widths(spec, layout, x)
+        assert solid.min() == pytest.approx(width / 2, abs=2e-3)
+        assert solid.max() == pytest.approx(spec.arena.height / 2, abs=2e-3)
+    assert not len(free_widths(spec, layout, edge + 0.01)[:-1])
+
+
+def test_layouts_do_not_depend_on_the_seed() -> None:
+    layouts = reset(spec_of("corridor", 4), 8).layouts
+    assert (layouts == layouts[0]).all()
+
+
+def test_unicycles_get_headings_and_others_do_not() -> None:
+    turning = {"name": "turning", "count": 2, "robot": {"dynamics": "unicycle"}}
+    spec = spec_of("swap", 4, team=[{"count": 2}, turning])
+    headings = robots_of(reset(spec, 20).states, 4)[..., UX : UX + 2]
+    assert (headings[:, :2] == [1.0, 0.0]).all()
+    np.testing.assert_allclose(np.linalg.norm(headings, axis=-1), 1.0, atol=1e-6)
+    assert len(np.unique(headings[:, 2:, 0])) == 40
+
+
+@pytest.mark.parametrize("n", range(1, 20))
+def test_the_circle_needs_no_sine(n: int) -> None:
+    angles = 2 * np.pi * np.arange(n) / n
+    expected = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    np.testing.assert_allclose(unit_circle(n), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (spec_of("swap", 4, obstacles={**EMPTY, "circles": 1}), "whose layout is fixed"),
+        (spec_of("swap", 30), "neighbours on the circle"),
+        (spec_of("swap", 4, arrangement={"circle_radius": 1.9}), "reaches"),
+        (spec_of("swap", 4, arrangement={"circle_radius": 0.6}), "min_goal_distance"),
+        (spec_of("doorway", 4, arrangement={"width": 0.3}), "at least 0.34 m for 1 robots"),
+        (spec_of("corridor", 4, arrangement={"width": 0.5}), "at least 0.58 m for 2 robots"),
+        (spec_of("doorway", 4, arrangement={"width": 4.5}), "less than the arena's height"),
+        (spec_of("corridor", 40), "do not fit beside"),
+        (spec_of("corridor", 4, arrangement={"length": 3.9}), "do not fit beside"),
+    ],
+)
+def test_what_cannot_be_arranged_is_refused(spec: TaskSpec, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        make_task(spec)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_robots_that_swap_places_have_assigned_goals(kind: str) -> None:
+    rules = {"task": "coop_nav", "goals": "unassigned", "arrangement": {"kind": kind}}
+    with pytest.raises(SpecError, match="start on goals"):
+        make_task(spec_of(kind, 4, rules=rules))
+
+
+def test_random_layouts_are_not_arranged() -> None:
+    with pytest.raises(SpecError, match="no fixed layout"):
+        arrange(preset("coop_nav-easy").with_updates(obstacles=EMPTY))
+
+
+def test_a_field_of_another_arrangement_is_unknown() -> None:
+    with pytest.raises(SpecError, match="unknown key"):
+        spec_of("swap", 4, arrangement={"width": 0.5})
+
+
+def test_a_passage_is_wider_than_what_must_fit() -> None:
+    assert PASSABLE >= 0.1  # the planner's chain of nodes needs a strip as wide (distance_field)

@@ -1,0 +1,284 @@
+"""A picture shows every part of a world where it is."""
+
+import itertools
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.envs.render import ROBOT_COLORS, Image, draw
+from swarmdata.envs.render import colors as ink
+from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.numerics.geometry import BOX, CIRCLE, POCKET
+from swarmdata.specs.rules import (
+    FormationRules,
+    NavigationRules,
+    Payload,
+    TransportRules,
+    WarehouseRules,
+)
+from swarmdata.specs.sensing_models import LidarModel
+from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
+from tests.envs.render.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
+
+pytest.importorskip("PIL.Image")
+
+
+def test_floor_walls_robots_and_goals_are_where_they_are() -> None:
+    image = draw(SPEC, EMPTY, STATE)
+    assert image.shape == (512, 512, 3)
+    assert image.dtype == np.uint8
+    assert pixel(image, 0.3, 0.5) == ink.FLOOR
+    assert pixel(image, 2.06, 0) == pixel(image, 0, -2.06) == ink.SOLID
+    assert pixel(image, -1, 1.09) == LEFT
+    assert pixel(image, 1, 1.09) == RIGHT
+    assert pixel(image, -0.94, 1) == ink.WHITE  # the wedge points along the velocity
+    assert pixel(image, -1.09, 1) == LEFT
+    assert pixel(image, 1, 1) == ink.WHITE  # a holonomic robot at rest has a dot
+    assert pixel(image, -1, -1) == LEFT  # the dot in an open goal
+
+
+def test_obstacles_are_drawn_from_the_same_bars_as_the_physics() -> None:
+    layout = np.array(
+        [
+            [CIRCLE, -1.5, 0, 1, 0, 0.2, 0.2, 0],
+            [BOX, 0, 0, 0, 1, 0.3, 0.1, 0],  # local x is up
+            [POCKET, 1.4, -1, 1, 0, 0.3, 0.3, 0.05],  # opens upwards
+        ],
+        np.float32,
+    )
+    image = draw(SPEC, layout, STATE)
+    solid = {(-1.5, 0.15), (0, 0.25), (1.4, -1.25), (1.13, -0.8), (1.67, -0.8)}
+    free = {(-1.5, 0.25), (0.15, 0), (1.4, -1.0), (1.4, -0.72)}
+    assert {p for p in solid | free if pixel(image, *p) == ink.SOLID} == solid
+
+
+def test_a_unicycle_at_rest_shows_its_heading() -> None:
+    spec = SPEC.with_updates(team=(Role(count=2, robot=Robot(dynamics="unicycle")),))
+    state = STATE.copy()
+    state[12:14] = [0.0, -1.0]  # robot 1 looks down
+    image = draw(spec, EMPTY, state)
+    assert pixel(image, 1, 0.94) == ink.WHITE
+    assert pixel(image, 1, 1.09) == RIGHT
+
+
+def test_roles_differ_in_size_and_mark() -> None:
+    roles = tuple(
+        Role(name=f"role{k}", count=1, robot=Robot(radius=0.2 if k < 4 else 0.1)) for k in range(5)
+    )
+    spec = TaskSpec(team=roles)
+    rows = [(0, 0, 0.5, 0, 1, 0, 1.8, 1.8) for _ in range(5)]
+    alone = []
+    for k in range(5):  # every robot in the same place, the others far away
+        places = [(-1.7 + 0.5 * j, -1.5, *row[2:]) for j, row in enumerate(rows)]
+        places[k] = rows[k]
+        image = draw(spec, EMPTY, state_of(*places))
+        crop = image[216:296, 216:296]
+        alone.append(np.all(crop == ink.robot_color(k), axis=-1))
+    for a, b in itertools.combinations(range(4), 2):
+        assert (alone[a] != alone[b]).sum() > 30, (a, b)
+    assert 3 * alone[4].sum() < alone[0].sum()
+
+
+def test_a_contact_has_a_halo_only_around_those_who_touch() -> None:
+    events = np.zeros((2, 4), np.uint8)
+    events[1, 1] = 1
+    image = draw(SPEC, EMPTY, STATE, events=events)
+    assert pixel(image, 1, 1.155) == ink.CONTACT
+    assert pixel(image, -1, 1.155) != ink.CONTACT
+    assert n_near(draw(SPEC, EMPTY, STATE), ink.CONTACT) == 0
+
+
+def test_trails_fade_into_the_past() -> None:
+    trails = np.repeat(STATE[None], 21, axis=0)
+    trails[:, 0] = np.linspace(-1.9, -1.0, 21)
+    image = draw(SPEC, EMPTY, STATE, trails=trails).astype(int)
+    old, new = pixel(image, -1.85, 1), pixel(image, -1.2, 1)
+    assert sum(ink.FLOOR) > sum(old) > sum(new) > sum(LEFT)
+
+
+@pytest.mark.parametrize(
+    "rules", [NavigationRules(goal_radius=0.3), WarehouseRules(goal_radius=0.3)]
+)
+def test_a_goal_is_filled_within_the_radius_of_its_task(
+    rules: NavigationRules | WarehouseRules,
+) -> None:
+    spec = SPEC.with_updates(rules=rules)
+    state = STATE.copy()
+    state[8:10] = [1.0, 0.72]
+    assert pixel(draw(spec, EMPTY, state), 1, 1.2) == ink.tint(RIGHT, 0.5)
+    state[8:10] = [1.0, 0.68]
+    assert pixel(draw(spec, EMPTY, state), 1, 1.2) == ink.tint(RIGHT, 0.1)
+
+
+def test_unassigned_goals_are_neutral_and_filled_by_any_robot() -> None:
+    spec = SPEC.with_updates(rules=NavigationRules(goals="unassigned"))
+    state = np.append(STATE, STATE[[6, 7, 14, 15]])  # the goals follow the robots
+    state[6:8] = state[14:16] = 0.0  # targets are not what is drawn
+    state[8:10] = [-1.0, -0.88]  # robot 1 on goal 0
+    image = draw(spec, EMPTY, state)
+    assert pixel(image, -1, -1.1) == ink.tint(ink.NEUTRAL, 0.5)
+    assert pixel(image, 1, 1.1) == ink.tint(ink.NEUTRAL, 0.1)
+
+
+def test_rings_of_one_place_nest() -> None:
+    state = STATE.copy()
+    state[14:16] = state[6:8] = [0.0, -1.0]
+    image = draw(SPEC.with_updates(rules=WarehouseRules(goal_radius=0.3)), EMPTY, state)
+    ring = {ink.robot_color(i): n_near(image[350:420, 210:300], ink.robot_color(i)) for i in (0, 1)}
+    assert min(ring.values()) > 50
+
+
+def test_formation_slots_are_crosses_that_light_up_when_held() -> None:
+    spec = SPEC.with_updates(rules=FormationRules(tolerance=0.2))
+    image = draw(spec, EMPTY, STATE)
+    assert pixel(image, -1, -1) == LEFT
+    assert pixel(image, -1.05, -0.95) == LEFT  # diagonal arms, no ring
+    assert pixel(image, -0.9, -1.05) == ink.FLOOR
+    assert pixel(image, 1.0, 1.17) == ink.tint(RIGHT, 0.3)
+    column = [pixel(image, -1, y) for y in np.arange(-0.8, 0.8, 0.01)]
+    assert 0.2 < np.mean([red < 180 for red, _, _ in column]) < 0.8  # a dashed tie to the robot
+
+
+BRICK = Payload(shape="box", half_length=0.35, half_width=0.2)
+BODY = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+GOAL = (1.0, -1.0)
+
+
+def transport(rules: TransportRules, body: tuple[float, ...], *extras: float) -> Image:
+    spec = SPEC.with_updates(rules=rules)
+    rows = [(-1, 1, 0, 0, 1, 0, *GOAL), (1, 1, 0, 0, 1, 0, *GOAL)]
+    return draw(spec, EMPTY, state_of(*rows, extras=(*body, *extras)))
+
+
+def test_a_payload_is_solid_with_its_shape_and_direction() -> None:
+    image = transport(TransportRules(payload=BRICK), BODY)
+    assert pixel(image, -0.28, 0.12) == pixel(image, 0.3, -0.15) == ink.PAYLOAD
+    assert pixel(image, 0.1, 0.25) == pixel(image, 0.42, 0.1) == ink.FLOOR
+    assert pixel(image, 0.1, 0) == ink.PAYLOAD_EDGE  # the arrow
+    assert pixel(image, -0.28, 0) == ink.PAYLOAD
+    turned = transport(TransportRules(payload=BRICK), (*BODY[:4], 0.0, 1.0, 0.0))
+    assert pixel(turned, 0, 0.3) == ink.PAYLOAD
+    assert pixel(turned, 0.28, 0.1) == ink.FLOOR
+    disc = transport(TransportRules(payload=Payload(shape="circle")), BODY)
+    assert pixel(disc, 0, 0.3) == ink.PAYLOAD
+    assert pixel(disc, 0.3, 0.3) == ink.FLOOR
+
+
+def test_the_payload_goal_has_the_pose_that_the_task_asks_for() -> None:
+    any_pose = transport(TransportRules(payload=BRICK), BODY, 0.0, 1.0)
+    assert pixel(any_pose, 1.28, -1.1) != ink.FLOOR  # as the payload is turned now
+    assert pixel(any_pose, 1.1, -0.72) == ink.FLOOR
+    upright = transport(TransportRules(payload=BRICK, goal_angle=0.2), BODY, 0.0, 1.0)
+    assert pixel(upright, 1.28, -1.1) == ink.FLOOR
+    assert pixel(upright, 1.1, -0.72) != ink.FLOOR
+
+
+def test_a_delivered_payload_lights_its_goal() -> None:
+    there = transport(
+        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), BODY
+    )
+    near = (1.0, -1.13, *BODY[2:])
+    here = transport(
+        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), near
+    )
+    assert sum(pixel(here, 1, -0.87)) < sum(pixel(there, 1, -0.87))
+
+
+def test_the_longer_side_has_the_size_and_a_caption_adds_a_strip() -> None:
+    wide = SPEC.with_updates(arena=Arena(width=6.0, height=3.0))
+    plain = draw(wide, EMPTY, STATE, size=300)
+    assert plain.shape == (155, 300, 3)
+    titled = draw(wide, EMPTY, STATE, size=300, caption="1.0 s")
+    assert titled.shape[0] > 155
+    np.testing.assert_array_equal(titled[:150], plain[:150])
+    assert titled[160:].min() < 150  # ink
+
+
+def test_a_long_caption_shrinks_to_fit() -> None:
+    image = draw(SPEC, EMPTY, STATE, size=200, caption="step 1 of 2, " * 6)
+    assert (image[205:, -4:] == 255).all()
+    assert image[205:, :190].min() < 180
+
+
+def test_colors_are_distinct_and_none_is_like_a_contact() -> None:
+    assert len(set(ROBOT_COLORS)) == len(ROBOT_COLORS) == 32
+    shades = np.array([*ROBOT_COLORS, ink.CONTACT, ink.SOLID, ink.FLOOR], float)
+    gaps = np.linalg.norm(shades[:, None] - shades, axis=-1) + 999 * np.eye(len(shades))
+    assert gaps.min() > 35
+    assert gaps[32].min() > 80
+    assert ink.robot_color(33) == ROBOT_COLORS[1]
+
+
+LIDAR = SPEC.with_updates(observation=LidarModel(range=1.0))
+SCAN = np.ones((2, 4), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"layout": np.zeros((1, 3), np.float32)}, r"layout is \[1, 3\], expected \[M, 8\]"),
+        ({"state": STATE[:6]}, r"states are \[6\], expected at least \[..., 16\]"),
+        ({"state": STATE[None]}, r"state is \[1, 16\], expected \[S\]"),
+        ({"state": np.full(16, np.nan, np.float32)}, "of finite numbers"),
+        ({"size": 8}, "size is 8 pixels, expected at least 64"),
+        ({"trails": np.zeros((3, 15), np.float32)}, r"trails are \[3, 15\], expected \[K, 16\]"),
+        ({"events": np.zeros((2, 3), np.uint8)}, r"events are \[2, 3\], expected \[2, 4\]"),
+        ({"messages": (np.ones((2, 3), np.bool_), None)}, r"delivered is \[2, 3\]"),
+        ({"messages": (np.ones((2, 2), np.bool_), np.ones(2, np.bool_))}, r"attempted is \[2\]"),
+        ({"scan": SCAN[:1]}, r"scan is \[1, 4\], expected \[2, K\]"),
+        ({"scan": 2 * SCAN}, r"outside \[0, 1\]"),
+        ({"scan": np.nan * SCAN}, r"outside \[0, 1\]"),
+        ({"scan": SCAN, "focus": 2}, "focus is robot 2, expected 0 to 1"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change: dict[str, Any], message: str) -> None:
+    arguments: dict[str, Any] = {"layout": EMPTY, "state": STATE, **change}
+    with pytest.raises(SchemaError, match=message):
+        draw(LIDAR, **arguments)
+
+
+def test_a_state_without_its_payload_is_refused() -> None:
+    with pytest.raises(SchemaError, match=r"expected at least \[..., 23\] for 2 robots and 1 pay"):
+        draw(SPEC.with_updates(rules=TransportRules()), EMPTY, STATE)
+
+
+def test_without_pillow_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "PIL.Image", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'swarmdata\[plots\]'"):
+        draw(SPEC, EMPTY, STATE)
+
+
+RULES: tuple[Callable[[], Any], ...] = (
+    NavigationRules,
+    FormationRules,
+    TransportRules,
+    WarehouseRules,
+)
+
+
+@given(st.data())
+def test_every_task_and_any_state_can_be_drawn(data: st.DataObject) -> None:
+    rules = data.draw(st.sampled_from(RULES))()
+    n = data.draw(st.integers(1, 6))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    spec = TaskSpec(rules=rules, team=(Role(count=n),), observation=LidarModel())
+    state = random.uniform(-3, 3, 8 * n + 7).astype(np.float32)
+    state[8 * np.arange(n)[:, None] + [0, 1]] = random.uniform(-1.5, 1.5, (n, 2))
+    image = draw(
+        spec,
+        EMPTY,
+        state,
+        trails=random.uniform(-3, 3, (4, len(state))).astype(np.float32),
+        events=random.integers(0, 2, (n, 4), np.uint8),
+        scan=random.random((n, 5), np.float32),
+        messages=(random.random((n, n)) < 0.5, random.random((n, n)) < 0.5),
+        size=96,
+    )
+    assert image.shape == (96, 96, 3)
+    last = state[8 * (n - 1) : 8 * n]  # drawn last, so nothing hides it
+    assert n_near(image, ink.robot_color(n - 1), 40) > 3, last

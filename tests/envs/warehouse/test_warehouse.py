@@ -1,0 +1,308 @@
+"""The warehouse: orders, rewards and metrics against an independent account of recorded states."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.physics.public_backend import PublicBackend
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, way_length
+from swarmdata.envs.warehouse.warehouse import METRICS, OWN, Warehouse
+from swarmdata.envs.world.spawn import SHAPES
+from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.errors import SpawnError, SpecError
+from swarmdata.numerics.geometry import clearance
+from swarmdata.numerics.random import STREAMS, derive, uniform
+from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.testing.task_contract import check_task
+from swarmdata.types import (
+    STATE_FIELDS,
+    STEP_FIELDS,
+    Bool,
+    Double,
+    Episode,
+    Float,
+    Int,
+    Seeds,
+    Step,
+)
+
+PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
+NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
+
+
+def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
+    team = [{"count": n_agents, "robot": robot or {}}]
+    rules = {"task": "warehouse", **rules}
+    nothing = dict.fromkeys(SHAPES, 0)
+    return TaskSpec.parse({"rules": rules, "team": team, "horizon": 400, "obstacles": nothing})
+
+
+def seeds(*values: int) -> Seeds:
+    return np.array(values, dtype=np.uint64)
+
+
+def own_of(states: Float, n_agents: int) -> Float:
+    """The task's columns (carrying, deliveries), [..., N, 2]."""
+    return states[..., N_COLUMNS * n_agents :].reshape(*states.shape[:-1], n_agents, len(OWN))
+
+
+def drawn_target(plan: FloorPlan, seed: int, robot: int, order: int, carries: bool) -> Double:
+    """The place or station of an order, from `seeding` alone."""
+    bits = derive(seed, STREAMS["layout"], robot, order, int(carries))
+    places = plan.places[plan.n_picks :] if carries else plan.places[: plan.n_picks]
+    chosen: Double = places[int(uniform(bits)[0] * len(places))]
+    return chosen
+
+
+def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
+    return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        spec_of(),
+        spec_of(1),
+        spec_of(6, quota=1),
+        spec_of(3, {"dynamics": "unicycle"}),
+        spec_of(2, {"command": "acceleration"}, blocks=2, lane_width=0.5),
+        preset("warehouse-hard").with_updates(horizon=40),
+        preset("warehouse-n16"),
+    ],
+    ids=["n4", "n1", "n6", "unicycle", "acceleration", "hard", "n16"],
+)
+def test_the_contract_holds(spec: TaskSpec) -> None:
+    check_task(make_env, spec)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_robots_start_clear_of_all_and_with_their_first_order(name: str) -> None:
+    spec = preset(name)
+    n, radius = spec.n_agents, spec.robots[0].radius
+    task = Warehouse(spec)
+    ids = np.arange(2**62, 2**62 + 100, dtype=np.uint64)
+    step = make_env(spec, 100).reset(ids)
+    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    for b, robots in enumerate(robots_of(step.states, n).astype(np.float64)):
+        np.testing.assert_array_equal(step.layouts[b], task.plan.shelves)
+        apart = np.linalg.norm(robots[:, None, : Y + 1] - robots[:, : Y + 1], axis=-1)
+        least = 2 * radius + spec.spawn.start_separation
+        assert (apart[~np.eye(n, dtype=bool)] >= least - 1e-5).all()
+        for i, (x, y) in enumerate(robots[:, : Y + 1]):
+            clear = clearance(x, y, task.plan.shelves, half)
+            assert clear >= radius + spec.spawn.start_clearance - 1e-5
+            target = drawn_target(task.plan, int(ids[b]), i, 0, False)
+            np.testing.assert_allclose(robots[i, TX:], target, atol=1e-6)
+    assert not own_of(step.states, n).any()
+    assert not robots_of(step.states, n)[..., 2:4].any()
+
+
+def test_every_place_and_station_is_drawn() -> None:
+    plan = Warehouse(spec_of()).plan
+    drawn = {
+        tuple(drawn_target(plan, seed, robot, order, carries))
+        for seed in range(20)
+        for robot in range(4)
+        for order in range(5)
+        for carries in (False, True)
+    }
+    assert drawn == {tuple(place) for place in plan.places}
+
+
+def test_more_robots_than_the_floor_holds_are_refused() -> None:
+    spec = spec_of(60).with_updates(spawn={"max_attempts": 3})
+    with pytest.raises(SpawnError, match="60 robots with their gaps do not fit"):
+        make_env(spec, 1).reset(seeds(1))
+
+
+def test_the_spec_of_another_task_is_refused() -> None:
+    with pytest.raises(SpecError, match="expected 'warehouse'"):
+        Warehouse(TaskSpec())
+
+
+def account(spec: TaskSpec, episode: Episode) -> tuple[Double, Bool]:
+    """Own rewards [T, N] and whether solved [T], step by step from states; checks all states."""
+    plan, n = FloorPlan.of(spec), spec.n_agents
+    rules: Any = spec.rules
+    w = rules.rewards
+    robots, own = robots_of(episode.states, n).astype(np.float64), own_of(episode.states, n)
+    rewards, solved = np.zeros((len(episode), n)), np.zeros(len(episode), dtype=np.bool_)
+    for t in range(len(episode)):
+        for i in range(n):
+            target = robots[t, i, TX:]
+            old, new = robots[t, i, : Y + 1], robots[t + 1, i, : Y + 1]
+            lengths = [way_length(*p, *target, plan.lanes, plan.rows) for p in (old, new)]
+            served = np.linalg.norm(new - target) <= rules.goal_radius
+            carries, order = bool(own[t, i, 0]), int(own[t, i, 1])
+            rewards[t, i] = w.progress * (lengths[0] - lengths[1]) - w.time
+            if served:
+                rewards[t, i] += w.delivery if carries else w.pickup
+                carries, order = not carries, order + carries
+            assert own[t + 1, i].tolist() == [carries, order]
+            expected = drawn_target(plan, episode.seed, i, order, carries)
+            np.testing.assert_allclose(robots[t + 1, i, TX:], expected, atol=1e-6)
+        solved[t] = own[t + 1, :, 1].sum() >= rules.quota
+    return rewards, solved
+
+
+@pytest.mark.parametrize("name", ["warehouse", "warehouse-easy", "warehouse-hard"])
+def test_orders_and_rewards_are_those_of_the_docstring(name: str) -> None:
+    base = preset(name)
+    rules = base.rules.model_dump()
+    rules["rewards"] |= {"success": 0, "proximity": 0, "obstacle_collision": 0, **NO_CONTACTS}
+    spec = base.with_updates(rules=rules)
+    episode = scripted_episode(spec)
+    rewards, solved = account(spec, episode)
+    np.testing.assert_allclose(episode.rewards, rewards, atol=1e-6)
+    np.testing.assert_array_equal(solved, episode.terminations)
+    assert own_of(episode.states[-1], spec.n_agents)[:, 1].sum() >= 2
+
+
+def test_what_all_tasks_share_comes_on_top() -> None:
+    spec = spec_of(quota=2)
+    episode = scripted_episode(spec)
+    rewards, solved = account(spec, episode)
+    assert solved.tolist() == [False] * (len(episode) - 1) + [True]
+    assert episode.success
+    extra = episode.rewards - rewards
+    proximity = spec.rules.rewards.proximity
+    assert (extra[:-1] <= 1e-6).all()
+    np.testing.assert_allclose(extra[-1], spec.rules.rewards.success, atol=proximity + 1e-6)
+
+
+class Placed(Warehouse):
+    """Robots start where the test says."""
+
+    def __init__(self, spec: TaskSpec, *positions: Any) -> None:
+        super().__init__(spec)
+        self.positions = positions
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        super().spawn(seeds, copies, layouts, states)
+        robots_of(states, self.spec.n_agents)[:, :, : Y + 1] = self.positions
+
+
+def kinematic(spec: TaskSpec, *positions: Any) -> TaskEnv:
+    return TaskEnv(Placed(spec, *positions), 1, KinematicBackend)
+
+
+def test_an_order_goes_from_place_to_station_to_the_next_place() -> None:
+    spec = spec_of(1, quota=2)
+    plan, idle = FloorPlan.of(spec), np.zeros((1, 1, 2))
+    first, station, second = (
+        drawn_target(plan, 5, 0, order, carries)
+        for order, carries in ((0, False), (0, True), (1, False))
+    )
+    env = kinematic(spec, first + np.array([0.16, 0.0]))
+    env.reset(seeds(5))
+    step = env.step(idle)
+    assert own_of(step.states, 1)[0, 0].tolist() == [0, 0]
+    np.testing.assert_allclose(step.rewards, -spec.rules.rewards.time, atol=0.021)
+    env = kinematic(spec, first + np.array([0.14, 0.0]))
+    env.reset(seeds(5))
+    step = env.step(idle)
+    assert own_of(step.states, 1)[0, 0].tolist() == [1, 0]
+    np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, TX:], station, atol=1e-6)
+    np.testing.assert_allclose(step.rewards, 1.0 - 0.02, atol=0.021)
+    while not own_of(step.states, 1)[0, 0, 1]:
+        robot = robots_of(step.states, 1)[0, 0].astype(np.float64)
+        step = env.step((2.0 * (robot[TX:] - robot[: Y + 1]))[None, None])
+    assert own_of(step.states, 1)[0, 0].tolist() == [0, 1]
+    np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, TX:], second, atol=1e-6)
+    assert not step.terminations[0]
+
+
+def test_driving_to_and_fro_earns_nothing() -> None:
+    env = kinematic(spec_of(1), (1.65, -0.45))
+    step = env.reset(seeds(5))
+    start, total = step.states[0, :2].copy(), 0.0
+    for k in range(40):
+        command = (1.0 if k % 20 < 10 else -1.0) * np.array([0.0, 1.0])
+        step = env.step(command[None, None])
+        total += float(step.rewards[0, 0])
+    assert not own_of(step.states, 1).any()
+    back = np.abs(step.states[0, :2] - start).sum()
+    assert total <= -40 * 0.02 + 0.5 * back + 1e-4
+
+
+def test_features_tell_what_a_robot_carries_and_where_to_drive() -> None:
+    spec = spec_of()
+    env = make_env(spec, 1)
+    names = [feature.name for feature in env.features]
+    assert [names.count(name) for name in ("carrying", "corner_x", "corner_y")] == [1, 1, 1]
+    columns = [names.index(name) for name in ("carrying", "corner_x", "corner_y")]
+    episode = scripted_episode(spec)
+    seen = episode.observations[..., columns]
+    np.testing.assert_array_equal(seen[..., 0], own_of(episode.states, 4)[..., 0])
+    robots, middles = robots_of(episode.states, 4), FloorPlan.of(spec).middles
+    to = robots[..., : Y + 1] + seen[..., 1:]
+    at_target = np.isclose(to, robots[..., TX:], atol=1e-5).all(-1)
+    at_crossing = np.isclose(np.abs(to[..., 0]), 1.65, atol=1e-5)
+    at_crossing &= np.isclose(to[..., 1, None], middles, atol=1e-5).any(-1)
+    assert (at_target ^ at_crossing).all()
+    assert at_target.any()
+    assert at_crossing.any()
+
+
+@given(st.integers(0, 2**40), st.sampled_from([{}, {"dynamics": "unicycle"}]))
+def test_fast_and_public_backends_give_the_same_bits(seed: int, robot: dict[str, Any]) -> None:
+    spec = spec_of(4, robot)
+    envs = TaskEnv(make_task(spec), 1), TaskEnv(make_task(spec), 1, PublicBackend)
+    left, right = (env.reset(seeds(seed)) for env in envs)
+    for t in range(40):
+        for name in Step._fields:
+            np.testing.assert_array_equal(getattr(left, name), getattr(right, name), err_msg=name)
+        commands = 2.0 * uniform(derive(seed, t // 8, np.arange(8))).reshape(1, 4, 2) - 1.0
+        left, right = (env.step(commands) for env in envs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["warehouse", "warehouse-hard"])
+def test_a_hundred_scripted_episodes_are_the_same_on_both_backends(name: str) -> None:
+    spec = preset(name)
+    policy = make_policy("scripted", spec)
+    ids = np.arange(100, dtype=np.uint64)
+    fast = rollout(TaskEnv(make_task(spec), 50), policy, ids)
+    public = rollout(TaskEnv(make_task(spec), 50, PublicBackend), policy, ids)
+    for left, right in zip(list(fast), list(public), strict=True):
+        np.testing.assert_array_equal(left.states, right.states)
+        np.testing.assert_array_equal(left.rewards, right.rewards)
+
+
+def test_metrics_are_what_their_names_say() -> None:
+    spec = spec_of(2)
+    episode = scripted_episode(spec_of(2), 4)
+    steps = 61
+    states = np.repeat(episode.states[:1], steps, axis=0)
+    robots, own = robots_of(states, 2), own_of(states, 2)
+    robots[:, :, : Y + 1] = [[0.0, -1.5], [0.4, -1.5]]  # side by side, for ever
+    own[20:40, 0, 0] = 1.0
+    own[40:, 0, 1] = 1.0
+    own[:, 1, 1] = 2.0
+    values = Warehouse(spec).episode_metrics(cut(episode, states))
+    assert set(values) == set(METRICS)
+    assert values["deliveries"] == 3.0
+    assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
+    assert values["deadlocks"] == 1.0
+    assert values["carrying_time"] == pytest.approx(20 / 60 / 2)
+
+
+def cut(episode: Episode, states: Float) -> Episode:
+    """An episode with these states, and as many rows of the other fields."""
+    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
+    rows |= {name: getattr(episode, name)[: len(states) - 1] for name in STEP_FIELDS}
+    return replace(episode, **rows | {"states": states})
+
+
+def test_drawn_obstacles_are_refused() -> None:
+    with pytest.raises(SpecError, match=r"'circles': 1.* task 'warehouse', whose layout is fixed"):
+        Warehouse(preset("warehouse").with_updates(obstacles={"circles": 1, "boxes": 0}))
