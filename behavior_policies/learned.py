@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.behavior_policies.actor import Actor, Saved, forward, load_actor, save_actor
+from swarmdata.behavior_policies.exact_actor import Actor, Saved, forward, load_actor, save_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.errors import CheckpointError
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs

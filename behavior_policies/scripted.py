@@ -20,7 +20,7 @@ All times and distances are those of the default robot, scaled for others (`agil
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigator import Navigator, turned_right
+from swarmdata.behavior_policies.navigation.navigator import Navigator, turned_right
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec

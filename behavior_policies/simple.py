@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH, TIME, scales_of
+from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import counters
-from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.numerics.random import uniform
 from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs

@@ -11,7 +11,7 @@ only.
 
 import numpy as np
 
-from swarmdata.behavior_policies.distance_field import (
+from swarmdata.behavior_policies.navigation.distance_field import (
     SPACING,
     STRAIGHT,
     check_maps,

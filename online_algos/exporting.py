@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from swarmdata.behavior_policies.actor import MAX_WEIGHT, Actor
+from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.networks.perceptrons import Layer

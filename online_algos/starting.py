@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmdata.behavior_policies.actor import load_actor
+from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
 from swarmdata.errors import BuildError, CheckpointError

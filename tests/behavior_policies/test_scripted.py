@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.avoidance import gives_way
+from swarmdata.behavior_policies.navigation.avoidance import gives_way
 from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance

@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.orca import damper_half_plane
-from swarmdata.behavior_policies.tracking import command_of, speed_along, turn_command
+from swarmdata.behavior_policies.navigation.orca import damper_half_plane
+from swarmdata.behavior_policies.navigation.velocity_tracking import (
+    command_of,
+    speed_along,
+    turn_command,
+)
 from swarmdata.envs.physics.dynamics import GRIP, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv

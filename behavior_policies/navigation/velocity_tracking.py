@@ -9,7 +9,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from swarmdata.behavior_policies.orca import PARALLEL
+from swarmdata.behavior_policies.navigation.orca import PARALLEL
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, TURN_RATE, UNICYCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double

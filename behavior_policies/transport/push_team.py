@@ -5,7 +5,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import numpy as np
 
-from swarmdata.behavior_policies.way_around import crosses
+from swarmdata.behavior_policies.transport.payload_detour import crosses
 from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.orca import (
+from swarmdata.behavior_policies.navigation.orca import (
     damper_half_plane,
     least_violating,
     robot_half_plane,

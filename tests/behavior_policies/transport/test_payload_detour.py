@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.way_around import (
+from swarmdata.behavior_policies.transport.payload_detour import (
     N_POINTS,
     N_RING,
     RING_GAPS,

@@ -10,22 +10,27 @@ import math
 
 import numpy as np
 
-from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
-from swarmdata.behavior_policies.avoidance import (
+from swarmdata.behavior_policies.navigation.avoidance import (
     robot_half_planes,
     stopping_half_planes,
     surface_half_planes,
 )
-from swarmdata.behavior_policies.distance_field import (
+from swarmdata.behavior_policies.navigation.distance_field import (
     Int32,
     check_maps,
     fill_clearances,
     grid_shape,
 )
-from swarmdata.behavior_policies.orca import solve
-from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
+from swarmdata.behavior_policies.navigation.orca import solve
+from swarmdata.behavior_policies.navigation.planner import (
+    UNPLANNED,
+    n_primitives,
+    primitives_of,
+    waypoint,
+)
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH, TIME, scales_of
+from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.simple import APPROACH_RATE
-from swarmdata.behavior_policies.tracking import command_of
 from swarmdata.envs.physics.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_task

@@ -5,13 +5,13 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from swarmdata.behavior_policies.avoidance import BRAKE, SURFACE_MARGIN
-from swarmdata.behavior_policies.distance_field import MARGIN, Int32
-from swarmdata.behavior_policies.orca import damper_half_plane
-from swarmdata.behavior_policies.planner import free_distance, waypoint
-from swarmdata.behavior_policies.pushing import ASIDE, AWAY
+from swarmdata.behavior_policies.navigation.avoidance import BRAKE, SURFACE_MARGIN
+from swarmdata.behavior_policies.navigation.distance_field import MARGIN, Int32
+from swarmdata.behavior_policies.navigation.orca import damper_half_plane
+from swarmdata.behavior_policies.navigation.planner import free_distance, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
-from swarmdata.behavior_policies.way_around import way_around
+from swarmdata.behavior_policies.transport.payload_detour import way_around
+from swarmdata.behavior_policies.transport.push_team import ASIDE, AWAY
 from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import nearest
 from swarmdata.runtime.kernels import kernel

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.warehouse_routes import (
+from swarmdata.behavior_policies.warehouse.traffic_routes import (
     lane_along,
     lane_at,
     one_way,
     steer,
     tracks_of,
 )
-from swarmdata.behavior_policies.warehouse_script import (
+from swarmdata.behavior_policies.warehouse.warehouse_controller import (
     WarehouseScript,
     brake_half_planes,
     rank_half_planes,

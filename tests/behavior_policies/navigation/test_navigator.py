@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.agility import LENGTH, TIME, scales_of
-from swarmdata.behavior_policies.avoidance import stopping_half_planes
-from swarmdata.behavior_policies.navigator import Navigator
+from swarmdata.behavior_policies.navigation.avoidance import stopping_half_planes
+from swarmdata.behavior_policies.navigation.navigator import Navigator
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH, TIME, scales_of
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset

@@ -5,7 +5,7 @@ import heapq
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.distance_field import (
+from swarmdata.behavior_policies.navigation.distance_field import (
     DIAGONAL,
     SPACING,
     STRAIGHT,
@@ -16,7 +16,7 @@ from swarmdata.behavior_policies.distance_field import (
     nearest_node,
     weights_of,
 )
-from swarmdata.behavior_policies.planner import (
+from swarmdata.behavior_policies.navigation.planner import (
     UNPLANNED,
     free_distance,
     is_visible,

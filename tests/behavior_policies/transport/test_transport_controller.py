@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.transport_script import TransportScript
+from swarmdata.behavior_policies.transport.transport_controller import TransportScript
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from swarmdata.behavior_policies.distance_field import MARGIN
-from swarmdata.behavior_policies.planner import free_distance, is_visible
+from swarmdata.behavior_policies.navigation.distance_field import MARGIN
+from swarmdata.behavior_policies.navigation.planner import free_distance, is_visible
 from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel

@@ -9,7 +9,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from swarmdata.behavior_policies.planner import free_distance
+from swarmdata.behavior_policies.navigation.planner import free_distance
 from swarmdata.envs.transport.payload import Shape
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel

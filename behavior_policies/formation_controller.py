@@ -10,7 +10,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigator import Navigator
+from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.envs.formation.formation import Formation

@@ -8,8 +8,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.push_slots import ARC, MAX_SLOTS, NONE, choose_slots, face_normal
-from swarmdata.behavior_policies.pushing import (
+from swarmdata.behavior_policies.transport.push_slots import (
+    ARC,
+    MAX_SLOTS,
+    NONE,
+    choose_slots,
+    face_normal,
+)
+from swarmdata.behavior_policies.transport.push_team import (
     WORTH,
     assign_slots,
     contact,

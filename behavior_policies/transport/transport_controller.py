@@ -23,33 +23,38 @@ import math
 
 import numpy as np
 
-from swarmdata.behavior_policies.avoidance import robot_half_planes, surface_half_planes
-from swarmdata.behavior_policies.distance_field import (
+from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes, surface_half_planes
+from swarmdata.behavior_policies.navigation.distance_field import (
     Int32,
     check_maps,
     fill_clearances,
     grid_shape,
 )
-from swarmdata.behavior_policies.navigator import turned_right
+from swarmdata.behavior_policies.navigation.navigator import turned_right
+from swarmdata.behavior_policies.navigation.orca import solve
+from swarmdata.behavior_policies.navigation.planner import (
+    UNPLANNED,
+    n_primitives,
+    primitives_of,
+    waypoint,
+)
 from swarmdata.behavior_policies.noise import add_noise, check_noise
-from swarmdata.behavior_policies.orca import solve
-from swarmdata.behavior_policies.planner import UNPLANNED, n_primitives, primitives_of, waypoint
-from swarmdata.behavior_policies.push_moves import (
+from swarmdata.behavior_policies.transport.payload_detour import N_POINTS, fill_rings
+from swarmdata.behavior_policies.transport.push_moves import (
     away_from_surfaces,
     follow_place,
     go_to_place,
     keep_clear,
     payload_half_plane,
 )
-from swarmdata.behavior_policies.push_slots import MAX_SLOTS, NONE, choose_slots
-from swarmdata.behavior_policies.pushing import (
+from swarmdata.behavior_policies.transport.push_slots import MAX_SLOTS, NONE, choose_slots
+from swarmdata.behavior_policies.transport.push_team import (
     assign_slots,
     contact,
     possible_way,
     push_forces,
     stands,
 )
-from swarmdata.behavior_policies.way_around import N_POINTS, fill_rings
 from swarmdata.envs.transport.payload import Shape, payload_radius, place_row, shape_of
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.geometry import CIRCLE

@@ -7,7 +7,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 
 import math
 
-from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane
+from swarmdata.behavior_policies.navigation.orca import damper_half_plane, robot_half_plane
 from swarmdata.numerics.geometry import nearest, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.formation_script import (
+from swarmdata.behavior_policies.formation_controller import (
     LOOK,
     MARGIN,
     FormationScript,

@@ -8,7 +8,7 @@ robot of the left team is through.
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigator import Navigator
+from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import check_noise
 from swarmdata.behavior_policies.scripted import actions_of
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances

@@ -19,19 +19,19 @@ import math
 
 import numpy as np
 
-from swarmdata.behavior_policies.agility import scales_of
-from swarmdata.behavior_policies.avoidance import (
+from swarmdata.behavior_policies.navigation.avoidance import (
     BRAKE,
     SENSE,
     SURFACE_MARGIN,
     stopping_half_planes,
     surface_half_planes,
 )
+from swarmdata.behavior_policies.navigation.orca import damper_half_plane, robot_half_plane, solve
+from swarmdata.behavior_policies.navigation.robot_scales import scales_of
+from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import check_noise
-from swarmdata.behavior_policies.orca import damper_half_plane, robot_half_plane, solve
 from swarmdata.behavior_policies.scripted import actions_of
-from swarmdata.behavior_policies.tracking import command_of
-from swarmdata.behavior_policies.warehouse_routes import steer, tracks_of
+from swarmdata.behavior_policies.warehouse.traffic_routes import steer, tracks_of
 from swarmdata.envs.physics.dynamics import ACCELERATION, SPEED, UNICYCLE, limits_of
 from swarmdata.envs.warehouse.floor_plan import FloorPlan
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs

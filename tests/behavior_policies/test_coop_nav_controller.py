@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.coop_nav_script import CoopNavScript, turns_at_door
+from swarmdata.behavior_policies.coop_nav_controller import CoopNavScript, turns_at_door
 from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from swarmdata.behavior_policies.distance_field import (
+from swarmdata.behavior_policies.navigation.distance_field import (
     MARGIN,
     SPACING,
     Int32,

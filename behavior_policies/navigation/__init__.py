@@ -1,0 +1,1 @@
+"""Navigation of single robots: planning, reciprocal avoidance, velocity tracking."""
