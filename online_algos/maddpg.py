@@ -37,8 +37,8 @@ from swarmdata.learn.networks.optimizer import linear
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, gaussian, uniform_like
-from swarmdata.online_algos.collecting import Collector, Plan
-from swarmdata.online_algos.maddpg_learner import Learner, MADDPGConfig
+from swarmdata.online_algos.collection.maddpg_learner import Learner, MADDPGConfig
+from swarmdata.online_algos.collection.replay_collection import Collector, Plan
 from swarmdata.types import Batch
 
 

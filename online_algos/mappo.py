@@ -51,12 +51,17 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initializ
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
-from swarmdata.online_algos.clipping import clipped_losses
-from swarmdata.online_algos.detours import Detours
-from swarmdata.online_algos.generators import pack_generators, standard_normal, unpack_generators
-from swarmdata.online_algos.inputs import measure_moments
-from swarmdata.online_algos.rollouts import (
+from swarmdata.online_algos.collection.input_moments import measure_moments
+from swarmdata.online_algos.collection.seed_generators import (
+    pack_generators,
+    standard_normal,
+    unpack_generators,
+)
+from swarmdata.online_algos.collection.training_worlds import Worlds, reweighted
+from swarmdata.online_algos.ppo.advantages import TargetScale, generalized_advantages, normalized
+from swarmdata.online_algos.ppo.clipping import clipped_losses
+from swarmdata.online_algos.ppo.initial_weights import start_actors
+from swarmdata.online_algos.ppo.rollout_samples import (
     Rollout,
     critic_states,
     empty_rollout,
@@ -67,9 +72,8 @@ from swarmdata.online_algos.rollouts import (
     sample_rows,
     seed_means,
 )
-from swarmdata.online_algos.shaping import Shaping
-from swarmdata.online_algos.starting import start_actors
-from swarmdata.online_algos.worlds import Worlds, reweighted
+from swarmdata.online_algos.shaping.payload_potentials import Detours
+from swarmdata.online_algos.shaping.shaping import Shaping
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Float, Int, Step, copy_step
 

@@ -28,7 +28,7 @@ from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.choices.choices import decomposition
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.online_algos.choosing import MIXER_STREAM, Choosing, ChoosingConfig
+from swarmdata.online_algos.collection.value_learning import MIXER_STREAM, Choosing, ChoosingConfig
 
 
 @dataclass(frozen=True)

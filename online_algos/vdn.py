@@ -26,7 +26,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.choices.choices import decomposition
 from swarmdata.learn.networks.mixers import MeanMixer
-from swarmdata.online_algos.choosing import Choosing, ChoosingConfig
+from swarmdata.online_algos.collection.value_learning import Choosing, ChoosingConfig
 
 
 @dataclass(frozen=True)

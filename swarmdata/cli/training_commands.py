@@ -108,8 +108,8 @@ def ship(
     from swarmdata.registry.presets import preset
 
     require("torch", "torch", "reading online runs")
-    from swarmdata.online_algos.selection import seeds_of
-    from swarmdata.online_algos.selection import ship as ship_seeds
+    from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+    from swarmdata.online_algos.runs.checkpoint_selection import ship as ship_seeds
 
     mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))
     entry = ship_seeds(mediums, experts, sided, task, preset(task), out)

@@ -104,7 +104,7 @@ class Stopwatch:
 def train_ours(meter: Meter, n_seeds: int) -> None:
     """`mappo` on `coop_nav` with 4 robots as `swarmdata train` runs it, without evaluation."""
     from swarmdata.online_algos.mappo import MAPPOConfig
-    from swarmdata.online_algos.training import describe_run
+    from swarmdata.online_algos.runs.online_training import describe_run
     from swarmdata.registry.presets import preset
 
     run = describe_run("mappo", MAPPOConfig(), preset("coop_nav"), range(n_seeds))

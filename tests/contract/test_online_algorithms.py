@@ -78,12 +78,12 @@ def test_the_algorithm_keeps_the_contract(variant: str, tmp_path: Path) -> None:
 def test_a_run_that_began_with_a_clone_keeps_the_contract(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from swarmdata.online_algos import starting
-    from swarmdata.online_algos.cloning import CloneConfig
     from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+    from swarmdata.online_algos.ppo import initial_weights
+    from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 
     short = partial(CloneConfig, n_steps=6, n_passes=1, final_passes=1, minibatch=32)
-    monkeypatch.setattr(starting, "CloneConfig", short)
+    monkeypatch.setattr(initial_weights, "CloneConfig", short)
     config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, teacher="scripted", clone_rounds=2)
 
     def build(seeds: Sequence[int], folder: Path) -> Any:

@@ -12,8 +12,8 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from swarmdata.learn.networks.critics import information  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.collection.maddpg_learner import Learner, MADDPGConfig  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG  # noqa: E402
-from swarmdata.online_algos.maddpg_learner import Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)

@@ -14,7 +14,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.choices.choices import bins  # noqa: E402
 from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.choosing import Choosing, make_learner  # noqa: E402
+from swarmdata.online_algos.collection.value_learning import Choosing, make_learner  # noqa: E402
 from swarmdata.online_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 

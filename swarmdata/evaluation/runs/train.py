@@ -12,7 +12,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.trainer import Evaluate, Schedule, train
-from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve

@@ -9,9 +9,9 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_folder import CHECKPOINT, load_run, read_run
-from swarmdata.online_algos.run_folder import last_policy_path
-from swarmdata.online_algos.selection import seeds_of
-from swarmdata.online_algos.training import read_online_run
+from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+from swarmdata.online_algos.runs.online_training import read_online_run
+from swarmdata.online_algos.runs.seed_files import last_policy_path
 
 
 class Trained(NamedTuple):

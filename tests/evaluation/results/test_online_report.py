@@ -10,7 +10,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.online_report import read_training, write_online_report
 from swarmdata.online_algos.mappo import MAPPOConfig
-from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.specs.task_spec import TaskSpec
 
 SMALL = MAPPOConfig(n_frames=128, n_copies=4, n_steps=8, hidden=8, minibatch=64)

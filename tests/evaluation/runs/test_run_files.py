@@ -19,7 +19,7 @@ def make_run(folder: Path, **files: str) -> Path:
 def test_names_are_those_that_training_writes() -> None:
     pytest.importorskip("torch", reason="training needs the torch extra")
     from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG
-    from swarmdata.online_algos.run_folder import POLICIES, policy_path
+    from swarmdata.online_algos.runs.seed_files import POLICIES, policy_path
 
     assert (run_files.CONFIG, run_files.CHECKPOINT) == (CONFIG, CHECKPOINT)
     assert run_files.POLICIES == POLICIES

@@ -21,9 +21,9 @@ from swarmdata.evaluation.runs.run_files import run_hash
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
 from swarmdata.online_algos.mappo import MAPPOConfig
-from swarmdata.online_algos.run_folder import last_policy
-from swarmdata.online_algos.shaping import Shaping
-from swarmdata.online_algos.training import read_online_run
+from swarmdata.online_algos.runs.online_training import read_online_run
+from swarmdata.online_algos.runs.seed_files import last_policy
+from swarmdata.online_algos.shaping.shaping import Shaping
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset
@@ -46,7 +46,7 @@ def run(*arguments: str | Path, code: int = 0) -> str:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few episodes measure a checkpoint, and there is one checkpoint."""
     from swarmdata.evaluation.runs import train
-    from swarmdata.online_algos.training import describe_run
+    from swarmdata.online_algos.runs.online_training import describe_run
 
     def describe(*arguments: Any) -> Any:
         return describe_run(*arguments, n_checkpoints=1, n_episodes=2)

@@ -34,9 +34,9 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.run_folder import CHECKPOINT
 from swarmdata.learn.training.trainer import Schedule, train
-from swarmdata.online_algos.run_folder import POLICIES, last_policy_path, saved_frames
-from swarmdata.online_algos.selection import seeds_of
-from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+from swarmdata.online_algos.runs.online_training import describe_run, train_run
+from swarmdata.online_algos.runs.seed_files import POLICIES, last_policy_path, saved_frames
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate

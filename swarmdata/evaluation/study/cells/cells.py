@@ -13,8 +13,8 @@ from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
 from swarmdata.evaluation.study.cells.study_data import named, short, sized
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
 from swarmdata.learn.training.overrides import override
-from swarmdata.online_algos.run_folder import last_policy_path
-from swarmdata.online_algos.selection import seeds_of
+from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen
 

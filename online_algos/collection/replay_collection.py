@@ -20,8 +20,8 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
-from swarmdata.online_algos.inputs import Moments, measure_moments
-from swarmdata.online_algos.worlds import Worlds
+from swarmdata.online_algos.collection.input_moments import Moments, measure_moments
+from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Batch
 

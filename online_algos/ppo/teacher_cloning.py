@@ -19,8 +19,8 @@ from tqdm import tqdm
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.optimizer import StackedAdam
-from swarmdata.online_algos.generators import standard_normal
-from swarmdata.online_algos.rollouts import minibatches, pick, sample_rows, seed_means
+from swarmdata.online_algos.collection.seed_generators import standard_normal
+from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
 from swarmdata.types import Float
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.online_algos.worlds import Worlds, reweighted
+from swarmdata.online_algos.collection.training_worlds import Worlds, reweighted
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec

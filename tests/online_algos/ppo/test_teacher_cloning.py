@@ -11,10 +11,10 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from torch import Tensor
 
 from swarmdata.errors import SpecError
-from swarmdata.online_algos import cloning
-from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.rollouts import pick
+from swarmdata.online_algos.ppo import teacher_cloning
+from swarmdata.online_algos.ppo.rollout_samples import pick
+from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
@@ -64,7 +64,7 @@ def test_more_rounds_than_samples_allow_take_a_part_of_the_data_each(
         taken.append(rows.shape[1])
         return pick(samples, rows)
 
-    monkeypatch.setattr(cloning, "pick", count)
+    monkeypatch.setattr(teacher_cloning, "pick", count)
     config = replace(SHORT, n_rounds=2, n_passes=3, max_samples=2000, final_passes=1)
     clone_teacher(made(), make_policy("straight", SPEC), config)
     each = SHORT.n_steps * SMALL.n_copies * SPEC.n_agents

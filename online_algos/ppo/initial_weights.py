@@ -9,9 +9,9 @@ from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoi
 from swarmdata.errors import BuildError, CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.online_algos.cloning import CloneConfig, clone_teacher
-from swarmdata.online_algos.exporting import restored
-from swarmdata.online_algos.run_folder import last_policy
+from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.runs.export_policy import restored
+from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.registry.components import make_policy
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from swarmdata.errors import BuildError, DivergedError, SpecError
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_folder import read_table
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.online_algos import starting, training
-from swarmdata.online_algos.cloning import CloneConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.run_folder import last_policy_path, policy_path
-from swarmdata.online_algos.training import OnlineRun, describe_run, train_run
+from swarmdata.online_algos.ppo import initial_weights
+from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
+from swarmdata.online_algos.runs import online_training
+from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
+from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
@@ -45,7 +46,7 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = train_run(RUN, tmp_path / "whole")
-    measure, calls = training.measure, []
+    measure, calls = online_training.measure, []
 
     def interrupt(*args: Any) -> dict[str, float]:
         calls.append(args)
@@ -53,7 +54,7 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
             raise KeyboardInterrupt
         return measure(*args)
 
-    monkeypatch.setattr(training, "measure", interrupt)
+    monkeypatch.setattr(online_training, "measure", interrupt)
     with pytest.raises(KeyboardInterrupt):
         train_run(RUN, tmp_path / "cut")
     train_run(RUN, tmp_path / "cut")
@@ -63,7 +64,9 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
 def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(starting, "CloneConfig", partial(CloneConfig, n_steps=8, minibatch=64))
+    monkeypatch.setattr(
+        initial_weights, "CloneConfig", partial(CloneConfig, n_steps=8, minibatch=64)
+    )
     config = replace(SMALL, teacher="straight", clone_rounds=2)
     run = describe_run("mappo", config, SPEC, RUN.seeds, n_checkpoints=4, n_episodes=2)
     whole = train_run(run, tmp_path / "whole")
@@ -75,7 +78,7 @@ def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
         patch.setattr(MAPPO, "update", interrupt)
         with pytest.raises(KeyboardInterrupt):
             train_run(run, tmp_path / "cut")
-    monkeypatch.setattr(starting, "clone_teacher", interrupt)
+    monkeypatch.setattr(initial_weights, "clone_teacher", interrupt)
     train_run(run, tmp_path / "cut")
     assert_same_run(whole, tmp_path / "cut")
 
@@ -84,7 +87,7 @@ PROGRAM = """
 import sys
 from dataclasses import replace
 from pathlib import Path
-from swarmdata.online_algos.training import OnlineRun, train_run
+from swarmdata.online_algos.runs.online_training import OnlineRun, train_run
 train_run(OnlineRun.from_text(sys.argv[1]), Path(sys.argv[2]))
 """
 

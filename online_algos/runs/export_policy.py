@@ -12,7 +12,7 @@ from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.online_algos.training import SELECTION_OFFSET
+from swarmdata.online_algos.runs.online_training import SELECTION_OFFSET
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double

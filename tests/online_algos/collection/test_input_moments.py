@@ -9,8 +9,8 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.online_algos.inputs import Moments, measure_moments  # noqa: E402
-from swarmdata.online_algos.worlds import Worlds  # noqa: E402
+from swarmdata.online_algos.collection.input_moments import Moments, measure_moments  # noqa: E402
+from swarmdata.online_algos.collection.training_worlds import Worlds  # noqa: E402
 from swarmdata.perception.frames import find_frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402

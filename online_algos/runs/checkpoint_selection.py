@@ -24,9 +24,9 @@ from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
 from swarmdata.learn.training.run_folder import CONFIG, CURVE, read_table
-from swarmdata.online_algos.exporting import exact_error, export
-from swarmdata.online_algos.run_folder import last_policy_path, policy_path, saved_frames
-from swarmdata.online_algos.training import measure, read_online_run
+from swarmdata.online_algos.runs.export_policy import exact_error, export
+from swarmdata.online_algos.runs.online_training import measure, read_online_run
+from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.task_spec import TaskSpec

@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.online_algos.rollouts import (
+from swarmdata.online_algos.ppo.rollout_samples import (
     STATE_SCALE,
     critic_states,
     pad_by_seed,

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from swarmdata.errors import SchemaError
-from swarmdata.online_algos.worlds import Worlds
+from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.types import Double, Float
 
 CONSTANT = 1e-3

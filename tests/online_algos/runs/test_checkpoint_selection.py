@@ -12,18 +12,18 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.online_algos import selection
-from swarmdata.online_algos.exporting import export
 from swarmdata.online_algos.mappo import MAPPOConfig
-from swarmdata.online_algos.run_folder import last_policy_path
-from swarmdata.online_algos.selection import (
+from swarmdata.online_algos.runs import checkpoint_selection
+from swarmdata.online_algos.runs.checkpoint_selection import (
     Seed,
     find_medium,
     read_curve,
     seeds_of,
     ship,
 )
-from swarmdata.online_algos.training import describe_run, train_run
+from swarmdata.online_algos.runs.export_policy import export
+from swarmdata.online_algos.runs.online_training import describe_run, train_run
+from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
@@ -51,7 +51,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def half(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every policy solves half of its episodes."""
-    monkeypatch.setattr(selection, "measure", lambda *_: {"success": 0.5})
+    monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: {"success": 0.5})
 
 
 def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
@@ -66,11 +66,11 @@ def test_the_medium_is_the_first_checkpoint_in_the_band(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     figures = iter([{"success": 0.35}, {"success": 0.41}])
-    monkeypatch.setattr(selection, "measure", lambda *_: next(figures))
+    monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: next(figures))
     medium = find_medium(Seed(run, 1), SPEC, tmp_path)
     assert medium is not None
     assert medium.frames == 192
-    monkeypatch.setattr(selection, "measure", lambda *_: {"success": 0.7})
+    monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: {"success": 0.7})
     assert find_medium(Seed(run, 1), SPEC, tmp_path) is None
     with pytest.raises(BuildError, match="none of 1 seeds has a checkpoint"):
         ship([Seed(run, 1)], [], [], "coop_nav", SPEC, tmp_path)

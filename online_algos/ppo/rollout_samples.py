@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.team_networks import Parameters, by_network
-from swarmdata.online_algos.worlds import Worlds
+from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Int, Step
 

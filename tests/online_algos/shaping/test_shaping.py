@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
 from swarmdata.online_algos.mappo import MAPPOConfig
-from swarmdata.online_algos.shaping import Shaping
+from swarmdata.online_algos.shaping.shaping import Shaping
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step

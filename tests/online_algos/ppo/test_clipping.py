@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.distributions import Normal
 
-from swarmdata.online_algos.clipping import clipped_losses
+from swarmdata.online_algos.ppo.clipping import clipped_losses
 
 STD, CLIP = 0.4, 0.2
 

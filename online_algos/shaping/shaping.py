@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.online_algos.conventions import oncoming
+from swarmdata.online_algos.shaping.passing_side import oncoming
 from swarmdata.specs.rules import Rewards
 from swarmdata.types import Float, Step
 

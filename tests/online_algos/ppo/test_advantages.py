@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.online_algos.advantages import TargetScale, generalized_advantages, normalized
+from swarmdata.online_algos.ppo.advantages import TargetScale, generalized_advantages, normalized
 
 
 def advantages_of(terminated: bool, cut: bool) -> np.ndarray:

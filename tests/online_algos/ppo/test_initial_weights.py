@@ -13,10 +13,10 @@ from swarmdata.behavior_policies.tiers import SPECS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
+from swarmdata.online_algos.collection.maddpg_learner import MADDPGConfig
 from swarmdata.online_algos.maddpg import MADDPG
-from swarmdata.online_algos.maddpg_learner import MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.run_folder import policy_path
+from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step

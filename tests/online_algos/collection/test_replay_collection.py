@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.online_algos.collecting import Collector, Plan  # noqa: E402
+from swarmdata.online_algos.collection.replay_collection import Collector, Plan  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 

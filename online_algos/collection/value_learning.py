@@ -22,7 +22,7 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
-from swarmdata.online_algos.collecting import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import Collector, Plan
 from swarmdata.types import Batch
 
 UTILITY_STREAM, MIXER_STREAM = 0, 1

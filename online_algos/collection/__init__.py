@@ -1,0 +1,1 @@
+"""How online algorithms collect data: worlds, replay, input normalization."""

@@ -1,0 +1,1 @@
+"""Runs of online training, and how their policies get into the package."""

@@ -1,0 +1,1 @@
+"""Training rewards: costs and potentials added to the task's reward."""
