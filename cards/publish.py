@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from swarmdata.cards.pictures import draw_card
-from swarmdata.cards.render import card_of
+from swarmdata.cards.card import card_of
+from swarmdata.cards.pictures.sheet import draw_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.runtime.atomic import staged
 from swarmdata.store import write_file

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.random import EVALUATION_BASE, derive

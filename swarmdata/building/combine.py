@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.runtime.atomic import remove_leftovers

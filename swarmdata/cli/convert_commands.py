@@ -104,7 +104,7 @@ def _import(
 ) -> str:
     if name is None:
         raise typer.BadParameter("needed with --from", param_hint="--id")
-    from swarmdata.cards.render import write_card
+    from swarmdata.cards.card import write_card
     from swarmdata.interop.conversion.user_choices import Choices
     from swarmdata.interop.convert import import_dataset
 

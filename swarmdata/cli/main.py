@@ -208,8 +208,8 @@ def card(
     pictures: Annotated[bool, typer.Option(help="with --out: draw the picture")] = True,
 ) -> None:
     """Render a dataset's card from its files: print it, or with --out write it with its picture."""
+    from swarmdata.cards.card import card_of, write_card
     from swarmdata.cards.publish import publish_card
-    from swarmdata.cards.render import card_of, write_card
 
     folder = _folder(dataset)
     if out is None:

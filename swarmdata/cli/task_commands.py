@@ -79,7 +79,7 @@ def table(
     out: Annotated[Path, typer.Option(help="the .md file")],
 ) -> None:
     """Write the page of what policies without training achieve in every preset (WORLDS.md)."""
-    from swarmdata.cards.worlds import worlds_page
+    from swarmdata.cards.worlds_page import worlds_page
     from swarmdata.registry.published import references
     from swarmdata.store import write_file
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from filelock import FileLock, Timeout
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
 from swarmdata.record.episode_buffer import n_bytes

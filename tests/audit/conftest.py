@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmdata.building.build import make_part
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording

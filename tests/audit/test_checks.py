@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.errors import MissingManifestError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import EVALUATION_BASE

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.behavior_policies.tiers import SPECS
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 
 ID = "coop_nav-small-v0"

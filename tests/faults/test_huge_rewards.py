@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.render import card_of
+from swarmdata.cards.card import card_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.interop.convert import import_dataset

@@ -24,7 +24,7 @@ from swarmdata.behavior_policies.learned import (
 )
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.building.build import make_source_policy
-from swarmdata.cards.render import card_of
+from swarmdata.cards.card import card_of
 from swarmdata.drawing import markdown
 from swarmdata.errors import (
     CheckpointError,

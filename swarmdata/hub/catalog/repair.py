@@ -13,7 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from swarmdata.cards import side_files
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
 from swarmdata.hub.catalog.repair_sources import MADE_AGAIN, Sources, recipe_of, restore_manifest
 from swarmdata.hub.catalog.sources import skip

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.building.build import build
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError

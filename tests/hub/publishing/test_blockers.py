@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
-from swarmdata.cards.render import write_card
+from swarmdata.cards.card import write_card
 from swarmdata.hub.catalog import identity
 from swarmdata.hub.publishing import blockers
 from swarmdata.hub.publishing.blockers import reasons_against

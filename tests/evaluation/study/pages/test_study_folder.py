@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.baselines import baselines_section, read_runs
+from swarmdata.cards.sections.baselines import baselines_section, read_runs
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load
 from swarmdata.evaluation.study.cells.cell_worker import RESULTS

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.coverage import sample_steps
-from swarmdata.cards.panels import draw_returns, draw_rows, finish, stack_lengths
+from swarmdata.cards.pictures.panels import draw_returns, draw_rows, finish, stack_lengths
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
 from swarmdata.specs.origins import RecordedSpec

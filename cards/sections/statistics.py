@@ -4,7 +4,7 @@ import numpy as np
 
 from swarmdata.analysis.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
 from swarmdata.analysis.passings import NEAR, REACH
-from swarmdata.cards.facts import Facts
+from swarmdata.cards.sections.card_data import Facts
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.metrics import wilson_interval

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmdata.cards.meaning import TIERS, UNKNOWN_TIER
+from swarmdata.cards.sections.wording import TIERS, UNKNOWN_TIER
 from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Edit, Origin, RecordedSpec, Recording, split_rule
 from swarmdata.specs.task_spec import Recipe

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.cards.meaning import LIMITS, TASK_LIMITS, TIER_LIMITS, TIERS, limits_of
+from swarmdata.cards.sections.wording import LIMITS, TASK_LIMITS, TIER_LIMITS, TIERS, limits_of
 from swarmdata.registry.components import TASKS
 
 

@@ -11,11 +11,11 @@ import yaml
 from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
 from swarmdata.analysis.passings import Passings
 from swarmdata.analysis.visits import Occupancy
-from swarmdata.cards.facts import Facts
-from swarmdata.cards.fields import observation_rows
-from swarmdata.cards.findings import Findings, LogProbabilities
-from swarmdata.cards.render import check, render
-from swarmdata.cards.statistics import histogram
+from swarmdata.cards.card import check, render
+from swarmdata.cards.sections.card_data import Facts
+from swarmdata.cards.sections.fields import observation_rows
+from swarmdata.cards.sections.measured_content import Findings, LogProbabilities
+from swarmdata.cards.sections.statistics import histogram
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from swarmdata.cards.findings import Findings, measure
+from swarmdata.cards.sections.measured_content import Findings, measure
 from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset

@@ -8,21 +8,26 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.cards.baselines import baselines_section, study_runs
-from swarmdata.cards.facts import Facts, facts_of
-from swarmdata.cards.heading import bullets, front_matter, snippet
-from swarmdata.cards.meaning import limits_of
-from swarmdata.cards.origin import about_section, origin_section, splits_section, tier_section
-from swarmdata.cards.problem import arrays_section, senses_section, task_section
-from swarmdata.cards.recorded import render_recorded
+from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
-from swarmdata.cards.rewards import reward_section
-from swarmdata.cards.statistics import (
+from swarmdata.cards.sections.baselines import baselines_section, study_runs
+from swarmdata.cards.sections.card_data import Facts, facts_of
+from swarmdata.cards.sections.front_matter import bullets, front_matter, snippet
+from swarmdata.cards.sections.origin import (
+    about_section,
+    origin_section,
+    splits_section,
+    tier_section,
+)
+from swarmdata.cards.sections.problem import arrays_section, senses_section, task_section
+from swarmdata.cards.sections.reward_terms import reward_section
+from swarmdata.cards.sections.statistics import (
     coverage_section,
     log_probs_section,
     policies_section,
     statistics_section,
 )
+from swarmdata.cards.sections.wording import limits_of
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.baselines import SHOWN, baselines_section, read_runs, study_runs
+from swarmdata.cards.sections.baselines import SHOWN, baselines_section, read_runs, study_runs
 
 NAMES = ("label", "family", "dataset", "digest", "updates", "episodes", *(n for n, *_ in SHOWN))
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.coverage import places_of, sample_steps
-from swarmdata.cards.panels import draw_actions, draw_lengths, draw_places, draw_returns
-from swarmdata.cards.recorded_picture import draw_recorded
-from swarmdata.cards.tracks import choose_episodes, draw_track
+from swarmdata.cards.pictures.episode_paths import choose_episodes, draw_track
+from swarmdata.cards.pictures.panels import draw_actions, draw_lengths, draw_places, draw_returns
+from swarmdata.cards.pictures.recording_sheet import draw_recorded
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
 from swarmdata.envs.render.canvas import pillow

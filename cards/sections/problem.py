@@ -4,7 +4,7 @@ import inspect
 import sys
 from collections.abc import Sequence
 
-from swarmdata.cards.fields import FieldRow, observation_rows, state_rows
+from swarmdata.cards.sections.fields import FieldRow, observation_rows, state_rows
 from swarmdata.drawing.markdown import plain, table
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task

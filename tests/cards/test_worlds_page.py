@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.worlds import worlds_page
+from swarmdata.cards.worlds_page import worlds_page
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset_names
 from swarmdata.registry.published import TaskReferences, references

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.cards.heading import bullets, front_matter, snippet
-from swarmdata.cards.origin import (
+from swarmdata.cards.sections.front_matter import bullets, front_matter, snippet
+from swarmdata.cards.sections.origin import (
     about_section,
     acting,
     origin_section,
     splits_section,
     tier_section,
 )
-from swarmdata.cards.problem import OFFSETS
-from swarmdata.cards.statistics import histogram, percent
+from swarmdata.cards.sections.problem import OFFSETS
+from swarmdata.cards.sections.statistics import histogram, percent
 from swarmdata.drawing import markdown
 from swarmdata.errors import SpecError
 from swarmdata.specs.origins import Origin, RecordedSpec

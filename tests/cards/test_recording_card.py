@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
-from swarmdata.cards.facts import facts_of
+from swarmdata.cards.card import card_of, checked
 from swarmdata.cards.publish import publish_card
-from swarmdata.cards.recorded import describe, render_recorded
-from swarmdata.cards.render import card_of, checked
+from swarmdata.cards.recording_card import describe, render_recorded
+from swarmdata.cards.sections.card_data import facts_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder

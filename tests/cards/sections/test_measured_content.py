@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.findings import LOG_PROBS, measure
+from swarmdata.cards.sections.measured_content import LOG_PROBS, measure
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
 

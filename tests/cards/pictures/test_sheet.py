@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.panels import MOST_RIDGES, draw_actions, draw_lengths, draw_returns
-from swarmdata.cards.pictures import MOST_BYTES, draw_card
+from swarmdata.cards.pictures.episode_paths import N_TRACKS, choose_episodes
+from swarmdata.cards.pictures.panels import MOST_RIDGES, draw_actions, draw_lengths, draw_returns
+from swarmdata.cards.pictures.sheet import MOST_BYTES, draw_card
 from swarmdata.cards.publish import publish_card
-from swarmdata.cards.tracks import N_TRACKS, choose_episodes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.presets import preset

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import yaml
 
-from swarmdata.cards.origin import license_of
+from swarmdata.cards.sections.origin import license_of
 from swarmdata.specs.origins import Origin
 from swarmdata.store import Manifest
 

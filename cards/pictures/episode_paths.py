@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.panels import SMALL, finish, note, signed
+from swarmdata.cards.pictures.panels import SMALL, finish, note, signed
 from swarmdata.drawing.style import GRAY
 from swarmdata.envs.render import draw
 from swarmdata.envs.render.canvas import WALL_SHOWN
