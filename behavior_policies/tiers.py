@@ -19,7 +19,8 @@ from pydantic import Field, RootModel
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry.presets import preset
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 VERSION = 0
 """Version of the ids without one: the newest."""

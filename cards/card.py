@@ -35,7 +35,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.registry.published import Interval
 from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.origins import RecordedSpec, task_of
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS

@@ -24,8 +24,8 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
+from swarmdata.learn.choices import decomposition
 from swarmdata.learn.choices.bins import BinPolicy
-from swarmdata.learn.choices.choices import decomposition
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.online_algos.collection.value_learning import MIXER_STREAM, Choosing, ChoosingConfig

@@ -23,8 +23,8 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
+from swarmdata.learn.choices import decomposition
 from swarmdata.learn.choices.bins import BinPolicy
-from swarmdata.learn.choices.choices import decomposition
 from swarmdata.learn.networks.mixers import MeanMixer
 from swarmdata.online_algos.collection.value_learning import Choosing, ChoosingConfig
 

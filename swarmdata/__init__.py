@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from swarmdata.record.recorder import Recorder
     from swarmdata.registry.components import make_env
     from swarmdata.rollouts.function_policy import FunctionPolicy
-    from swarmdata.specs.task_spec import Recipe, TaskSpec
+    from swarmdata.specs.recipe import Recipe
+    from swarmdata.specs.task_spec import TaskSpec
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
 __version__ = "0.1.0"
@@ -48,7 +49,7 @@ _HOMES = {
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "FunctionPolicy": "swarmdata.rollouts.function_policy",
-    "Recipe": "swarmdata.specs.task_spec",
+    "Recipe": "swarmdata.specs.recipe",
     "Recorder": "swarmdata.record.recorder",
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",

@@ -47,7 +47,7 @@ def cache_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
 @pytest.fixture(scope="module")
 def one_process() -> Iterator[None]:
     """Everything is built in this process."""
-    from tests.one_process import use_one_process
+    from tests.support.one_process import use_one_process
 
     with pytest.MonkeyPatch.context() as patch:
         use_one_process(patch)
@@ -56,8 +56,8 @@ def one_process() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The dataset of `tests.tiny.TINY`; to be copied by who changes it."""
-    from tests.tiny import TINY, make_tiny
+    """The dataset of `tests.support.tiny.TINY`; to be copied by who changes it."""
+    from tests.support.tiny import TINY, make_tiny
 
     return make_tiny(tmp_path_factory.mktemp("tiny") / TINY.id)
 
@@ -67,7 +67,7 @@ def record() -> Callable[..., Path]:
     """Writes a small dataset of policies without checkpoints, in this process."""
     from swarmdata.building.build import make_part
     from swarmdata.registry.components import make_env
-    from swarmdata.specs.task_spec import PolicySource, Recipe
+    from swarmdata.specs.recipe import PolicySource, Recipe
     from swarmdata.store import assemble, merge_order, write_part
 
     def write(out: Path, spec: "TaskSpec", policies: tuple[str, ...], tier: str = "small") -> Path:

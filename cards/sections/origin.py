@@ -5,7 +5,7 @@ import numpy as np
 from swarmdata.cards.sections.wording import TIERS, UNKNOWN_TIER
 from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Edit, Origin, RecordedSpec, Recording, split_rule
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
 OURS = "cc-by-4.0"

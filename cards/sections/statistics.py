@@ -8,7 +8,7 @@ from swarmdata.cards.sections.card_data import Facts
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.metrics import wilson_interval
-from swarmdata.specs.task_spec import PolicySource, Recipe
+from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.store import EpisodeTable
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
+from swarmdata.learn.choices import bins
 from swarmdata.learn.choices.bins import BinPolicy
-from swarmdata.learn.choices.choices import bins
 from swarmdata.learn.choices.decomposition import LOSSES, Decomposition, Rates
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.optimizer import linear

@@ -13,13 +13,13 @@ from swarmdata.errors import SwarmdataError
 from swarmdata.registry.published import (
     TaskReferences,
     changed_versions,
-    clean_successes,
     published,
     references_of,
 )
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
+from swarmdata.store.table import clean_successes
 
 LADDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""

@@ -4,11 +4,11 @@ import numpy as np
 
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject, blocks, some
-from swarmdata.building.build import seeds_of
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
+from swarmdata.rollouts.recipe_episodes import stream_seeds
 from swarmdata.specs.origins import split_rule
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import SPLITS, merge_order, split_codes
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
@@ -156,7 +156,7 @@ def seeds(subject: Subject) -> Remarks:
         return
     for policy, source in enumerate(origin.policies):
         mine = np.flatnonzero(table.policy == policy)
-        wrong = mine[values[mine] != seeds_of(origin, policy, table.policy_episode[mine])]
+        wrong = mine[values[mine] != stream_seeds(origin, policy, table.policy_episode[mine])]
         if len(wrong):
             yield problem(
                 f"episodes {some(wrong)} of {source.label} have other seeds than the recipe gives "

@@ -16,18 +16,16 @@ from tqdm import tqdm
 from swarmdata.analysis.coverage import spread
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
-from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import made_with
 from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
+from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
 from swarmdata.specs.origins import Recording
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
-
-N_COPIES = 64
-"""Episodes replayed together."""
 
 RESULTS = ("rewards", "terminations", "truncations", "events")
 """Arrays that a step gives, in the order in which they are compared."""
@@ -102,7 +100,7 @@ def _replay(
 ) -> Iterator[Difference]:
     """Yields the first difference of each chosen episode, policy after policy."""
     groups = {index: chosen[subject.table.policy[chosen] == index] for index in policies}
-    env = make_env(task, min(N_COPIES, max(map(len, groups.values()))))
+    env = make_env(task, min(SIMULATED_COPIES, max(map(len, groups.values()))))
     total = int(subject.table.lengths[chosen].sum())
     hidden = None if subject.progress else True  # None: hidden where there is no terminal
     with tqdm(total=total, desc="replay", unit="step", leave=False, disable=hidden) as bar:

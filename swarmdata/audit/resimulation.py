@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.building.build import N_COPIES, episode_seeds, make_source_policy
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import derive
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
+from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 
@@ -82,7 +82,7 @@ def _simulate(dataset: Dataset, policy: int, episodes: Int) -> list[Episode]:
         )
     places = dataset.stored.table.policy_episode[episodes].tolist()
     seeds = np.concatenate([episode_seeds(recipe, policy, place, 1) for place in places])
-    env = make_env(recipe.spec, min(N_COPIES, len(seeds)))
+    env = make_env(recipe.spec, min(SIMULATED_COPIES, len(seeds)))
     actor = make_source_policy(recipe.policies[policy], recipe.spec, dataset.path)
     return list(rollout(env, actor, seeds, policy_index=policy))
 

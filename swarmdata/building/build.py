@@ -13,19 +13,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from swarmdata.cards.card import write_card
 from swarmdata.errors import BuildError, RecipeConflictError
-from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.numerics.random import EVALUATION_BASE, derive
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.interfaces import VecEnv
+from swarmdata.registry.components import make_env
+from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job, Report, serve
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import (
     Manifest,
     MergeOrder,
@@ -40,10 +40,7 @@ from swarmdata.store import (
 )
 from swarmdata.store.arrays.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.cache import note_build
-from swarmdata.types import Episode, Int, Seeds
-
-N_COPIES = 64
-"""Copies of the task that a worker steps together; episodes are the same for any number."""
+from swarmdata.types import Episode
 
 _PART = re.compile(r"policy-\d+-part-\d{5,}")
 """Names of parts."""
@@ -110,36 +107,6 @@ def remove_parts(recipe: Recipe, out: Path) -> None:
         parts.folder.rmdir()
 
 
-def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> Seeds:
-    """Returns the seeds of consecutive episodes in a policy's stream, [n_episodes].
-
-    The top two bits are clear, so they never meet the reserved evaluation seeds.
-    """
-    return seeds_of(recipe, policy, np.arange(first, first + n_episodes, dtype=np.int64))
-
-
-def seeds_of(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
-    """The same of any episodes of the stream, by their index in it, [n]."""
-    return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
-
-
-def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None = None) -> Policy:
-    """Builds a behavior policy as the recipe states it, noise included.
-
-    Args:
-        source: of the recipe.
-        spec: the task.
-        folder: of the dataset, which may have checkpoints of its own; None: only the package's.
-    """
-    options: dict[str, Any] = {"checkpoint": source.checkpoint, "sha256": source.sha256}
-    if source.checkpoint is not None:
-        options["folder"] = folder
-    options = {name: value for name, value in options.items() if value is not None}
-    if source.noise:
-        options["noise"] = source.noise
-    return make_policy(source.name, spec, **options)
-
-
 def make_part(
     recipe: Recipe, policy: int, part: int, env: VecEnv, report: Report = lambda steps: None
 ) -> list[Episode]:
@@ -167,7 +134,10 @@ def work() -> None:
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         recipe = Recipe.from_text(payload["recipe"])
-        kind = recipe.spec, min(N_COPIES, recipe.part_episodes)  # more copies would run in vain
+        kind = (
+            recipe.spec,
+            min(SIMULATED_COPIES, recipe.part_episodes),
+        )  # more copies would run in vain
         if kind not in copies:
             copies[kind] = make_env(*kind)
         env = copies[kind]

@@ -13,7 +13,7 @@ from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit, Parent
-from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource
+from swarmdata.specs.recipe import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
 from swarmdata.store.arrays.layout import CARD
 from swarmdata.types import Int

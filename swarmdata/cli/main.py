@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from swarmdata import __version__
-from swarmdata.cli.main import (
+from swarmdata.cli import (
     audit_commands,
     convert_commands,
     editing_commands,
@@ -172,7 +172,7 @@ def generate(
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.building.build import build
     from swarmdata.hub.catalog.catalog import dataset_folder
-    from swarmdata.specs.task_spec import Recipe
+    from swarmdata.specs.recipe import Recipe
     from swarmdata.store import read_manifest
 
     is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")

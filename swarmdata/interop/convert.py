@@ -16,7 +16,7 @@ from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Recording
-from swarmdata.specs.task_spec import Splits
+from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode

@@ -24,7 +24,7 @@ from swarmdata.interop.conversion.foreign_data import unnoted
 from swarmdata.interop.conversion.incoming import Incoming, Shapes, stacked
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.specs.task_spec import PolicySource
+from swarmdata.specs.recipe import PolicySource
 
 QUANTITIES = ("obs", "acs", "rews", "next_obs", "dones")
 STATES = ("states", "next_states")

@@ -19,7 +19,7 @@ from swarmdata.record.reset_seeds import SeedStream, default_seed
 from swarmdata.record.row_reader import Reader
 from swarmdata.record.rows import Rows
 from swarmdata.record.session import Limits, RecordingFolder, Session
-from swarmdata.specs.task_spec import PolicySource, Splits
+from swarmdata.specs.recipe import PolicySource, Splits
 
 
 class UnfinishedEpisodeWarning(UserWarning):

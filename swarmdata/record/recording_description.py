@@ -9,8 +9,9 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record.foreign_environment import agents_of, horizon_of, library_of, task_name
 from swarmdata.record.row_reader import Reader
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, Splits
 from swarmdata.specs.spaces import width
-from swarmdata.specs.task_spec import MOST_POLICIES, PolicySource, Splits, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 StateSource = Literal["environment", "observations"]
 

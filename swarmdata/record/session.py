@@ -20,7 +20,7 @@ from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictErr
 from swarmdata.record.episode_buffer import n_bytes
 from swarmdata.specs.frozen import Frozen, differences
 from swarmdata.specs.origins import Recording
-from swarmdata.specs.task_spec import Splits
+from swarmdata.specs.recipe import Splits
 from swarmdata.store import (
     SPLITS,
     Manifest,

@@ -22,8 +22,8 @@ from swarmdata.record.row_reader import SUCCESS
 from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import width
-from swarmdata.specs.task_spec import PolicySource, Splits
 from swarmdata.types import Bool, Float, no_messages
 
 Policy = Callable[[Any], Any]

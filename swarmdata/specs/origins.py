@@ -12,8 +12,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from swarmdata.errors import SpecError
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import Label, Name, Sha256, Text, repeated
+from swarmdata.specs.recipe import Policies, Recipe, Splits
 from swarmdata.specs.spaces import Space, width
-from swarmdata.specs.task_spec import Policies, Recipe, Splits, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
 MAX_COLUMNS = 1 << 24

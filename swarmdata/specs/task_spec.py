@@ -1,22 +1,19 @@
-"""TaskSpec, the whole problem as frozen data, and Recipe, all that makes a dataset again.
-
-Two equal specs give the same world; two equal recipes give the same dataset.
+"""TaskSpec, the whole problem as frozen data: two equal specs give the same world.
 
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from swarmdata.specs.budget import excesses, part_excess
-from swarmdata.specs.frozen import Frozen, Positive
-from swarmdata.specs.plain_names import FileName, Label, Name, Sha256, repeated
+from swarmdata.specs.budget import excesses
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.plain_names import Name, repeated
 from swarmdata.specs.quantities import (
     Acceleration,
     Count,
     CountOrNone,
-    Deviation,
     Distance,
     Duration,
     Length,
@@ -169,74 +166,3 @@ class TaskSpec(Frozen):
     def with_updates(self, **changes: Any) -> "TaskSpec":
         """Returns a validated copy with top-level fields replaced."""
         return type(self).parse({**self.model_dump(), **changes})
-
-
-MOST_POLICIES = 256
-"""Of a dataset: their indices are bytes."""
-
-
-class PolicySource(Frozen):
-    """One behaviour policy of a recipe, and its share of the joint steps."""
-
-    label: Label  # unique in the recipe, such as "expert-0"
-    name: Label  # registered policy
-    checkpoint: FileName | None = None  # in the package's `checkpoints`, or in the dataset's
-    sha256: Sha256 | None = None  # of that file
-    noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
-    share: Positive = 1.0  # relative share of the joint steps
-
-
-def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:
-    if twice := repeated(policy.label for policy in policies):
-        raise ValueError(f"labels must be unique, got several {', '.join(twice)}")
-    return policies
-
-
-Policies = Annotated[
-    tuple[PolicySource, ...],
-    Field(min_length=1, max_length=MOST_POLICIES),
-    AfterValidator(_unique_labels),
-]
-"""The policies of a dataset; `episodes/policy` has their indices."""
-
-
-class Splits(Frozen):
-    """Episodes of each split in every block of `block` consecutive episodes of one policy."""
-
-    block: Annotated[int, Field(ge=3, le=1_000_000)] = 20
-    validation: Count = 1
-    test: Count = 1
-
-    @model_validator(mode="after")
-    def _check_rest(self) -> Self:
-        if self.validation + self.test >= self.block:
-            raise ValueError(
-                f"validation ({self.validation}) + test ({self.test}) must be less than block "
-                f"({self.block}), so that every block has train episodes"
-            )
-        return self
-
-
-class Recipe(Frozen):
-    """Everything needed to make a dataset again, bit for bit.
-
-    Each policy has its own stream of episodes, cut into parts of `part_episodes` episodes; part k
-    of a policy is a pure function of the recipe and k. The dataset takes, again and again, the next
-    episode of the policy that lags most behind its share of the steps, until there are at least
-    `n_steps` joint steps. So a recipe with fewer steps makes a prefix of the same dataset.
-    """
-
-    id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
-    tier: Label
-    spec: TaskSpec
-    policies: Policies
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000
-    part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
-    splits: Splits = Splits()
-
-    @model_validator(mode="after")
-    def _check_part(self) -> Self:
-        if problem := part_excess(self.spec, self.part_episodes):
-            raise ValueError(problem)
-        return self

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import new_folder
 from swarmdata.specs.origins import Origin, split_rule
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,

@@ -13,7 +13,7 @@ import numpy as np
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import STREAMS, derive
 from swarmdata.specs.origins import Edit, Origin, split_rule
-from swarmdata.specs.task_spec import Recipe, Splits
+from swarmdata.specs.recipe import Recipe, Splits
 from swarmdata.store.table import SPLITS
 from swarmdata.types import Counts, Int
 

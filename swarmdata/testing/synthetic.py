@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.sensing_models import Broadcast, StateModel
-from swarmdata.specs.task_spec import Obstacles, PolicySource, Recipe, Role, Splits, TaskSpec
+from swarmdata.specs.task_spec import Obstacles, Role, TaskSpec
 from swarmdata.store import Manifest, assemble, merge_order, write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Counts, Episode

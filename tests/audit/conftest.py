@@ -14,8 +14,9 @@ from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import (
     EpisodeTable,
     assemble,

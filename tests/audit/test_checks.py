@@ -18,12 +18,12 @@ from swarmdata.errors import MissingManifestError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.types import END_REASONS
-from tests.tiny import sign
+from tests.support.tiny import sign
 
 Arrays = dict[str, Any]
 Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]

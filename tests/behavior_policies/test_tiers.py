@@ -25,7 +25,7 @@ from swarmdata.behavior_policies.tiers import (
     sources,
 )
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.specs.task_spec import PolicySource, Recipe
+from swarmdata.specs.recipe import PolicySource, Recipe
 
 FRAMES = {0: 1_000_000, 1: 3_000_000}
 """Joint steps of two runs to their mediums."""

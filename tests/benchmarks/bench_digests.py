@@ -25,7 +25,10 @@ from tests.benchmarks.measuring import table
 from tests.benchmarks.variants import Variant, variants
 
 # Workers are given one thread each; here they keep those of the variant.
-GENERATE = "from swarmdata import workers; workers._THREADS = ();from swarmdata.cli.main import main; main()"
+GENERATE = (
+    "from swarmdata.runtime import workers; workers._THREADS = ();"
+    "from swarmdata.cli.main import main; main()"
+)
 
 DIGEST = re.compile(r"digest ([0-9a-f]{64})$")
 

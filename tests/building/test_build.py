@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build, build_folder, episode_seeds, make_part
+from swarmdata.building.build import build, build_folder, make_part
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_env
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.rollouts.recipe_episodes import episode_seeds
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest
-from tests.one_process import OneProcessCrew
+from tests.support.one_process import OneProcessCrew
 
 SCRIPT = """
 import sys

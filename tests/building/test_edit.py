@@ -25,12 +25,13 @@ from swarmdata.errors import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import Edit
-from swarmdata.specs.task_spec import PolicySource, TaskSpec
+from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, merge_order, write_part
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Episode
-from tests.tiny import abandoned
+from tests.support.tiny import abandoned
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 7, 2]]
 

@@ -24,7 +24,8 @@ from swarmdata.rollouts.metrics import EPISODE_METRICS
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature
 from swarmdata.specs.observation_names import observation_model
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry
 

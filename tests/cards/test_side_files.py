@@ -10,8 +10,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD, REFERENCES
-from tests.one_process import use_one_process
-from tests.tiny import make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import make_tiny
 
 
 @pytest.fixture(scope="module")

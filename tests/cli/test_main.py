@@ -14,7 +14,8 @@ from swarmdata import __version__
 from swarmdata.building.build import build_folder
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 COMMAND = [
     sys.executable,

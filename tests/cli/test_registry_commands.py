@@ -9,8 +9,10 @@ from typer.testing import CliRunner
 from swarmdata.behavior_policies import tiers
 from swarmdata.cli.main import app
 from swarmdata.hub.publishing import regenerate
+from swarmdata.registry import published
 from swarmdata.registry.published import Published
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",
@@ -33,7 +35,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The file of what is published, of a package that ships one tiny recipe."""
     path = tmp_path / "published.json"
 
-    def published() -> dict[str, Published]:
+    def read_file() -> dict[str, Published]:
         return {key: Published.parse(value) for key, value in json.loads(path.read_text()).items()}
 
     for module in (tiers, regenerate):
@@ -41,7 +43,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
     monkeypatch.setattr(regenerate, "is_dataset", lambda name: True)
     for module in (published, regenerate):
-        monkeypatch.setattr(module, "published", published)
+        monkeypatch.setattr(module, "published", read_file)
     path.write_text("{}")
     return path
 

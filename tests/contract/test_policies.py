@@ -7,7 +7,8 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED, Checkpoint, checkpoints
 from swarmdata.interfaces import Policy
-from swarmdata.registry.components import components, make_env, make_policy
+from swarmdata.registry import components
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy

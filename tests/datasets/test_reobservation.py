@@ -24,7 +24,8 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.task_spec import PolicySource, Recipe, Splits, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe, Splits
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, merge_order
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams

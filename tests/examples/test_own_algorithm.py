@@ -14,8 +14,8 @@ from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.registry.components import make_policy
 from swarmdata.rollouts.evaluate import evaluate
 from tests.examples import own_algorithm as example
-from tests.one_process import use_one_process
-from tests.tiny import TINY, make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, make_tiny
 
 
 @pytest.fixture(scope="module")

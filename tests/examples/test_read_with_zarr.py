@@ -12,8 +12,8 @@ import zarr
 from swarmdata.specs.rules import NavigationRewards, NavigationRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
-from tests.one_process import use_one_process
-from tests.tiny import TINY, make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, make_tiny
 
 EXAMPLE = Path(__file__).with_name("read_with_zarr.py")
 

@@ -34,8 +34,8 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble, read_manifest, write_file
 from swarmdata.testing.synthetic import make_dataset
-from tests.one_process import OneProcessCrew, use_one_process
-from tests.tiny import TINY, make_tiny
+from tests.support.one_process import OneProcessCrew, use_one_process
+from tests.support.tiny import TINY, make_tiny
 
 ROOT = Path(__file__).parents[2]
 

@@ -29,8 +29,8 @@ from swarmdata.hub.catalog.repair import repair
 from swarmdata.hub.catalog.sources import obtain
 from swarmdata.interop.export import export_dataset
 from swarmdata.store import open_store
-from tests.one_process import use_one_process
-from tests.tiny import TINY, Shelf, flip, make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
 CHANGES = frozenset({"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate"})
 

@@ -16,10 +16,10 @@ import pytest
 import swarmdata
 from swarmdata.building import build as build_module
 from swarmdata.hub.catalog import catalog
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest
-from tests.one_process import use_one_process
-from tests.tiny import TINY
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY
 
 
 def main() -> None:

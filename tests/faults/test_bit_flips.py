@@ -13,8 +13,8 @@ from swarmdata.errors import DatasetError
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.store import read_manifest
 from swarmdata.store.arrays.layout import array_file
-from tests.one_process import use_one_process
-from tests.tiny import TINY, flip, make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, flip, make_tiny
 
 N_FLIPS = 100
 

@@ -30,7 +30,7 @@ from swarmdata.store.arrays.layout import FIELDS, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
-from tests.tiny import sign
+from tests.support.tiny import sign
 
 FILES = [
     *(array_file(name, len(field.dimensions)) for name, field in FIELDS.items()),

@@ -16,7 +16,7 @@ from swarmdata.errors import BuildError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.store import read_manifest
-from tests.tiny import TINY, abandoned, flip, make_tiny
+from tests.support.tiny import TINY, abandoned, flip, make_tiny
 
 ROOT = Path(__file__).parents[2]
 NAMESPACE = ["unshare", "--user", "--map-root-user", "--mount"]

@@ -19,7 +19,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import find_damage
-from tests.tiny import sign
+from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]
 NO_NETWORK = ["unshare", "--user", "--map-root-user", "--net"]

@@ -1,5 +1,5 @@
 """What remotes and the network do to a dataset on its way: nothing lost, nothing half visible."""
-# ruff: noqa: F811  # fixtures of tests/remotes are imported, and asked for by their names
+# ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import socket
 from collections.abc import Callable, Iterator

@@ -1,5 +1,5 @@
 """Servers that give a byte now and then: left in time for the next source, and for Ctrl-C."""
-# ruff: noqa: F811  # fixtures of tests/remotes are imported, and asked for by their names
+# ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import signal
 import subprocess
@@ -33,8 +33,8 @@ from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
 from tests.hub.remotes.faults import Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
-from tests.one_process import use_one_process
-from tests.tiny import TINY, make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, make_tiny
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 

@@ -26,8 +26,9 @@ from swarmdata.registry.published import published
 from swarmdata.runtime.documents import parse_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import NavigationRewards
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting
 

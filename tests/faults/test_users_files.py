@@ -23,7 +23,7 @@ from swarmdata.record.session import recording_folder
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
-from tests.tiny import TINY, Shelf, abandoned, flip
+from tests.support.tiny import TINY, Shelf, abandoned, flip
 
 STATES = "data.zarr/states/c.0.0"
 RUNNER = CliRunner()

@@ -15,8 +15,8 @@ from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import find_format
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.specs.task_spec import PolicySource
 from swarmdata.store import assemble, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode

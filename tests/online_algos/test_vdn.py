@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.choices.choices import bins  # noqa: E402
+from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.collection.value_learning import Choosing, make_learner  # noqa: E402

@@ -21,8 +21,9 @@ from swarmdata.errors import (
 from swarmdata.record import Limits, Recorder, UnfinishedEpisodeWarning, recover
 from swarmdata.record.session import look, recording_folder
 from swarmdata.specs.origins import RecordedSpec, Recording
+from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import unflatten
-from swarmdata.specs.task_spec import PolicySource, Splits, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import split_codes
 from swarmdata.types import END_REASONS
 from tests.record.worlds import Choosing, Counting, play, steady

@@ -129,10 +129,10 @@ def test_score_is_0_without_skill_and_100_for_the_expert() -> None:
 
 def test_restricted_mean_counts_failures_as_the_limit() -> None:
     times = np.array([2.0, 4.0, np.nan, np.nan])
-    assert episode_metrics.restricted_mean_time(times, 16.0) == (2 + 4 + 16 + 16) / 4
+    assert metrics.restricted_mean_time(times, 16.0) == (2 + 4 + 16 + 16) / 4
     survival = [np.nan_to_num(times, nan=99.0) > t for t in np.arange(0, 16, 0.01)]
     area = np.mean(survival, axis=1).sum() * 0.01
-    assert episode_metrics.restricted_mean_time(times, 16.0) == pytest.approx(area, abs=0.02)
+    assert metrics.restricted_mean_time(times, 16.0) == pytest.approx(area, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_restricted_mean_counts_failures_as_the_limit() -> None:
     ],
 )
 def test_iqm_by_hand(scores: list[list[float]], expected: float) -> None:
-    assert episode_metrics.iqm(np.array(scores)) == pytest.approx(expected)
+    assert metrics.iqm(np.array(scores)) == pytest.approx(expected)
 
 
 TABLES = arrays(
@@ -162,12 +162,12 @@ def test_aggregates_equal_their_definitions(table: Double) -> None:
     flat = sorted(table.ravel().tolist())
     cut = len(flat) // 4
     middle = flat[cut : len(flat) - cut]
-    assert episode_metrics.iqm(table) == pytest.approx(sum(middle) / len(middle), abs=1e-9)
-    assert episode_metrics.mean(table) == pytest.approx(sum(flat) / len(flat), abs=1e-9)
+    assert metrics.iqm(table) == pytest.approx(sum(middle) / len(middle), abs=1e-9)
+    assert metrics.mean(table) == pytest.approx(sum(flat) / len(flat), abs=1e-9)
     gap = sum(100.0 - min(v, 100.0) for v in flat) / len(flat)
-    assert episode_metrics.optimality_gap(table) == pytest.approx(gap, abs=1e-9)
+    assert metrics.optimality_gap(table) == pytest.approx(gap, abs=1e-9)
     stacked = np.stack([table, table + 1.0])
-    for aggregate in (episode_metrics.iqm, episode_metrics.mean, episode_metrics.optimality_gap):
+    for aggregate in (metrics.iqm, metrics.mean, metrics.optimality_gap):
         assert aggregate(stacked).shape == (2,)
         assert aggregate(stacked)[0] == pytest.approx(float(aggregate(table)), abs=1e-9)
 
@@ -180,8 +180,8 @@ def test_probability_of_improvement_by_brute_force() -> None:
         for task in range(2)
         for a, b in itertools.product(x[:, task], y[:, task])
     ]
-    assert episode_metrics.probability_of_improvement(x, y) == pytest.approx(np.mean(wins))
-    assert episode_metrics.probability_of_improvement(x, x) == 0.5
+    assert metrics.probability_of_improvement(x, y) == pytest.approx(np.mean(wins))
+    assert metrics.probability_of_improvement(x, x) == 0.5
 
 
 def exact_bootstrap(table: Double) -> Double:
@@ -195,9 +195,7 @@ def test_bootstrap_agrees_with_every_possible_resample() -> None:
     table = np.array([[0.0, 10.0], [1.3, 14.0], [4.1, 11.0]])
     exact = exact_bootstrap(table)
     assert len(exact) == 27**2
-    found = bootstrap(
-        episode_metrics.mean, table, generator=np.random.default_rng(0), n_resamples=40_000
-    )
+    found = bootstrap(metrics.mean, table, generator=np.random.default_rng(0), n_resamples=40_000)
     assert found.value == pytest.approx(table.mean())
     np.testing.assert_allclose(found[1:], np.quantile(exact, [0.025, 0.975]), atol=0.06)
 
@@ -208,7 +206,7 @@ def test_bootstrap_never_mixes_tasks_and_draws_them_independently() -> None:
 
     def keep(resampled: Double) -> Double:
         sums.append(resampled)
-        return episode_metrics.mean(resampled)
+        return metrics.mean(resampled)
 
     bootstrap(keep, table, generator=np.random.default_rng(0), n_resamples=400)
     drawn = sums[0]
@@ -224,10 +222,8 @@ def test_bootstrap_is_a_function_of_the_generator_and_of_no_chunking(
 ) -> None:
     table = np.random.default_rng(3).normal(size=(6, 3))
 
-    def run() -> episode_metrics.Estimate:
-        return bootstrap(
-            episode_metrics.iqm, table, generator=np.random.default_rng(1), n_resamples=501
-        )
+    def run() -> metrics.Estimate:
+        return bootstrap(metrics.iqm, table, generator=np.random.default_rng(1), n_resamples=501)
 
     whole = run()
     monkeypatch.setattr(episode_metrics, "CHUNK", 100)
@@ -237,7 +233,7 @@ def test_bootstrap_is_a_function_of_the_generator_and_of_no_chunking(
 def test_bootstrap_of_two_tables_resamples_both() -> None:
     rng = np.random.default_rng(5)
     x, y = rng.normal(1.0, 1.0, (10, 1)), rng.normal(0.0, 1.0, (7, 1))
-    found = bootstrap(episode_metrics.probability_of_improvement, x, y, generator=rng)
+    found = bootstrap(metrics.probability_of_improvement, x, y, generator=rng)
     assert found.low < found.value < found.high <= 1.0
     assert found.value > 0.5
 
@@ -247,7 +243,7 @@ def test_bootstrap_covers_the_true_mean() -> None:
     hits = 0
     for _ in range(200):
         low, high = bootstrap(
-            episode_metrics.mean, rng.normal(size=(60, 1)), generator=rng, n_resamples=400
+            metrics.mean, rng.normal(size=(60, 1)), generator=rng, n_resamples=400
         )[1:]
         hits += low <= 0.0 <= high
     assert 180 <= hits <= 199  # 95 % of 200, with room for five standard deviations below
@@ -256,21 +252,21 @@ def test_bootstrap_covers_the_true_mean() -> None:
 @pytest.mark.parametrize("table", [np.zeros((0, 1)), np.zeros(3), np.array([[np.nan]])])
 def test_bootstrap_refuses_what_is_not_a_finite_table(table: Double) -> None:
     with pytest.raises(SchemaError, match=r"expected finite \[runs, tasks\]"):
-        bootstrap(episode_metrics.mean, table, generator=np.random.default_rng(0))
+        bootstrap(metrics.mean, table, generator=np.random.default_rng(0))
 
 
 def test_wilson_interval_solves_its_equation() -> None:
     z = 1.959963984540054
     for k, n in [(0, 10), (1, 10), (500, 1000), (987, 1000), (1000, 1000)]:
-        rate, low, high = episode_metrics.wilson_interval(k, n)
+        rate, low, high = metrics.wilson_interval(k, n)
         assert 0.0 <= low <= rate <= high <= 1.0
         for end in {low, high} - {0.0, 1.0}:
             assert abs(rate - end) == pytest.approx(z * math.sqrt(end * (1 - end) / n))
     # Brown, Cai and DasGupta 2001: for 0 successes the upper end is z^2 / (n + z^2)
-    assert episode_metrics.wilson_interval(0, 10).high == pytest.approx(z * z / (10 + z * z))
+    assert metrics.wilson_interval(0, 10).high == pytest.approx(z * z / (10 + z * z))
 
 
 @pytest.mark.parametrize(("k", "n"), [(-1, 5), (6, 5), (0, 0)])
 def test_wilson_interval_refuses_impossible_counts(k: int, n: int) -> None:
     with pytest.raises(SchemaError, match="expected 0 <= successes <= episodes"):
-        episode_metrics.wilson_interval(k, n)
+        metrics.wilson_interval(k, n)

@@ -22,7 +22,7 @@ from swarmdata.runtime.atomic import (
     staged,
     write_file,
 )
-from tests.tiny import abandoned
+from tests.support.tiny import abandoned
 
 HEX = "0" * 32
 

@@ -19,7 +19,8 @@ from swarmdata.specs.budget import (
     size_of,
 )
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 MODELS = [
     ("state", "none"),

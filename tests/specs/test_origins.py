@@ -19,8 +19,9 @@ from swarmdata.specs.origins import (
     split_rule,
     task_of,
 )
+from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode

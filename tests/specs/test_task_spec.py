@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.specs.task_spec import Splits
+from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, merge_order, split_codes
 from swarmdata.testing.synthetic import make_recipe
 

@@ -13,7 +13,6 @@ from swarmdata.behavior_policies.tiers import (
     shipped_recipes,
     sources,
 )
-from swarmdata.building.build import make_source_policy
 from swarmdata.cards.references import summarize
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.result_files import Result, load, located, save
@@ -27,6 +26,7 @@ from swarmdata.registry.components import POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.model_choice import Source, check_senses, with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult

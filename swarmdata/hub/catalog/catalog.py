@@ -32,7 +32,8 @@ from swarmdata.registry.published import (
 from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.reading import Verify, check_widths
 

@@ -15,7 +15,7 @@ from swarmdata.hub.catalog.sources import skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.registry.published import Published, published
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
 from swarmdata.store.arrays.shards import file_digest

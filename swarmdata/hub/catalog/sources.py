@@ -28,7 +28,7 @@ from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull import Refusal, pull, refuse_current_folder
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder

@@ -15,7 +15,7 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.runtime.locking import updating
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import publication

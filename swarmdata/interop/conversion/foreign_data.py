@@ -15,7 +15,7 @@ from swarmdata.interop.conversion.incoming import (
     measured_spec,
 )
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.specs.task_spec import PolicySource
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Bool, Episode, Float
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, Space
-from swarmdata.specs.task_spec import PolicySource
 from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
 
 UNKNOWN = (PolicySource(label="unknown", name="external"),)

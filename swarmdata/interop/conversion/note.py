@@ -16,7 +16,7 @@ from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec, Id
 from swarmdata.specs.plain_names import Sha256
-from swarmdata.specs.task_spec import PolicySource
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Counts
 

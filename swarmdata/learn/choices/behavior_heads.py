@@ -15,7 +15,8 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.choices.choices import Choices, bins
+from swarmdata.learn.choices import bins
+from swarmdata.learn.choices.choices import Choices
 
 Regulariser = Literal["none", "bc", "bcq", "cql"]
 """What keeps an offline learner near its data."""

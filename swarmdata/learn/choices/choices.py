@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.choices.choices import bins
+from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.sizes import Sizes
 
 MOST_COMBINATIONS = 4096

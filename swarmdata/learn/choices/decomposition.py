@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from swarmdata.learn.choices.choices import bins
+from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.perceptrons import StackedMLP

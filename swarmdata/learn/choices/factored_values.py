@@ -39,6 +39,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from swarmdata.learn.choices import bins
 from swarmdata.learn.choices.behavior_heads import (
     Head,
     Regulariser,
@@ -47,7 +48,7 @@ from swarmdata.learn.choices.behavior_heads import (
     cross_entropy,
     head_size,
 )
-from swarmdata.learn.choices.choices import Choices, bins
+from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.network_inputs import standardize

@@ -12,8 +12,9 @@ from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import SHAPES
 from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.spaces import width
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns
 from swarmdata.store.arrays.layout import ALL_FIELDS, ROWS, Field
 from swarmdata.store.table import SPLITS

@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping
 
 from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.state_layout import state_size
-from swarmdata.specs.task_spec import Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
 
 Shape = tuple[int | None, ...]

@@ -15,7 +15,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, ManifestError
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     FIELDS,
     FORMAT_VERSION,

@@ -18,7 +18,8 @@ from swarmdata.cards.publish import publish_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 
 pytest.importorskip("matplotlib")

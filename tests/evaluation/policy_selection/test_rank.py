@@ -21,8 +21,8 @@ from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
 from swarmdata.learn.training.trainer import Schedule, train
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.specs.task_spec import Splits
-from tests.tiny import make_tiny
+from swarmdata.specs.recipe import Splits
+from tests.support.tiny import make_tiny
 
 SMALL = FQEConfig(n_updates=20, hidden=(8,), batch_size=16)
 SETTINGS: dict[str, dict[str, Any]] = {

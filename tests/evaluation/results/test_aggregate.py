@@ -24,7 +24,7 @@ from swarmdata.evaluation.results.result_set import gather
 from swarmdata.rollouts import metrics
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
-from tests.measured import EXPERT, MEDIUM, grid, result
+from tests.support.measured import EXPERT, MEDIUM, grid, result
 
 TABLES = arrays(
     np.float64, st.tuples(st.integers(1, 7), st.integers(1, 4)), elements=st.integers(-50, 150)

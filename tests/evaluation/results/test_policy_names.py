@@ -19,7 +19,8 @@ from swarmdata.hub.catalog import catalog
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 HEADLINE = preset("coop_nav")
 

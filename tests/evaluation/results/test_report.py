@@ -9,7 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.report import shown_cases, tables_of, write_report
 from swarmdata.evaluation.results.result_files import save
 from swarmdata.evaluation.results.result_set import gather
-from tests.measured import EXPERT, MEDIUM, foreign, grid, result
+from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 

@@ -11,7 +11,7 @@ from swarmdata.evaluation.results.result_exports import episode_values, marl_eva
 from swarmdata.evaluation.results.result_set import gather
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import metrics_of
-from tests.measured import EXPERT, MEDIUM, grid, result
+from tests.support.measured import EXPERT, MEDIUM, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 

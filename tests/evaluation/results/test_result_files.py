@@ -16,7 +16,7 @@ from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, load, relabel, save
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.specs.model_choice import models_of, with_models
-from tests.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
+from tests.support.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
 
 
 def same(one: Result, other: Result) -> None:

@@ -15,7 +15,7 @@ from swarmdata.evaluation.results.result_plots import (
 )
 from swarmdata.evaluation.results.result_set import gather
 from swarmdata.specs.task_spec import TaskSpec
-from tests.measured import EXPERT, MEDIUM, grid, result
+from tests.support.measured import EXPERT, MEDIUM, grid, result
 
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 

@@ -21,8 +21,8 @@ from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
-from tests.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
-from tests.tiny import make_tiny
+from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
+from tests.support.tiny import make_tiny
 
 FORMATION = preset("formation")
 

@@ -19,7 +19,7 @@ from swarmdata.rollouts import metrics
 from swarmdata.rollouts.metrics import Estimate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
-from tests.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
+from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 
 QUICK = 40  # resamples
 

@@ -20,7 +20,7 @@ from swarmdata.evaluation.results.policy_names import evaluate_target, find_targ
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, read, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
-from swarmdata.evaluation.robustness import sweep
+from swarmdata.evaluation.robustness import sweep as sweep_module
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates_of
@@ -32,8 +32,8 @@ from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult
-from tests.measured import COOP_NAV as SPEC
-from tests.measured import result
+from tests.support.measured import COOP_NAV as SPEC
+from tests.support.measured import result
 
 DROP = parse_axis("drop=0,0.6", "communication")
 NOISE = parse_axis("noise=0..0.2", "observation", 2)
@@ -61,7 +61,7 @@ def runs(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take longer than these sweeps, and have tests of their own."""
-    monkeypatch.setattr(sweep, "plot_degradation", lambda found, out: None)
+    monkeypatch.setattr(sweep_module, "plot_degradation", lambda found, out: None)
 
 
 def run_sweep(names: list[Path], axes: list[Axis], out: Path, **options: Any) -> list[Degradation]:

@@ -14,7 +14,7 @@ from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.cells.cell_worker import _handle
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.runtime.workers import Job, Report
-from tests.tiny import make_tiny
+from tests.support.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
 MADDPG = {

@@ -10,7 +10,8 @@ from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.registry.published import Interval, Published, TaskReferences
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
 
 TINY = Recipe(

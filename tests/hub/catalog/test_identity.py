@@ -26,14 +26,15 @@ from swarmdata.hub.catalog.sources import obtain_address
 from swarmdata.hub.publishing.blockers import reasons_against
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.registry.published import Published
-from swarmdata.specs.task_spec import Recipe, Role, TaskSpec
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from swarmdata.store.reading import Verify
-from tests.tiny import TINY, Shelf, flip, make_tiny
+from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
 ROOT = "data.zarr/zarr.json"

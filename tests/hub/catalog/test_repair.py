@@ -21,8 +21,8 @@ from swarmdata.registry.published import Published
 from swarmdata.store import Manifest, find_damage, open_store, read_manifest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
-from tests.one_process import OneProcessCrew, use_one_process
-from tests.tiny import TINY, Shelf, flip, make_tiny, sign
+from tests.support.one_process import OneProcessCrew, use_one_process
+from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
 
 STATES, ACTIONS = "data.zarr/states/c.0.0", "data.zarr/actions/c.0.0.0"
 META = "data.zarr/rewards/zarr.json"

@@ -34,7 +34,7 @@ from swarmdata.hub.catalog.sources import (
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
-from tests.tiny import TINY, Shelf, flip, make_tiny, sign
+from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
 
 FOREIGN = "lab-warehouse_run-v3"
 

@@ -25,7 +25,8 @@ from swarmdata.hub.publishing.regenerate import (
     report,
 )
 from swarmdata.registry.published import Published, changed_versions
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 

@@ -16,9 +16,9 @@ from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull import pull
 from swarmdata.store.scratch import scratch_folder
+from tests.hub.remotes import nginx
 from tests.hub.remotes.conftest import ID, same_files
 from tests.hub.remotes.nginx import Nginx
-from tests.remotes import nginx
 
 pytestmark = [
     pytest.mark.slow,

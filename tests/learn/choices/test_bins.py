@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices.choices import bins  # noqa: E402
+from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
 from swarmdata.learn.networks.team_networks import Team  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402

@@ -9,9 +9,9 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch.nn.functional import one_hot  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.choices.choices import (  # noqa: E402
     Choices,
-    bins,
     columns_of,
 )
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402

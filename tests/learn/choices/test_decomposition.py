@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.choices.choices import bins  # noqa: E402
+from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.choices.decomposition import Decomposition, Rates  # noqa: E402
 from swarmdata.learn.networks.mixers import MeanMixer, Mixer, MonotonicMixer  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402

@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.choices.choices import bins  # noqa: E402
+from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.choices.factored_values import FactoredConfig, FactoredValues  # noqa: E402
 from swarmdata.learn.networks.mixers import MeanMixer, Mixer, MonotonicMixer  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402

@@ -14,11 +14,11 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
+from swarmdata.learn.networks import compilation  # noqa: E402
 from swarmdata.learn.networks.compilation import fusable, fused, has_fusable, unfused  # noqa: E402
 from swarmdata.learn.networks.perceptrons import (  # noqa: E402
     MLPShape,
     StackedMLP,
-    compilation,
     initialize,
 )
 from swarmdata.learn.training.run_folder import read_run  # noqa: E402

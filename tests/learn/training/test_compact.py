@@ -16,7 +16,7 @@ from swarmdata.learn.training.compact import compact, is_same
 from swarmdata.learn.training.run_folder import CHECKPOINT, COMPACT, load_run, read_run
 from swarmdata.learn.training.trainer import Schedule, train
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from tests.tiny import make_tiny
+from tests.support.tiny import make_tiny
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
-from tests.tiny import make_tiny  # noqa: E402
+from tests.support.tiny import make_tiny  # noqa: E402
 
 
 @pytest.fixture(scope="module")

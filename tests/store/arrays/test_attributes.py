@@ -14,14 +14,15 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.attributes import FRAMES, attributes_of
 from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
-from tests.one_process import use_one_process
-from tests.tiny import make_tiny
+from tests.support.one_process import use_one_process
+from tests.support.tiny import make_tiny
 
 WITH_COLUMNS = ("observations", "states", "sent", "actions", "events", "episodes/layouts")
 

@@ -9,7 +9,7 @@ from swarmdata.evaluation.results.aggregate import complete
 from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import aggregate_table
-from swarmdata.evaluation.study.pages import sentences
+from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.csv_files import to_csv
 from swarmdata.evaluation.study.pages.data_efficiency import size_section
@@ -90,16 +90,16 @@ def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -
     )
     sections = [
         Section("What was done", _protocol(found, command)),
-        Section("Who wins", _list(sentences.winners(board) + sentences.families(board))),
+        Section("Who wins", _list(study_text.winners(board) + study_text.families(board))),
         Section(f"{board.column.label.capitalize()}", _scores(board, out, key)),
         *_online(found),
-        Section("Beside the data", _list(sentences.against_data(board))),
+        Section("Beside the data", _list(study_text.against_data(board))),
         Section("Success", _success(board, success, clean, out)),
         *_pareto(found.results, out),
         *_overall(found.results, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
-        Section("What surprised", _list(sentences.surprises(board, clean, _means(found, key)))),
-        Section("What failed", _list(sentences.failures(board, found.missing))),
+        Section("What surprised", _list(study_text.surprises(board, clean, _means(found, key)))),
+        Section("What failed", _list(study_text.failures(board, found.missing))),
         Section("What it cost", cost_table(found)),
     ]
     title = found.study.title or f"Study {found.study.name}"

@@ -10,7 +10,7 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull import pull
 from tests.hub.remotes.conftest import ID, NEXT, same_files
-from tests.tiny import abandoned
+from tests.support.tiny import abandoned
 
 
 @pytest.fixture

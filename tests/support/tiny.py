@@ -11,7 +11,8 @@ from swarmdata.errors import HubError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.runtime.atomic import MARKER, TEMPORARY
-from swarmdata.specs.task_spec import PolicySource, Recipe, TaskSpec
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.manifest import _ZEROS, _digest
 
 TINY = Recipe(

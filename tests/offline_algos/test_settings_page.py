@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
-PAGE = Path(__file__).parent.parent / "SETTINGS.md"
+PAGE = Path(__file__).parents[2] / "SETTINGS.md"
 ROW = re.compile(r"^\| `(?P<name>\w+)` \| (?P<algorithms>.+?) \| (?P<value>.+?) \|")
 
 

@@ -10,7 +10,7 @@ from swarmdata.building import build as build_module
 from swarmdata.building.build import make_part
 from swarmdata.registry.components import make_env
 from swarmdata.runtime.workers import Job
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store import write_part
 
 

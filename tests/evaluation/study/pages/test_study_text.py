@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.study.pages import sentences
+from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.csv_files import to_csv
 from swarmdata.evaluation.study.pages.scoreboard import Board
 from swarmdata.evaluation.study.pages.study_tables import board_table, duration
@@ -36,40 +36,40 @@ BOARD = make_board(
 
 
 def test_winners_say_by_how_much_and_whether_it_is_certain() -> None:
-    first, second = sentences.winners(BOARD)
+    first, second = study_text.winners(BOARD)
     assert first == (
         "On x, `vdn` (values) is best with 30.0 [29.0, 31.0]; the best of another family, `omar` "
         "(critics), has 20.0 [19.0, 21.0], 10.0 less, and their intervals do not overlap. The "
         "data's own mean is 15.0: it is 15.0 above, 2.0 times as much."
     )
     assert "it is 10.0 below, 0.9 times as much." in second
-    assert "intervals overlap" in sentences.winners(make_board({"x": {"bc": 1, "vdn": 2}}, {}))[0]
+    assert "intervals overlap" in study_text.winners(make_board({"x": {"bc": 1, "vdn": 2}}, {}))[0]
 
 
 def test_families_win_and_lag() -> None:
-    sentences = sentences.families(BOARD)
+    sentences = study_text.families(BOARD)
     assert sentences[0].startswith("Cloning has the best algorithm on 1 of 2 datasets (y)")
     assert "its best is 49.5 behind the best of all on average, and 99.0 at most" in sentences[1]
     assert "on 0 of 1 datasets; its best is 10.0 behind" in sentences[2]
-    assert sentences.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
+    assert study_text.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
 
 
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
-    first, second = sentences.against_data(BOARD)
+    first, second = study_text.against_data(BOARD)
     assert first == (
         "On x, beside the data's mean 15.0: `vdn`, `qmix`, `omar` above it, with the whole "
         "interval; `bc` below it, with the whole interval."
     )
     assert "`bc`, `vdn` below it" in second
     wide = make_board({"x": {"bc": 10, "vdn": 30}}, {"x": 15}, width=6)
-    assert "`bc` not told apart from it" in sentences.against_data(wide)[0]
+    assert "`bc` not told apart from it" in study_text.against_data(wide)[0]
 
 
 def test_surprises_are_shifts_touches_and_online_teams() -> None:
     scores = {"x": {"bc": 1, "vdn": 9, "qmix": 8, "omar": 7}}
     scores["y"] = {"bc": 9, "vdn": 2, "qmix": 3, "omar": 4}
     clean = make_board({"x": {"vdn": 0.2, "bc": 0.7}}, {}, width=0.01, column=CLEAN)
-    sentences = sentences.surprises(make_board(scores, {}), clean, {"mappo": 8.5})
+    sentences = study_text.surprises(make_board(scores, {}), clean, {"mappo": 8.5})
     assert "`bc` is number 1 of 4 on y and number 4 of 4 on x." in sentences
     assert any("`vdn` solves 20.0 [19.0, 21.0] % of the episodes" in each for each in sentences)
     assert sentences[-1].endswith("is above that on 2 of 2 datasets (x, y).")
@@ -77,15 +77,17 @@ def test_surprises_are_shifts_touches_and_online_teams() -> None:
 
 def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
     missing = {"omar/y": "not run yet", "iql/y": "not run yet", "bc/z": "ValueError: oh"}
-    sentences = sentences.failures(BOARD, missing)
+    sentences = study_text.failures(BOARD, missing)
     assert sentences[0] == "`vdn` is below no skill, with the whole interval, on y."
     assert sentences[-2:] == [
         "On y, `omar`, `iql` have no results: not run yet.",
         "On z, `bc` has no results: ValueError: oh.",
     ]
     many = {f"a{k}/y": "not run yet" for k in range(9)}
-    assert sentences.failures(BOARD, many)[-1] == "On y, 9 algorithms have no results: not run yet."
-    assert sentences.failures(make_board({}, {}), {})[0].startswith("No cell failed")
+    assert (
+        study_text.failures(BOARD, many)[-1] == "On y, 9 algorithms have no results: not run yet."
+    )
+    assert study_text.failures(make_board({}, {}), {})[0].startswith("No cell failed")
 
 
 NUMBERS = st.floats(-100, 100)
@@ -98,18 +100,18 @@ def test_any_numbers_give_sentences_that_agree_with_the_table(
 ) -> None:
     board = make_board(scores, dict.fromkeys(scores, own), width)
     table = board_table(board)
-    for dataset, sentence in zip(board.estimates, sentences.winners(board), strict=True):
+    for dataset, sentence in zip(board.estimates, study_text.winners(board), strict=True):
         best = board.ranking(dataset)[0]
         assert scores[dataset][best] == max(scores[dataset].values())
         assert f"`{best}`" in sentence
         assert best in board.leaders(dataset)
     assert table.count("**") == 2 * sum(len(board.leaders(dataset)) for dataset in scores)
-    groups = " ".join(sentences.against_data(board))
+    groups = " ".join(study_text.against_data(board))
     assert sum(groups.count(f"`{label}`") for label in FAMILIES) == sum(map(len, scores.values()))
     for sentences in (
-        sentences.families(board),
-        sentences.surprises(board, board, {}),
-        sentences.failures(board, {}),
+        study_text.families(board),
+        study_text.surprises(board, board, {}),
+        study_text.failures(board, {}),
     ):
         assert all(each.endswith(".") for each in sentences)
 
