@@ -4,23 +4,45 @@
     >>> dataset = swarmdata.load("coop_nav-medium-mini")
     >>> batch = next(dataset.sampler(256, seed=0))
 
-The names below are loaded when they are first used, so that `import swarmdata` costs nothing: it
-loads neither NumPy, pydantic, zarr, numba, Pymunk nor torch. Error types are in
-`swarmdata.errors`; `swarmdata.rollouts.evaluate` and `swarmdata.rollouts.rollout` are modules.
+Every name that the documentation uses is here. A name is loaded when it is first used, so that
+`import swarmdata` costs nothing: it loads neither NumPy, pydantic, zarr, numba, Pymunk nor torch.
+The types of all errors are in `swarmdata.errors`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from swarmdata.building.build import build
+    from swarmdata.building.edit import combine_datasets, filter_dataset, subsample_dataset
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.errors import SwarmdataError
+    from swarmdata.evaluation.results.result_files import Result, save_result
+    from swarmdata.evaluation.results.result_set import read_results
+    from swarmdata.evaluation.runs.provenance import Provenance
+    from swarmdata.evaluation.runs.train import train, train_online
     from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets, load
+    from swarmdata.interfaces import Policy
+    from swarmdata.interop.convert import import_dataset
+    from swarmdata.interop.export import export_dataset
+    from swarmdata.record.foreign_rollout import evaluate_parallel
     from swarmdata.record.recorder import Recorder
-    from swarmdata.registry.components import make_env
+    from swarmdata.record.reset_seeds import foreign_evaluation_seeds
+    from swarmdata.record.session import recover
+    from swarmdata.record.vmas import record_vmas
+    from swarmdata.registry.components import make_env, make_policy, make_task
+    from swarmdata.registry.presets import preset, preset_names
+    from swarmdata.rollouts.evaluate import evaluate
     from swarmdata.rollouts.function_policy import FunctionPolicy
+    from swarmdata.rollouts.rollout import rollout
+    from swarmdata.specs.origins import RecordedSpec
     from swarmdata.specs.recipe import Recipe
     from swarmdata.specs.task_spec import TaskSpec
+    from swarmdata.testing.algorithm_contract import check_algorithm
+    from swarmdata.testing.dataset_contract import check_dataset
+    from swarmdata.testing.online_contract import check_online_algorithm
+    from swarmdata.testing.policy_contract import check_policy
+    from swarmdata.testing.task_contract import check_task
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
 __version__ = "0.1.0"
@@ -32,14 +54,43 @@ __all__ = [
     "Episode",
     "EvalResult",
     "FunctionPolicy",
+    "Policy",
+    "Provenance",
     "Recipe",
+    "RecordedSpec",
     "Recorder",
+    "Result",
     "Step",
     "SwarmdataError",
     "TaskSpec",
+    "build",
+    "check_algorithm",
+    "check_dataset",
+    "check_online_algorithm",
+    "check_policy",
+    "check_task",
+    "combine_datasets",
+    "evaluate",
+    "evaluate_parallel",
+    "export_dataset",
+    "filter_dataset",
+    "foreign_evaluation_seeds",
+    "import_dataset",
     "list_datasets",
     "load",
     "make_env",
+    "make_policy",
+    "make_task",
+    "preset",
+    "preset_names",
+    "read_results",
+    "record_vmas",
+    "recover",
+    "rollout",
+    "save_result",
+    "subsample_dataset",
+    "train",
+    "train_online",
 ]
 
 _HOMES = {
@@ -49,15 +100,45 @@ _HOMES = {
     "Episode": "swarmdata.types",
     "EvalResult": "swarmdata.types",
     "FunctionPolicy": "swarmdata.rollouts.function_policy",
+    "Policy": "swarmdata.interfaces",
+    "Provenance": "swarmdata.evaluation.runs.provenance",
     "Recipe": "swarmdata.specs.recipe",
+    "RecordedSpec": "swarmdata.specs.origins",
     "Recorder": "swarmdata.record.recorder",
+    "Result": "swarmdata.evaluation.results.result_files",
     "Step": "swarmdata.types",
     "SwarmdataError": "swarmdata.errors",
     "TaskSpec": "swarmdata.specs.task_spec",
+    "build": "swarmdata.building.build",
+    "check_algorithm": "swarmdata.testing.algorithm_contract",
+    "check_dataset": "swarmdata.testing.dataset_contract",
+    "check_online_algorithm": "swarmdata.testing.online_contract",
+    "check_policy": "swarmdata.testing.policy_contract",
+    "check_task": "swarmdata.testing.task_contract",
+    "combine_datasets": "swarmdata.building.edit",
+    "evaluate": "swarmdata.rollouts.evaluate",
+    "evaluate_parallel": "swarmdata.record.foreign_rollout",
+    "export_dataset": "swarmdata.interop.export",
+    "filter_dataset": "swarmdata.building.edit",
+    "foreign_evaluation_seeds": "swarmdata.record.reset_seeds",
+    "import_dataset": "swarmdata.interop.convert",
     "list_datasets": "swarmdata.hub.catalog.catalog",
     "load": "swarmdata.hub.catalog.catalog",
     "make_env": "swarmdata.registry.components",
+    "make_policy": "swarmdata.registry.components",
+    "make_task": "swarmdata.registry.components",
+    "preset": "swarmdata.registry.presets",
+    "preset_names": "swarmdata.registry.presets",
+    "read_results": "swarmdata.evaluation.results.result_set",
+    "record_vmas": "swarmdata.record.vmas",
+    "recover": "swarmdata.record.session",
+    "rollout": "swarmdata.rollouts.rollout",
+    "save_result": "swarmdata.evaluation.results.result_files",
+    "subsample_dataset": "swarmdata.building.edit",
+    "train": "swarmdata.evaluation.runs.train",
+    "train_online": "swarmdata.evaluation.runs.train",
 }
+"""Where each public name is defined."""
 
 
 def __getattr__(name: str) -> Any:

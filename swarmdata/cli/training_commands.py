@@ -56,7 +56,7 @@ def train(
     from swarmdata.evaluation.results.policy_names import require
 
     require("torch", "torch", "training")
-    from swarmdata.evaluation.runs.train import train_offline, train_online
+    from swarmdata.evaluation.runs.train import train, train_online
 
     _check_subject(context, algorithm, data, task)
     lengths = {"n_frames": None if steps is None else round(steps), "n_updates": updates}
@@ -69,7 +69,7 @@ def train(
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
         options["compile"] = compile
-        train_offline(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
+        train(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
 

@@ -121,7 +121,7 @@ def evaluate_parallel(
     """Plays one episode for each seed with a policy that was trained on a recording.
 
     Args:
-        policy: such as `learn.trainer.train` returns. Where the environment says which choices are
+        policy: such as `swarmdata.train` returns. Where the environment says which choices are
             allowed, it must have `act_among`.
         make_env: gives a `ParallelEnv` like the recorded one; it is closed in the end.
         spec: of the recording.

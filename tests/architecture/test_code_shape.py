@@ -1,4 +1,4 @@
-"""Ratchets: sizes of modules and functions, and a docstring on every public name."""
+"""Sizes of modules and functions, and a docstring on every public name."""
 
 import ast
 from collections.abc import Iterator
@@ -14,8 +14,9 @@ SOURCES = sorted(
     for path in (ROOT / folder).rglob("*.py")
     if not any(parent.is_symlink() for parent in path.parents)
 )
-MODULE_LINES = 400
+MODULE_LINES = 500
 FUNCTION_LINES = 40
+KERNEL_LINES = 60  # so that nobody splits one thought to please a counter
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -33,6 +34,15 @@ def code_lines(function: Function) -> int:
     if ast.get_docstring(function) is None:
         return length
     return length - ((first.end_lineno or first.lineno) - first.lineno + 1)
+
+
+def most_lines(function: Function) -> int:
+    """How many lines a function may have; compiled kernels more."""
+    decorators = [
+        node.func if isinstance(node, ast.Call) else node for node in function.decorator_list
+    ]
+    is_kernel = any(isinstance(node, ast.Name) and node.id == "kernel" for node in decorators)
+    return KERNEL_LINES if is_kernel else FUNCTION_LINES
 
 
 def undocumented(tree: ast.Module) -> Iterator[str]:
@@ -56,9 +66,8 @@ def test_module_is_short(source: str) -> None:
 
 def test_functions_are_short(source: str) -> None:
     functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, Function)]
-    long = {f.name: code_lines(f) for f in functions if code_lines(f) > FUNCTION_LINES}
 
-    assert not long
+    assert {f.name: code_lines(f) for f in functions if code_lines(f) > most_lines(f)} == {}
 
 
 def test_public_names_are_documented(source: str) -> None:

@@ -1,5 +1,6 @@
 """The public names, and what importing them costs."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,20 @@ def test_no_public_name_is_shadowed_by_a_submodule() -> None:
     modules = {path.stem for path in (ROOT / "swarmdata").iterdir()}
 
     assert not modules & set(swarmdata.__all__), "importing the module would replace the name"
+
+
+def test_documents_use_public_names_only() -> None:
+    pages = [
+        ROOT / "README.md",
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "tests/examples").glob("[a-s]*.py"),
+    ]
+    allowed = {*swarmdata.__all__, "__version__", "errors"}
+    for page in pages:
+        for name in re.findall(
+            r"\bswarmdata\.([a-z_A-Z]+)\b(?!/)", page.read_text(encoding="utf-8")
+        ):
+            assert name in allowed, f"{page.name} uses swarmdata.{name}, which is not public"
 
 
 def test_unknown_name_is_an_attribute_error() -> None:

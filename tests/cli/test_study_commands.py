@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import do_cell
 from swarmdata.evaluation.study.cells.cells import cells_of
@@ -51,7 +51,7 @@ def start(file: Path, folder: Path) -> "subprocess.Popen[bytes]":
 
 def returns(work: Path) -> dict[str, list[float]]:
     files = sorted(work.glob("cells/*/*/results/*.json"))
-    return {file.name: load(file).evaluation.metrics["return"].tolist() for file in files}
+    return {file.name: load_result(file).evaluation.metrics["return"].tolist() for file in files}
 
 
 @pytest.mark.slow

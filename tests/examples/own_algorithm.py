@@ -13,9 +13,6 @@ from pathlib import Path
 import torch
 
 import swarmdata
-from swarmdata.evaluation.results.result_files import Result, save
-from swarmdata.evaluation.runs.provenance import Provenance
-from swarmdata.rollouts.evaluate import evaluate
 
 
 def perceptron(inputs: int, outputs: int) -> torch.nn.Sequential:
@@ -64,12 +61,15 @@ def main(
     dataset, files = swarmdata.load(dataset_id), []
     for seed in range(n_seeds):
         policy = train(dataset, seed, n_updates)
-        result = evaluate(policy, dataset.task, name="mine", n_episodes=n_episodes)
+        result = swarmdata.evaluate(policy, dataset.task, name="mine", n_episodes=n_episodes)
         means = {name: result.metrics[name].mean() for name in ("return", "success")}
         print(f"seed {seed}: return {means['return']:.2f}, success {means['success']:.2f}")
-        who = Provenance(label="mine", index=seed, seed=seed, algorithm="mine", updates=n_updates,
-                         dataset=dataset.id, digest=dataset.digest)  # fmt: skip
-        files.append(save(Result(result, who, dataset.task), out))
+        who = swarmdata.Provenance(
+            label="mine", index=seed, seed=seed, algorithm="mine", updates=n_updates,
+            dataset=dataset.id, digest=dataset.digest,
+        )  # fmt: skip
+        measured = swarmdata.Result(result, who, dataset.task)
+        files.append(swarmdata.save_result(measured, out))
     return files
 
 

@@ -16,10 +16,6 @@ from typing import Any
 import numpy as np
 
 import swarmdata
-from swarmdata.evaluation.runs.train import train_offline
-from swarmdata.interfaces import Policy
-from swarmdata.record import evaluate_parallel, foreign_evaluation_seeds
-from swarmdata.specs.origins import RecordedSpec
 
 ID = "simple_spread_v3-mixed-v0"
 OPTIONS = {"continuous_actions": True, "max_cycles": 25}
@@ -79,29 +75,32 @@ def record(path: Path, n_episodes: int = 200) -> swarmdata.Dataset:
     return recorder.close()
 
 
-def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[Policy]:
+def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[swarmdata.Policy]:
     """Trains two seeds of MADDPG+BC on the train split; the dataset is an id or a folder."""
     changes = {"n_updates": str(n_updates), "warm_start": str(n_updates // 2)}
-    return train_offline("maddpg_bc", str(dataset), run, n_seeds=2, changes=changes, progress=False)
+    options: dict[str, Any] = {"n_seeds": 2, "changes": changes, "progress": False}
+    return swarmdata.train("maddpg_bc", str(dataset), run, **options)
 
 
-def spec_of(dataset: swarmdata.Dataset) -> RecordedSpec:
+def spec_of(dataset: swarmdata.Dataset) -> swarmdata.RecordedSpec:
     """What was recorded."""
-    assert isinstance(dataset.spec, RecordedSpec)
+    assert isinstance(dataset.spec, swarmdata.RecordedSpec)
     return dataset.spec
 
 
-def play(policies: Sequence[Policy], spec: RecordedSpec, n_episodes: int = 30) -> list[float]:
+def play(
+    policies: Sequence[swarmdata.Policy], spec: swarmdata.RecordedSpec, n_episodes: int = 30
+) -> list[float]:
     """Mean return of each policy in the environment, on seeds that no recorder draws."""
-    seeds = foreign_evaluation_seeds(n_episodes)
-    results = [evaluate_parallel(policy, make_env, spec, seeds) for policy in policies]
+    seeds = swarmdata.foreign_evaluation_seeds(n_episodes)
+    results = [swarmdata.evaluate_parallel(policy, make_env, spec, seeds) for policy in policies]
     return [float(result.metrics["return"].mean()) for result in results]
 
 
 def play_random(n_episodes: int = 30) -> float:
     """Mean return of random actions on the same seeds."""
     env, returns = make_env(), []
-    for k, seed in enumerate(foreign_evaluation_seeds(n_episodes)):
+    for k, seed in enumerate(swarmdata.foreign_evaluation_seeds(n_episodes)):
         env.reset(seed=int(seed))
         for agent in env.possible_agents:
             env.action_space(agent).seed(k)

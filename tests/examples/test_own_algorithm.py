@@ -8,11 +8,10 @@ import pytest
 pytest.importorskip("torch")
 
 import swarmdata
-from swarmdata.evaluation.results.result_files import Result, save
-from swarmdata.evaluation.results.result_set import read
+from swarmdata.evaluation.results.result_files import Result, save_result
+from swarmdata.evaluation.results.result_set import read_results
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.registry.components import make_policy
-from swarmdata.rollouts.evaluate import evaluate
 from tests.examples import own_algorithm as example
 from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
@@ -29,10 +28,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
 def test_a_short_run_is_reported_beside_others(dataset: swarmdata.Dataset, tmp_path: Path) -> None:
     files = example.main(str(dataset.path), tmp_path, n_seeds=2, n_updates=3, n_episodes=2)
     idle = make_policy("idle", dataset.task)
-    other = evaluate(idle, dataset.task, name="idle", n_episodes=2, progress=False)
+    other = swarmdata.evaluate(idle, dataset.task, name="idle", n_episodes=2, progress=False)
     who = Provenance(label="idle", dataset=dataset.id, digest=dataset.digest, algorithm="idle")
-    save(Result(other, who, dataset.task), tmp_path)
-    (case,) = read([tmp_path], data=[dataset.path]).cases
+    save_result(Result(other, who, dataset.task), tmp_path)
+    (case,) = read_results([tmp_path], data=[dataset.path]).cases
     assert set(case.runs) == {"mine", "idle"}
     assert [result.path for result in case.runs["mine"]] == files
     assert case.metric("mine", "return").shape == (2, 2)

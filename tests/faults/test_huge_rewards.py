@@ -74,14 +74,14 @@ def test_what_float32_does_not_hold_is_refused(tmp_path: Path) -> None:
 def test_training_says_that_it_cannot(tmp_path: Path) -> None:
     """Row 68: their squares overflow in a critic; one error, and no checkpoint."""
     pytest.importorskip("torch", reason="training needs torch")
-    from swarmdata.learn.training.trainer import train
+    from swarmdata.learn.training.trainer import train_seeds
     from swarmdata.offline_algos.vdn import VDNConfig
     from swarmdata.testing.memory_dataset import MemoryDataset
     from tests.learn.training.test_trainer import dataset
 
     huge = MemoryDataset([same(episode) for episode in dataset()])
     with pytest.raises(DivergedError, match=r"losses of seed 0, .* is nan|is inf.*smaller rewards"):
-        train(
+        train_seeds(
             "vdn",
             huge,
             tmp_path / "run",

@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -57,7 +57,7 @@ def test_the_run_says_what_was_kept_and_is_behavior_cloning_of_it(
     mixture: MemoryDataset, tmp_path: Path
 ) -> None:
     config = FilteredBCConfig(n_updates=20, hidden=(8,), fraction=0.25)
-    (policy,) = train("filtered_bc", mixture, tmp_path / "a", seeds=[3], config=config)
+    (policy,) = train_seeds("filtered_bc", mixture, tmp_path / "a", seeds=[3], config=config)
     run = read_run(tmp_path / "a")
     returns = np.sort([episode.team_return for episode in mixture])
     assert run.n_episodes == 50
@@ -66,7 +66,7 @@ def test_the_run_says_what_was_kept_and_is_behavior_cloning_of_it(
 
     assert run.min_return is not None
     kept = replace(mixture, episodes=mixture.filter(min_return=run.min_return).episodes)
-    (same,) = train(
+    (same,) = train_seeds(
         "bc", kept, tmp_path / "b", seeds=[3], config=BCConfig(n_updates=20, hidden=(8,))
     )
     observations = mixture.transitions["observations"]
@@ -88,7 +88,7 @@ def test_it_beats_behavior_cloning_on_a_mixture(mixture: MemoryDataset, tmp_path
         (FilteredBC, FilteredBCConfig(n_updates=1000, hidden=(32, 32), fraction=0.25)),
     ):
         name = "filtered_bc" if kind is FilteredBC else "bc"
-        (policy,) = train(name, mixture, tmp_path / name, seeds=[0], config=config)
+        (policy,) = train_seeds(name, mixture, tmp_path / name, seeds=[0], config=config)
         acted = policy.actions(observations)  # type: ignore[attr-defined]
         errors[name] = float(np.sqrt(np.square(acted - wanted).mean()))
     assert errors["filtered_bc"] < 0.2

@@ -9,7 +9,7 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.evaluation.results.result_files import Result, load, save
+from swarmdata.evaluation.results.result_files import Result, load_result, save_result
 from swarmdata.record import (
     Recorder,
     evaluate_parallel,
@@ -113,12 +113,12 @@ def test_another_environment_is_refused(dataset: Dataset) -> None:
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
 def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
     from swarmdata.evaluation.results.policy_names import find_target
-    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.evaluation.runs.train import train
     from swarmdata.evaluation.runs.trained_policies import read_trained
     from swarmdata.learn.training.run_folder import load_run
 
     changes = {"n_updates": "20", "batch_size": "32"}
-    policies = train_offline(
+    policies = train(
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=2, changes=changes, progress=False
     )
     assert isinstance(dataset.spec, RecordedSpec)
@@ -129,7 +129,9 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
     again = evaluate_parallel(load_run(tmp_path / "run")[0], Counting, dataset.spec, seeds)
     np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
     assert not (tmp_path / "run" / "curve.csv").exists()
-    kept = load(save(Result(replace(result, policy="run"), who, dataset.spec), tmp_path / "out"))
+    kept = load_result(
+        save_result(Result(replace(result, policy="run"), who, dataset.spec), tmp_path / "out")
+    )
     assert (kept.provenance.dataset, kept.provenance.updates) == (dataset.id, 20)
     assert kept.evaluation.metrics["return"].tolist() == result.metrics["return"].tolist()
     with pytest.raises(SpecError, match="evaluate_parallel"):
@@ -138,14 +140,16 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
 
 def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
     """Actions say the time, and so do observations."""
-    from swarmdata.learn.training.trainer import train
+    from swarmdata.learn.training.trainer import train_seeds
     from swarmdata.offline_algos.bc import BC
 
     with Recorder(Counting(), id="counting_v1-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 20, steady)
     dataset = recorder.close()
     config = BC.Config(n_updates=400, batch_size=64)
-    policy = train("bc", dataset, tmp_path / "run", seeds=(0,), config=config, progress=False)[0]
+    policy = train_seeds(
+        "bc", dataset, tmp_path / "run", seeds=(0,), config=config, progress=False
+    )[0]
     assert isinstance(dataset.spec, RecordedSpec)
     for time in range(4):
         rows, state = dataset[0].observations[time], dataset[0].states[time]
@@ -156,7 +160,7 @@ def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
 
 
 def test_choices_cannot_be_learned_as_numbers(tmp_path: Path) -> None:
-    from swarmdata.learn.training.trainer import train
+    from swarmdata.learn.training.trainer import train_seeds
 
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 5)
@@ -164,7 +168,7 @@ def test_choices_cannot_be_learned_as_numbers(tmp_path: Path) -> None:
     sample = next(dataset.sampler(4))
     assert sample.actions.max() > 1, "choices come as they are"
     with pytest.raises(SchemaError, match=r"bc learns .*; .* one, many, bits.* vdn, qmix"):
-        train("bc", dataset, tmp_path / "run", progress=False)
+        train_seeds("bc", dataset, tmp_path / "run", progress=False)
 
 
 class Unbounded(Counting):

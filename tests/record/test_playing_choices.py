@@ -93,14 +93,14 @@ def test_choices_are_learned_and_played(
     dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str
 ) -> None:
     """Random data; a policy that names every number gets (1.5 + 1) / 2 a step, chance 0.625."""
-    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.evaluation.runs.train import train
     from swarmdata.learn.training.run_folder import load_run
 
     changes = {
         "n_updates": "250", "batch_size": "64", "hidden": "32", "regulariser": regulariser,
         "discount": "0.5", "step_size": "3e-3", "threshold": "0.1",
     }  # fmt: skip
-    policy = train_offline(
+    policy = train(
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
     assert isinstance(dataset.spec, RecordedSpec)
@@ -176,20 +176,20 @@ def test_actions_are_those_of_the_environment(dataset: Dataset) -> None:
 
 
 def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
-    from swarmdata.learn.training.trainer import train
+    from swarmdata.learn.training.trainer import train_seeds
 
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 5)
     dataset = recorder.close()
     with pytest.raises(SchemaError, match="actions of mixed in choosing_v2 have a part that is no"):
-        train("vdn", dataset, tmp_path / "run", progress=False)
+        train_seeds("vdn", dataset, tmp_path / "run", progress=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
 def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
     spread = pytest.importorskip("mpe2.simple_spread_v3", reason="simple_spread needs mpe2")
-    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.evaluation.runs.train import train
 
     def make() -> Any:
         return spread.parallel_env(N=2, local_ratio=0.5, max_cycles=25, continuous_actions=False)
@@ -200,7 +200,7 @@ def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -
     dataset = recorder.close()
     regulariser = {"regulariser": "bcq", "threshold": "0.1"}
     changes = {"n_updates": "1000", "hidden": "64,64", **regulariser}
-    policy = train_offline(
+    policy = train(
         algorithm, str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
     assert isinstance(dataset.spec, RecordedSpec)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.interfaces import Policy
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.types import EvalResult
@@ -53,7 +53,7 @@ def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder
         SchemaError: there are no results of these policies, or they are not of the same episodes.
     """
     paths = sorted(folder.glob("*.json"))
-    results = [result for result in map(load, paths) if result.spec == dataset.spec]
+    results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
     known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
     chosen = [None if key[0] is None else known.get(key) for key in keys]
     if all(each is None for each in chosen):

@@ -15,7 +15,7 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.cards.references import summarize
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
-from swarmdata.evaluation.results.result_files import Result, load, located, save
+from swarmdata.evaluation.results.result_files import Result, load_result, located, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.evaluation.runs.run_files import run_folders
 from swarmdata.hub.remotes.outside_names import is_folder
@@ -194,7 +194,7 @@ def evaluate_target(
             )
             kept = Result(evaluation, provenance, target.spec)
             if out is not None:
-                save(kept, out)
+                save_result(kept, out)
         results.append(kept)
     return results
 
@@ -210,7 +210,7 @@ def kept_result(
     path = out / file_name(provenance, spec.hash())
     if not path.exists():
         return None
-    wanted, found = located(provenance, out), load(path)
+    wanted, found = located(provenance, out), load_result(path)
     if found.provenance.run != wanted.run:
         raise ResultsError(
             f"{path} is of the run {found.provenance.run}, not of {wanted.run}: two runs have the "

@@ -22,7 +22,7 @@ from swarmdata.evaluation.results.result_plots import (
     plot_profiles,
     plot_scores,
 )
-from swarmdata.evaluation.results.result_set import Case, ResultSet, read
+from swarmdata.evaluation.results.result_set import Case, ResultSet, read_results
 from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
@@ -97,7 +97,7 @@ def write_report(
     """
     if suffix not in SUFFIXES:
         raise SchemaError(f"cannot draw figures as {suffix!r}, expected one of {SUFFIXES}.")
-    results = read(folders, data=data)
+    results = read_results(folders, data=data)
     tables = tables_of(results)
     out.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():

@@ -80,7 +80,7 @@ class _First(Frozen):
     metrics: dict[str, list[float | None]]
 
 
-def save(result: Result, folder: Path) -> Path:
+def save_result(result: Result, folder: Path) -> Path:
     """Writes a result into a folder under the name that `file_name` gives it.
 
     A temporary file is written first and renamed. A run's folder is kept relative to `folder`, so
@@ -130,7 +130,7 @@ def _to_json(values: Double) -> list[float | None]:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
-def load(path: Path) -> Result:
+def load_result(path: Path) -> Result:
     """Reads a result that `save` wrote, with the same bits, or one of format 1.
 
     Raises:

@@ -14,7 +14,7 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import SPECS
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_checks import check_results
-from swarmdata.evaluation.results.result_files import Result, load
+from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.registry.published import Figures, TaskReferences, published, references_of
 from swarmdata.rollouts.metrics import Reference, normalized_score
@@ -173,7 +173,7 @@ class ResultSet:
         return tuple(result for runs in groups for result in runs)
 
 
-def read(
+def read_results(
     folders: Iterable[Path | str], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
     """Reads every result in folders (of those inside them, none) that `evaluate` filled.
@@ -189,7 +189,7 @@ def read(
         ResultsError: results are stale, or do not belong together.
     """
     files = [file for folder in folders for file in _files(Path(folder))]
-    return gather([load(file) for file in files], data=data, is_checked=is_checked)
+    return gather([load_result(file) for file in files], data=data, is_checked=is_checked)
 
 
 def gather(

@@ -11,7 +11,7 @@ from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import override
-from swarmdata.learn.training.trainer import Evaluate, Schedule, train
+from swarmdata.learn.training.trainer import Evaluate, Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
@@ -30,7 +30,7 @@ CURVE_METRICS = ("return", "success", "clean_success")
 """What a learning curve holds, as means over its episodes."""
 
 
-def train_offline(
+def train(
     algorithm: str,
     dataset_id: str,
     out: Path,
@@ -63,7 +63,7 @@ def train_offline(
         curve_every: updates between two points of the learning curve.
         keep: whether every checkpoint is kept, for `rank` to choose among.
         device: of torch.
-        compile: whether to make kernels first, as `learn.trainer.train` takes it.
+        compile: whether to make kernels first, as `train_seeds` takes it.
         progress: whether to show bars.
 
     Raises:
@@ -79,7 +79,7 @@ def train_offline(
     )
     spec = dataset.spec
     evaluation = None if isinstance(spec, RecordedSpec) else _evaluation(spec)
-    return train(
+    return train_seeds(
         algorithm,
         dataset.split("train"),
         out,

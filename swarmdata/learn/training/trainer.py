@@ -77,7 +77,7 @@ class Schedule:
             )
 
 
-def train(
+def train_seeds(
     algorithm: str,
     dataset: Data,
     folder: Path | str,

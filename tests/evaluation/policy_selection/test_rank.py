@@ -19,7 +19,7 @@ from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
-from swarmdata.learn.training.trainer import Schedule, train
+from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.specs.recipe import Splits
 from tests.support.tiny import make_tiny
@@ -44,7 +44,7 @@ class Made:
             kind = resolve("algorithm", OFFLINE_ALGORITHMS, run.name)
             config = kind.Config(n_updates=20, batch_size=8, **SETTINGS[run.name])
             schedule = Schedule(log_every=10, checkpoint_every=10)
-            train(
+            train_seeds(
                 run.name, dataset, run, seeds=(0, 7), config=config, schedule=schedule,
                 keep=run.name == "bc", progress=False,
             )  # fmt: skip

@@ -90,7 +90,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
 ) -> None:
     pytest.importorskip("torch", reason="training needs the torch extra")
     from swarmdata.errors import CheckpointError
-    from swarmdata.evaluation.runs.train import train_offline
+    from swarmdata.evaluation.runs.train import train
     from swarmdata.learn.training.run_folder import read_run
 
     tiny = Recipe(
@@ -105,17 +105,15 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     models = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
-    def train(**chosen: Any) -> None:
-        train_offline(
-            "bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen
-        )
+    def train_tiny(**chosen: Any) -> None:
+        train("bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen)
 
-    train(**models)
+    train_tiny(**models)
     run = read_run(tmp_path / "run")
     assert run.view is not None
     assert run.spec == with_models(tiny.spec, **models)
     with pytest.raises(CheckpointError, match="differs in: view is"):
-        train()
+        train_tiny()
 
     target = find_target(str(tmp_path / "run"))
     assert target.spec == run.spec

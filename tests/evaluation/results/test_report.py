@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.report import shown_cases, tables_of, write_report
-from swarmdata.evaluation.results.result_files import save
+from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.evaluation.results.result_set import gather
 from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
 
@@ -18,7 +18,7 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the report has pictures")
     folder, out = tmp_path / "results", tmp_path / "out"
     for each in [*grid(MEANS, 2), *grid({"iql": {MEDIUM: 0.0}}, 2), result("idle", None)]:
-        save(each, folder)
+        save_result(each, folder)
     text = write_report([folder], out)
     tables = ("scores", "aggregates", "improvement", MEDIUM, EXPERT)
     figures = ("scores", "profile", "improvement", "pareto", MEDIUM, EXPERT)
@@ -44,14 +44,14 @@ def test_one_case_is_the_table() -> None:
 
 def test_results_of_other_environments_have_a_table_and_no_scores(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the report has pictures")
-    save(foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0]}), tmp_path / "results")
+    save_result(foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0]}), tmp_path / "results")
     write_report([tmp_path / "results"], tmp_path / "out", suffix=".svg")
     names = {path.stem for path in (tmp_path / "out").iterdir()}
     assert names == {"table", "report", "runs", "marl-eval"}
 
 
 def test_unknown_pictures_are_refused(tmp_path: Path) -> None:
-    save(result(), tmp_path / "results")
+    save_result(result(), tmp_path / "results")
     with pytest.raises(SchemaError, match=r"figures as '\.gif'"):
         write_report([tmp_path / "results"], tmp_path / "out", suffix=".gif")
     assert not (tmp_path / "out").exists()

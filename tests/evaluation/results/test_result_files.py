@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from swarmdata import __version__
 from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
-from swarmdata.evaluation.results.result_files import Result, load, relabel, save
+from swarmdata.evaluation.results.result_files import Result, load_result, relabel, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.specs.model_choice import models_of, with_models
 from tests.support.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
@@ -46,10 +46,10 @@ def test_saved_and_loaded_bits_are_equal(
 ) -> None:
     made = result(index=index, n=3, seed=seed, view=view, frames=7)
     made.evaluation.metrics["return"][:] = values
-    path = save(made, tmp_path_factory.mktemp("results"))
-    same(load(path), made)
-    assert load(path).path == path
-    assert load(path).provenance.code_version == __version__
+    path = save_result(made, tmp_path_factory.mktemp("results"))
+    same(load_result(path), made)
+    assert load_result(path).path == path
+    assert load_result(path).provenance.code_version == __version__
 
 
 def test_the_name_is_unique_over_labels_datasets_views_specs_and_indices() -> None:
@@ -80,10 +80,10 @@ def test_labels_stay_within_their_folder() -> None:
 
 def test_a_run_is_named_relative_to_the_file(tmp_path: Path) -> None:
     run, folder = tmp_path / "runs" / "bc", tmp_path / "results"
-    path = save(result(run=str(run)), folder)
-    assert load(path).provenance.run == "../runs/bc"
-    assert load(path).run_folder is not None
-    assert load(path).run_folder.resolve() == run  # type: ignore[union-attr]
+    path = save_result(result(run=str(run)), folder)
+    assert load_result(path).provenance.run == "../runs/bc"
+    assert load_result(path).run_folder is not None
+    assert load_result(path).run_folder.resolve() == run  # type: ignore[union-attr]
     assert result(run=str(run)).run_folder is None  # not read from a file
 
 
@@ -91,17 +91,17 @@ def test_the_file_is_strict_json_with_null_for_undefined(tmp_path: Path) -> None
     def refuse(token: str) -> None:
         raise AssertionError(token)
 
-    data = json.loads(save(result(), tmp_path).read_text(), parse_constant=refuse)
+    data = json.loads(save_result(result(), tmp_path).read_text(), parse_constant=refuse)
     assert data["metrics"]["time_to_goal"][0] is None
     assert data["spec"]["horizon"] == COOP_NAV.horizon
 
 
 def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
-    path = save(result(), tmp_path)
+    path = save_result(result(), tmp_path)
     before, broken = path.read_bytes(), result()
     broken.evaluation.metrics["return"][0] = math.inf
     with pytest.raises(SchemaError, match="'bc' cannot be written as JSON"):
-        save(broken, tmp_path)
+        save_result(broken, tmp_path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
@@ -109,7 +109,7 @@ def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path)
 def test_a_failed_write_leaves_the_old_file_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = save(result(), tmp_path)
+    path = save_result(result(), tmp_path)
     before = path.read_bytes()
 
     def full_disk(_: int) -> None:
@@ -117,7 +117,7 @@ def test_a_failed_write_leaves_the_old_file_alone(
 
     monkeypatch.setattr("os.fsync", full_disk)
     with pytest.raises(DiskFullError, match="no space is left"):
-        save(result(mean=9.0), tmp_path)
+        save_result(result(mean=9.0), tmp_path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
@@ -139,21 +139,21 @@ def edited(path: Path, **changes: Any) -> Path:
 )
 def test_broken_files_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(SchemaError, match=message):
-        load(edited(save(result(), tmp_path), **changes))
+        load_result(edited(save_result(result(), tmp_path), **changes))
 
 
 def test_unreadable_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     with pytest.raises(FileNotFoundError):
-        load(path)
+        load_result(path)
     path.write_text('{"half": ')
     with pytest.raises(SchemaError, match="is not JSON"):
-        load(path)
+        load_result(path)
     path.write_text("[]")
     with pytest.raises(SchemaError, match="is not an evaluation result"):
-        load(path)
+        load_result(path)
     with pytest.raises(FormatVersionError, match="format 3, this swarmdata reads up to 2"):
-        load(edited(save(result(), tmp_path), format_version=3))
+        load_result(edited(save_result(result(), tmp_path), format_version=3))
 
 
 def first_format(path: Path, **changes: Any) -> Path:
@@ -185,27 +185,27 @@ def first_format(path: Path, **changes: Any) -> Path:
 
 
 def test_the_first_format_is_still_read(tmp_path: Path) -> None:
-    old = load(first_format(tmp_path / "bc-1.json"))
+    old = load_result(first_format(tmp_path / "bc-1.json"))
     assert old.spec == with_models(COOP_NAV, "lidar")
     found = old.provenance
     assert (found.label, found.index, found.seed, found.dataset) == ("bc", 1, 7, MEDIUM)
     assert (found.config, found.code_version) == ({"hidden": [8]}, "0.0.9")
-    bare = load(first_format(tmp_path / "b.json", metadata={}, spec_hash=COOP_NAV.hash()))
+    bare = load_result(first_format(tmp_path / "b.json", metadata={}, spec_hash=COOP_NAV.hash()))
     assert bare.spec == COOP_NAV
     with pytest.raises(SchemaError, match="no preset has its hash ffffffffffff"):
-        load(first_format(tmp_path / "c.json", spec_hash="f" * 64))
+        load_result(first_format(tmp_path / "c.json", spec_hash="f" * 64))
 
 
 def test_results_of_other_environments_are_kept_as_well(tmp_path: Path) -> None:
     made = foreign(**{"return": [1.0, 2.0], "length": [3.0, 4.0], "success": [math.nan] * 2})
-    same(load(save(made, tmp_path)), made)
+    same(load_result(save_result(made, tmp_path)), made)
     with pytest.raises(SchemaError, match=r"missing \['length'\]"):
-        save(foreign(**{"return": [1.0, 2.0]}), tmp_path)
+        save_result(foreign(**{"return": [1.0, 2.0]}), tmp_path)
 
 
 def test_another_label_is_another_result(tmp_path: Path) -> None:
     renamed = relabel(result(), "ours")
-    assert load(save(renamed, tmp_path)).evaluation.policy == "ours"
+    assert load_result(save_result(renamed, tmp_path)).evaluation.policy == "ours"
     torn = replace(result(), provenance=renamed.provenance)
     with pytest.raises(SchemaError, match="is of 'bc', its provenance of 'ours'"):
-        save(torn, tmp_path)
+        save_result(torn, tmp_path)

@@ -13,8 +13,8 @@ from swarmdata.errors import (
     SchemaError,
     UnknownNameError,
 )
-from swarmdata.evaluation.results.result_files import Result, save
-from swarmdata.evaluation.results.result_set import gather, read, reference_of
+from swarmdata.evaluation.results.result_files import Result, save_result
+from swarmdata.evaluation.results.result_set import gather, read_results, reference_of
 from swarmdata.evaluation.runs.run_files import run_hash
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
@@ -30,8 +30,8 @@ FORMATION = preset("formation")
 def test_results_are_sorted_by_dataset_label_and_seed(tmp_path: Path) -> None:
     results = grid({"bc": {EXPERT: 5.0, MEDIUM: 2.0}, "omar": {MEDIUM: 1.0, EXPERT: 1.0}})
     for each in [result("idle", None), *results[::-1]]:
-        save(each, tmp_path / each.provenance.label)
-    found = read([tmp_path / "bc", tmp_path / "omar", tmp_path / "idle"])
+        save_result(each, tmp_path / each.provenance.label)
+    found = read_results([tmp_path / "bc", tmp_path / "omar", tmp_path / "idle"])
     assert found.datasets == (MEDIUM, EXPERT)  # by the mean return of their data
     assert found.labels == ("omar", "bc")  # the lowest first
     assert [case.dataset for case in found.baselines] == [None]
@@ -116,7 +116,7 @@ def test_several_tasks_may_stand_together() -> None:
 
 def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(DatasetNotFoundError, match="swarmdata evaluate"):
-        read([tmp_path])
+        read_results([tmp_path])
 
 
 def with_(made: Result, **changes: Any) -> Result:
@@ -168,9 +168,9 @@ def test_mixed_results_are_refused(results: list[Result], message: str) -> None:
 
 def test_every_reason_is_named_with_its_files(tmp_path: Path) -> None:
     for each in [result(), *(with_(result(index=k), updates=k, code_version="0") for k in (1, 2))]:
-        save(each, tmp_path)
+        save_result(each, tmp_path)
     with pytest.raises(ResultsError) as caught:
-        read([tmp_path])
+        read_results([tmp_path])
     reasons = str(caught.value).splitlines()[1:]
     assert len(reasons) == 2
     assert all(str(tmp_path) in reason for reason in reasons)
@@ -183,10 +183,10 @@ def test_results_of_a_run_that_went_on_are_stale(tmp_path: Path) -> None:
     (run / "checkpoint.safetensors").write_text("1000 updates")
     made = with_(result(), run=str(run), content=run_hash(run, 0))
     folder = tmp_path / "results"
-    save(made, folder)
-    read([folder])
+    save_result(made, folder)
+    read_results([folder])
     (run / "checkpoint.safetensors").write_text("2000 updates")
     with pytest.raises(ResultsError, match=r"since they were measured: \.\./runs/bc"):
-        read([folder])
+        read_results([folder])
     run.rename(tmp_path / "elsewhere")
-    read([folder])  # the file is all there is
+    read_results([folder])  # the file is all there is

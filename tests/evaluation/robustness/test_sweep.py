@@ -18,14 +18,14 @@ from swarmdata.errors import CheckpointError, ResultsError, SpecError
 from swarmdata.evaluation.results import policy_names
 from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import Case, read, reference_of
+from swarmdata.evaluation.results.result_set import Case, read_results, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.robustness import sweep as sweep_module
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates_of
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
-from swarmdata.evaluation.runs.train import train_offline
+from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.training.run_folder import read_run
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.metrics import Reference
@@ -40,9 +40,11 @@ NOISE = parse_axis("noise=0..0.2", "observation", 2)
 N = 3
 
 
-def train(out: Path, dataset: Path, communication: str | None = None, n_updates: str = "2") -> None:
+def train_run(
+    out: Path, dataset: Path, communication: str | None = None, n_updates: str = "2"
+) -> None:
     settings = {"n_updates": n_updates, "hidden": "8", "batch_size": "16"}
-    train_offline(
+    train(
         "bc", str(dataset), out, n_seeds=2, changes=settings, communication=communication,
         progress=False,
     )  # fmt: skip
@@ -54,7 +56,7 @@ def runs(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) 
     folder = tmp_path_factory.mktemp("sweep")
     dataset = record(folder / "data", TaskSpec(horizon=12), ("random",))
     for name, communication in (("talks", "lossy-30"), ("silent", None)):
-        train(folder / name, dataset, communication)
+        train_run(folder / name, dataset, communication)
     return folder
 
 
@@ -107,7 +109,7 @@ def test_a_point_is_what_evaluate_measures(
     evaluate_target(target, N, out, progress=False)
     for path in out.iterdir():
         assert (swept / "results" / point / path.name).read_bytes() == path.read_bytes()
-    (case,) = read([swept / "results" / point]).cases  # a folder is fit for `swarmdata report`
+    (case,) = read_results([swept / "results" / point]).cases  # fit for `swarmdata report`
     assert case.spec == target.spec
     assert len(case.runs["talks"]) == 2
 
@@ -187,13 +189,13 @@ def test_only_what_changed_is_measured_again(
     assert measured_now(n_episodes=2) == ["talks"] * 4 + ["silent"] * 4
     assert measured_now(n_episodes=2) == []
     shutil.rmtree(tmp_path / "runs" / "silent")
-    train(tmp_path / "runs" / "silent", runs / "data", n_updates="3")
+    train_run(tmp_path / "runs" / "silent", runs / "data", n_updates="3")
     assert measured_now(n_episodes=2) == ["silent"] * 4
 
 
 @pytest.mark.usefixtures("without_figures")
 def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: Path) -> None:
-    train(tmp_path / "silent", runs / "data", "lossy-30")
+    train_run(tmp_path / "silent", runs / "data", "lossy-30")
     (found,) = run_sweep([runs / "silent", tmp_path / "silent"], [NOISE], tmp_path / "out")
     recorded, view = (line.label for line in found.lines)
     assert recorded == "silent on coop_nav-small-v0"
@@ -254,7 +256,7 @@ def test_an_actor_critic_trained_on_another_view_is_swept_in_that_view(
     settings = {"n_updates": "3", "actor_hidden": "8", "critic_hidden": "8", "batch_size": "16"}
 
     def see(observation: str | None, communication: str | None) -> None:
-        train_offline(
+        train(
             "maddpg_bc", str(runs / "data"), tmp_path / "seen", n_seeds=2, changes=settings,
             observation=observation, communication=communication, progress=False,
         )  # fmt: skip

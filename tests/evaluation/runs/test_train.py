@@ -16,7 +16,7 @@ from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.runs.run_files import run_hash
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
@@ -165,7 +165,7 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
     assert (config["hidden"], config["n_frames"]) == (8, 32)  # --set wins, --steps too
     results = tmp_path / "results"
     run("evaluate", out, "--episodes", "2", "--out", results)
-    written = [load(file) for file in sorted(results.iterdir())]
+    written = [load_result(file) for file in sorted(results.iterdir())]
     assert [each.provenance.seed for each in written] == [5, 6]
     assert {each.provenance.frames for each in written} == {32}
     assert written[0].spec == TaskSpec(horizon=10)

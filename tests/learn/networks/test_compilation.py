@@ -22,7 +22,7 @@ from swarmdata.learn.networks.perceptrons import (  # noqa: E402
     initialize,
 )
 from swarmdata.learn.training.run_folder import read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.synthetic import make_dataset  # noqa: E402
 
@@ -109,15 +109,15 @@ def test_a_compiled_run_is_recorded_told_and_goes_on_as_it_began(
 ) -> None:
     data = small(tmp_path)
     folder, plain = tmp_path / "run", tmp_path / "plain"
-    policies = train("bc", data, folder, config=CONFIG, compile=True, progress=False)
+    policies = train_seeds("bc", data, folder, config=CONFIG, compile=True, progress=False)
     assert "bc: compiled" in capsys.readouterr().err
     assert "inductor" in read_run(folder).versions
-    expected = train("bc", data, plain, config=CONFIG, progress=False)
+    expected = train_seeds("bc", data, plain, config=CONFIG, progress=False)
     assert "inductor" not in read_run(plain).versions
     for ours, theirs in zip(policies, expected, strict=True):
         torch.testing.assert_close(ours.layers, theirs.layers)  # type: ignore[attr-defined]
     with pytest.raises(CheckpointError, match="versions"):
-        train("bc", data, folder, config=CONFIG, progress=False)
+        train_seeds("bc", data, folder, config=CONFIG, progress=False)
 
 
 def test_an_algorithm_without_fusable_methods_is_refused(
@@ -126,7 +126,7 @@ def test_an_algorithm_without_fusable_methods_is_refused(
     monkeypatch.setattr(BC, "_gradient", None)
     data = small(tmp_path)
     with pytest.raises(SchemaError, match=r"bc has nothing to compile.*without"):
-        train("bc", data, tmp_path / "run", config=CONFIG, compile=True, progress=False)
+        train_seeds("bc", data, tmp_path / "run", config=CONFIG, compile=True, progress=False)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from swarmdata.errors import CheckpointError
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.compact import compact, is_same
 from swarmdata.learn.training.run_folder import CHECKPOINT, COMPACT, load_run, read_run
-from swarmdata.learn.training.trainer import Schedule, train
+from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from tests.support.tiny import make_tiny
 
@@ -28,7 +28,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.mark.parametrize("name", sorted(OFFLINE_ALGORITHMS))
 def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path: Path) -> None:
     config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config(n_updates=2, batch_size=16)
-    policies = train(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
+    policies = train_seeds(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
     before = (tmp_path / CHECKPOINT).stat().st_size
     compact(tmp_path)
     assert is_same(load_run(tmp_path), policies)
@@ -40,7 +40,7 @@ def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path:
     content = (tmp_path / CHECKPOINT).read_bytes()
     compact(tmp_path)
     assert (tmp_path / CHECKPOINT).read_bytes() == content
-    again = train(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
+    again = train_seeds(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
     assert is_same(again, policies)
 
 
@@ -52,7 +52,7 @@ def test_a_run_that_is_not_finished_is_refused(data: Dataset, tmp_path: Path) ->
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(
+        train_seeds(
             "bc", data, tmp_path, config=config, schedule=Schedule(1, 10), progress=False,
             report=stop,
         )  # fmt: skip
@@ -62,7 +62,7 @@ def test_a_run_that_is_not_finished_is_refused(data: Dataset, tmp_path: Path) ->
 
 def test_policies_that_are_not_the_same_are_told_apart(data: Dataset, tmp_path: Path) -> None:
     config = resolve("algorithm", OFFLINE_ALGORITHMS, "bc").Config(n_updates=1, batch_size=16)
-    (policy,) = train("bc", data, tmp_path, seeds=(0,), config=config, progress=False)
+    (policy,) = train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)
     assert is_same([policy], (policy,))
     assert not is_same(policy, replace(policy, squash=False))  # type: ignore[type-var]
     assert not is_same(torch.zeros(2), torch.zeros(3))

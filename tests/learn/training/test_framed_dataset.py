@@ -15,7 +15,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
@@ -73,7 +73,7 @@ def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Fram
 def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
     algorithm: str, data: Dataset, frame: Frame, tmp_path: Path
 ) -> None:
-    policies = train(
+    policies = train_seeds(
         algorithm, data, tmp_path, seeds=(0, 1), config=config_of(algorithm, n_updates=3),
         frame=frame, progress=False,
     )  # fmt: skip

@@ -27,7 +27,7 @@ from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
 from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
-from swarmdata.learn.training.trainer import Schedule, train  # noqa: E402
+from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
@@ -93,7 +93,7 @@ def run(algorithm: str, folder: Path, **options: Any) -> list[Policy]:
         "evaluate": size_of_first_layer,
         "progress": False,
     }
-    return train(algorithm, dataset(), folder, **{**settings, **options})
+    return train_seeds(algorithm, dataset(), folder, **{**settings, **options})
 
 
 def assert_same_files(one: Path, two: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_folder_without_a_run_and_an_unknown_algorithm_are_refused(tmp_path: P
     with pytest.raises(CheckpointError, match="not a run folder"):
         load_run(tmp_path)
     with pytest.raises(UnknownNameError, match="Did you mean 'bc'"):
-        train("bcc", dataset(), tmp_path)
+        train_seeds("bcc", dataset(), tmp_path)
 
 
 @pytest.mark.parametrize("numbers", [(0, 10, None), (10, 25, None), (5, 10, -1)])

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import Schedule, train  # noqa: E402
+from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBCConfig  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -31,10 +31,12 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 def test_a_run_on_a_split_is_recorded_resumed_and_loaded(dataset: Dataset, tmp_path: Path) -> None:
     schedule = Schedule(log_every=5, checkpoint_every=5)
-    train("maddpg_bc", dataset, tmp_path, config=CONFIG, schedule=schedule, progress=False)
+    train_seeds("maddpg_bc", dataset, tmp_path, config=CONFIG, schedule=schedule, progress=False)
     run = read_run(tmp_path)
     assert (run.dataset, run.digest, run.n_episodes) == (dataset.id, dataset.digest, len(dataset))
-    again = train("maddpg_bc", dataset, tmp_path, config=CONFIG, schedule=schedule, progress=False)
+    again = train_seeds(
+        "maddpg_bc", dataset, tmp_path, config=CONFIG, schedule=schedule, progress=False
+    )
     assert len(again) == len(load_run(tmp_path)) == 3
 
 
@@ -51,12 +53,14 @@ def test_an_algorithm_that_chooses_episodes_learns_from_a_view(
     dataset: Dataset, tmp_path: Path
 ) -> None:
     config = FilteredBCConfig(n_updates=5, batch_size=8, hidden=(8,), fraction=0.3)
-    ours = train("filtered_bc", dataset, tmp_path / "a", seeds=[0], config=config, progress=False)
+    ours = train_seeds(
+        "filtered_bc", dataset, tmp_path / "a", seeds=[0], config=config, progress=False
+    )
     run = read_run(tmp_path / "a")
     assert run.min_return is not None
     view = dataset.filter(min_return=run.min_return)
     assert 0 < len(view) == run.n_episodes < len(dataset)
-    same = train("filtered_bc", view, tmp_path / "b", seeds=[0],
+    same = train_seeds("filtered_bc", view, tmp_path / "b", seeds=[0],
                  config=replace(config, fraction=1.0), progress=False)  # fmt: skip
     seen = dataset[0].observations
     assert np.array_equal(ours[0].actions(seen), same[0].actions(seen))  # type: ignore[attr-defined]

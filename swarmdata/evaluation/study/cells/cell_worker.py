@@ -33,7 +33,7 @@ from swarmdata.evaluation.study.cells.study_data import Facts, open_data
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.run_folder import CHECKPOINT
-from swarmdata.learn.training.trainer import Schedule, train
+from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.online_algos.runs.seed_files import POLICIES, last_policy_path, saved_frames
@@ -130,7 +130,7 @@ def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
         with meter.stage("curve"):
             return _measure(policy, spec, cell.curve_episodes)
 
-    train(
+    train_seeds(
         cell.algorithm,
         dataset.split("train"),
         run,

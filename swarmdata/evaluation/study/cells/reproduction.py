@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_worker import DONE, RESULTS, read_cell, run_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.learn.training.run_folder import LOSSES, read_table
@@ -78,7 +78,7 @@ def _result_differences(one: Path, other: Path) -> Double:
     """Absolute differences of all values; of one that only one side defines, infinity."""
     found = []
     for file in sorted(one.glob("*.json")):
-        ours, theirs = load(file), load(other / file.name)
+        ours, theirs = load_result(file), load_result(other / file.name)
         for name, a in ours.evaluation.metrics.items():
             b = theirs.evaluation.metrics[name]
             both = np.isnan(a) & np.isnan(b)

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.curve_plots import Curve
-from swarmdata.evaluation.results.result_files import Result, load
+from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.evaluation.results.result_set import Case, ResultSet, gather
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import COST, DATA, RESULTS, is_done, run_of
@@ -153,7 +153,7 @@ def by_id(facts: Mapping[str, Facts]) -> dict[str, Facts]:
 def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
     """All results of cells that are done."""
     folders = [folder_of(work, cell) / RESULTS for cell in cells]
-    return [load(file) for folder in folders for file in sorted(folder.glob("*.json"))]
+    return [load_result(file) for folder in folders for file in sorted(folder.glob("*.json"))]
 
 
 def _with_data(case: Case, facts: Mapping[str, Facts]) -> Case:

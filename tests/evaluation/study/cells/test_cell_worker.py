@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import (
     COST,
@@ -38,7 +38,7 @@ def cell_of(study: Study, name: str | None = None) -> Cell:
 
 def returns(folder: Path) -> list[list[float]]:
     files = sorted((folder / RESULTS).glob("*.json"))
-    return [load(file).evaluation.metrics["return"].tolist() for file in files]
+    return [load_result(file).evaluation.metrics["return"].tolist() for file in files]
 
 
 def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from swarmdata.cards.sections.baselines import baselines_section, read_runs
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.results.result_files import load
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_worker import RESULTS
 from swarmdata.evaluation.study.pages import study_folder
 from swarmdata.evaluation.study.plan import Study
@@ -81,7 +81,7 @@ def _check_tables(folder: Path) -> None:
         ("maddpg", "coop_nav-tiny-v0", "1"),
     ]
     (file, *_) = sorted((folder / "work/cells/maddpg/coop_nav-tiny-v0" / RESULTS).iterdir())
-    mean = float(np.mean(load(file).evaluation.metrics["return"]))
+    mean = float(np.mean(load_result(file).evaluation.metrics["return"]))
     assert float(runs[4]["return"]) == pytest.approx(mean)
     assert (runs[4]["updates"], runs[4]["episodes"], runs[4]["score"]) == ("10", "4", "")
     text = (folder / "out" / "results.csv").read_text()
