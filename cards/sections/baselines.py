@@ -11,8 +11,8 @@ import numpy as np
 from swarmdata.drawing import markdown
 from swarmdata.rollouts.metrics import bootstrap, iqm
 
-STUDIES = ("study", "study-formation")
-"""Folders of the committed studies, beside this file."""
+STUDIES = ("studies/coop_nav", "studies/formation")
+"""Folders of the committed studies, in `cards`."""
 
 RESULTS = "results.csv"
 """Of a study: one row per run, as `swarmdata study` writes it."""

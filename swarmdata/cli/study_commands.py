@@ -8,9 +8,9 @@ import typer
 
 def study(
     file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="what is compared, and how")],
-    out: Annotated[Path, typer.Option(help="folder of tables, figures and text")] = Path(
-        "cards/study"
-    ),
+    out: Annotated[
+        Path | None, typer.Option(help="folder of tables, figures and text; NAME beside the file")
+    ] = None,
     work: Annotated[
         Path | None, typer.Option(help="folder of runs and results; runs/study-NAME")
     ] = None,
@@ -36,7 +36,7 @@ def study(
     from swarmdata.evaluation.study.plan import Study
 
     plan = Study.from_file(file)
-    options = run_study.Options(out, work, workers, only, again)
+    options = run_study.Options(out or file.parent / plan.name, work, workers, only, again)
     if check is not None:
         found = run_study.check(plan, check, options)
         typer.echo(found.sentence())

@@ -33,7 +33,7 @@ from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting
 
 ROOT = Path(__file__).parents[2]
-SMOKE = ROOT / "cards" / "study" / "smoke.yaml"
+SMOKE = ROOT / "cards" / "studies" / "smoke.yaml"
 
 MAX_SECONDS = 10.0
 WARM_UP_SECONDS = 600.0  # kernels are compiled where no cache has them

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Baseline, Study
 
-SHIPPED = Path(__file__).parents[3] / "cards" / "study"
+SHIPPED = Path(__file__).parents[3] / "cards" / "studies"
 
 Make = Callable[..., Study]
 
