@@ -73,6 +73,7 @@ class FloorPlan:
         length = (width - (rules.blocks + 1) * rules.lane_width) / rules.blocks
         radius = max(robot.radius for robot in spec.robots)
         _check_room(rules, depth, length, radius)
+        _check_stations(rules, width, radius)
         first = rules.front - height / 2
         left = (rules.lane_width + length) * _count(rules.blocks + 1) - width / 2
         above = first + pitch * _count(rules.aisles)
@@ -116,6 +117,17 @@ def _check_room(rules: WarehouseRules, depth: float, length: float, radius: floa
                 f"{field} is {size:g} m, expected at least {need:g} m: a robot and a gap of "
                 f"{STANDOFF:g} m on both sides."
             )
+
+
+def _check_stations(rules: WarehouseRules, width: float, radius: float) -> None:
+    """Raises unless a robot fits at every station, beside walls and other robots."""
+    need = 2 * (radius + STANDOFF)
+    if width / rules.stations < need - 1e-9:
+        raise SpecError(
+            f"{rules.stations} stations along {width:g} m have {width / rules.stations:.3g} m "
+            f"each, expected at least {need:g} m: a robot and a gap of {STANDOFF:g} m on both sides. "
+            "Use fewer stations or a wider arena."
+        )
 
 
 def _count(n: int) -> Double:

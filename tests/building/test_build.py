@@ -30,7 +30,7 @@ import sys
 from pathlib import Path
 sys.path[:] = {path!r}
 from swarmdata.building.build import build
-from swarmdata.specs.task_spec import Recipe
+from swarmdata.specs.recipe import Recipe
 build(Recipe.from_file(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)
 """
 

@@ -15,7 +15,7 @@ from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
@@ -169,7 +169,7 @@ def test_faults_that_stay(
     """Row 22: a fault that stays is one error that says what still works; then a pull goes on."""
     server, remote, release = served
     files = read_manifest(dataset).files
-    monkeypatch.setattr("swarmdata.hub.remotes.pull.N_WORKERS", 1)  # large files come first
+    monkeypatch.setattr("swarmdata.hub.remotes.pull_dataset.N_WORKERS", 1)  # large files come first
     arrived, faulty, *_ = sorted(files, key=lambda name: -files[name].size)
     server.faults = [Fault(pattern(server, faulty), **fault)]  # type: ignore[arg-type]
     with pytest.raises(HubError, match="Datasets in the cache still load"):

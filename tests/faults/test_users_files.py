@@ -18,7 +18,7 @@ from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotF
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.hub.catalog.sources import obtain, obtain_release
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.record.session import recording_folder
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.store.arrays.layout import POSSIBLE_FILES

@@ -17,7 +17,7 @@ from swarmdata.cards.card import write_card
 from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
 from swarmdata.hub.catalog.repair_sources import MADE_AGAIN, Sources, recipe_of, restore_manifest
 from swarmdata.hub.catalog.sources import skip
-from swarmdata.hub.remotes.pull import fetch_file
+from swarmdata.hub.remotes.pull_dataset import fetch_file
 from swarmdata.registry.published import changed_versions
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked

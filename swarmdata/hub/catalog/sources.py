@@ -25,7 +25,7 @@ from swarmdata.hub.remotes.addresses import Address, open_remote, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.outside_names import is_id
-from swarmdata.hub.remotes.pull import Refusal, pull, refuse_current_folder
+from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe

@@ -1,14 +1,14 @@
 """Remotes: where datasets come from and go to, behind one small interface.
 
-A remote finds a dataset by its exact id, gives single files and takes whole datasets. What is
-checked, resumed and renamed on this side is the same for all of them: `pulling` and `pushing`.
+A remote finds a dataset by its exact id, gives single files and takes whole datasets. What this
+side checks, resumes and renames is the same for all of them: `pull_dataset` and `push_dataset`.
 """
 
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.locate import find_release, locate
-from swarmdata.hub.remotes.pull import fetch_file, pull
-from swarmdata.hub.remotes.push import push
+from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
+from swarmdata.hub.remotes.push_dataset import push
 
 __all__ = [
     "Address",

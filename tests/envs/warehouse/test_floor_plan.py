@@ -43,7 +43,7 @@ def plans(draw: st.DrawFn) -> tuple[TaskSpec, FloorPlan]:
         aisles=aisles,
         blocks=blocks,
         bays=draw(st.integers(1, 5)),
-        stations=draw(st.integers(1, 6)),
+        stations=draw(st.integers(1, min(6, int(width / 0.35)))),
         **widths,
     )
     return spec, FloorPlan.of(spec)
@@ -206,6 +206,12 @@ def test_a_robot_that_believes_it_is_outside_is_led_back_in(
 def test_a_floor_without_room_is_refused(rules: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         FloorPlan.of(spec_of(**rules))
+
+
+def test_stations_without_room_for_a_robot_are_refused() -> None:
+    FloorPlan.of(spec_of(stations=11))
+    with pytest.raises(SpecError, match=r"12 stations along 4 m have .* each"):
+        FloorPlan.of(spec_of(stations=12))
 
 
 def test_the_spec_of_another_task_is_refused() -> None:

@@ -14,7 +14,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes import nginx
 from tests.hub.remotes.conftest import ID, same_files

@@ -88,7 +88,7 @@ def test_croissant_lists_every_file_with_its_checksum(folder: Path) -> None:
 def test_without_pyarrow_there_is_still_croissant(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.hub.publishing.metadata.hub_card.find_spec", lambda name: None)
+    monkeypatch.setattr("swarmdata.hub.publishing.metadata.hub_files.find_spec", lambda name: None)
     files = metadata_files(folder)
     assert set(files) == {"croissant.json"}
     assert "recordSet" not in json.loads(files["croissant.json"])

@@ -20,7 +20,7 @@ from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.buckets import CLAIM, BucketRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from tests.hub.remotes.conftest import ID, NEXT, same_files
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.object_store import ObjectStore

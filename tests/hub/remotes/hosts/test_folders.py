@@ -8,7 +8,7 @@ import pytest
 from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTakenError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from tests.hub.remotes.conftest import ID, NEXT, same_files
 from tests.support.tiny import abandoned
 

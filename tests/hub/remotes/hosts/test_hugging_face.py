@@ -8,7 +8,7 @@ import pytest
 from swarmdata.errors import AbsentFileError, ConflictError, HubError, VersionTakenError
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.store import open_store
 from tests.hub.remotes.conftest import CARD, ID, NEXT, TOKEN, same_files
 from tests.hub.remotes.faults import Fault

@@ -13,7 +13,7 @@ from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.connections import Network, is_private
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.pull import pull
+from swarmdata.hub.remotes.pull_dataset import pull
 from tests.hub.remotes.conftest import ID, same_files
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost

@@ -76,8 +76,10 @@ def pull(
     with FileLock(whole.with_name(f".{whole.name}.pull.lock")):
         manifest = _incoming_manifest(remote, release, scratch, refuse)
         if folder.exists() and any(folder.iterdir()):
-            _check_same(folder, scratch / _INCOMING)
-            remove_scratch(scratch)
+            try:
+                _check_same(folder, scratch / _INCOMING)
+            finally:
+                remove_scratch(scratch)
             return folder
         _check_space(manifest, scratch, release)
         with disk_full_explained(folder, scratch):

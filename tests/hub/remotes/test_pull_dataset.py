@@ -18,7 +18,7 @@ from swarmdata.errors import (
 )
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.pull import fetch_file, pull
+from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.manifest import _ZEROS, _digest
 from swarmdata.store.scratch import scratch_folder
@@ -131,7 +131,7 @@ def test_a_stopped_pull_goes_on(root: Path, dataset: Path, tmp_path: Path, n_rea
 def test_a_pull_stopped_at_its_end_goes_on(
     root: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    from swarmdata.hub.remotes import pull
+    from swarmdata.hub.remotes import pull_dataset
 
     with monkeypatch.context() as patch:
 
@@ -142,7 +142,7 @@ def test_a_pull_stopped_at_its_end_goes_on(
             patch.setattr(shutil, "copyfile", stop)
             patch.setattr(Tampered, "read", _copy_by_hand)
         else:
-            patch.setattr(pull, "sync_tree", stop)
+            patch.setattr(pull_dataset, "sync_tree", stop)
         with pytest.raises(KeyboardInterrupt):
             pull(Tampered(root), RELEASE, tmp_path / ID, progress=False)
     assert nothing_there(tmp_path)
@@ -273,7 +273,7 @@ def test_a_full_disk_is_seen_before(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=1_000)
-    monkeypatch.setattr("swarmdata.hub.remotes.pull.shutil.disk_usage", lambda path: usage)
+    monkeypatch.setattr("swarmdata.hub.remotes.pull_dataset.shutil.disk_usage", lambda path: usage)
     remote = Tampered(root)
     with pytest.raises(DatasetError, match="1,000 are free"):
         pull(remote, RELEASE, tmp_path / ID, progress=False)
