@@ -124,8 +124,8 @@ def _check_stations(rules: WarehouseRules, width: float, radius: float) -> None:
     need = 2 * (radius + STANDOFF)
     if width / rules.stations < need - 1e-9:
         raise SpecError(
-            f"{rules.stations} stations along {width:g} m have {width / rules.stations:.3g} m "
-            f"each, expected at least {need:g} m: a robot and a gap of {STANDOFF:g} m on both sides. "
+            f"{rules.stations} stations along {width:g} m have {width / rules.stations:.3g} m each"
+            f", expected at least {need:g} m: a robot and a gap of {STANDOFF:g} m on both sides. "
             "Use fewer stations or a wider arena."
         )
 
