@@ -15,7 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
@@ -67,11 +67,13 @@ def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bo
     if is_finished(out, recipe):
         return out
     with locked(out, progress):
-        finish(recipe, out, workers=workers, progress=progress)
+        build_under_lock(recipe, out, workers=workers, progress=progress)
     return out
 
 
-def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> None:
+def build_under_lock(
+    recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True
+) -> None:
     """Does what `build` does, for a caller that holds the lock of `out`."""
     if is_finished(out, recipe):
         return  # somebody else's, while we waited for the lock
@@ -80,7 +82,7 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     if not out.exists():
         note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)
-    write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
+    finish(out)  # a dataset with a card has passed the card's checks
 
 
 def build_folder(out: Path) -> Path:

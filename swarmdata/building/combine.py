@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.runtime.atomic import remove_leftovers
@@ -133,7 +133,7 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
         remove_leftovers(out.parent, out.name)
         write_dataset(out, edit, Selection(pieces))
         if all((view.path / CARD).exists() for view in views):
-            write_card(out)
+            finish(out)
     return Dataset.open(out, references=views[0].references)
 
 

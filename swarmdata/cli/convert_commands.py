@@ -104,7 +104,7 @@ def _import(
 ) -> str:
     if name is None:
         raise typer.BadParameter("needed with --from", param_hint="--id")
-    from swarmdata.cards.card import write_card
+    from swarmdata.cards.side_files import finish
     from swarmdata.interop.conversion.user_choices import Choices
     from swarmdata.interop.convert import import_dataset
 
@@ -118,7 +118,7 @@ def _import(
         splits=splits,
         metadata=metadata,
     )
-    write_card(made.path)
+    finish(made.path)
     return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 

@@ -44,7 +44,7 @@ def verify(
 
 def _repair(folder: Path, workers: int | None) -> None:
     from swarmdata.hub.catalog.repair import repair
-    from swarmdata.hub.catalog.sources import is_offline
+    from swarmdata.hub.catalog.request import is_offline
     from swarmdata.hub.remotes.addresses import configured_remotes
 
     remotes = () if is_offline() else configured_remotes()

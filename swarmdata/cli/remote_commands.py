@@ -71,10 +71,10 @@ def pull(
 
 def _pull_address(address: str) -> None:
     """Fetches to where `load` of the same address looks for it."""
-    from swarmdata.hub.catalog.sources import obtain_address
-    from swarmdata.store.cache import cache_folder
+    from swarmdata.hub.catalog.request import request_of_address
+    from swarmdata.hub.catalog.sources import Remotes, obtain
 
-    found = obtain_address(address, cache_folder() / "remotes")
+    found = obtain(request_of_address(address), Remotes())
     typer.echo(f"{found.folder}\nfrom {found.source}")
 
 

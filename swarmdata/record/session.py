@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from filelock import FileLock, Timeout
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
 from swarmdata.record.episode_buffer import n_bytes
@@ -173,7 +173,7 @@ class RecordingFolder:
                 f"{self.path} holds another dataset than the recording {session.recording.id} in "
                 f"{self.folder}. Move one of them."
             )
-        write_card(self.path)
+        finish(self.path)
         self._remove()
         self.release()
         return Dataset.open(self.path, source="recorded")

@@ -8,21 +8,12 @@ import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
+from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.identity import judge
-from swarmdata.hub.catalog.sources import (
-    OFFLINE,
-    Found,
-    is_offline,
-    obtain,
-    obtain_address,
-    obtain_foreign,
-)
-from swarmdata.hub.remotes.addresses import configured_remotes, is_address
-from swarmdata.hub.remotes.outside_names import is_folder
+from swarmdata.hub.catalog.request import is_offline, parse_request
+from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
 from swarmdata.registry.published import (
     Published,
     TaskReferences,
@@ -130,21 +121,12 @@ def load(
         HubError: the dataset at an address could not be had.
         DatasetError: the files cannot be used.
     """
-    text = _checked(dataset_id)
-    if path is not None:
-        _checked(path)
-    recipe = _recipe(dataset_id)
-    if recipe is not None:
-        seen = with_models(recipe.spec, observation, communication)
-        check_messages(seen, recipe.spec)  # before building, which may take minutes
-        found = _obtain(recipe, path, offline, workers, progress)
-    elif path is not None:
-        raise SpecError(
-            f"path is where the dataset of a shipped id is or shall be, got it with {text!r}. "
-            "Leave it out."
-        )
-    else:
-        found = _elsewhere(dataset_id, is_offline(offline), progress)
+    request = parse_request(dataset_id, path)
+    if request.recipe is not None:  # before building, which may take minutes
+        spec = request.recipe.spec
+        check_messages(with_models(spec, observation, communication), spec)
+    remotes = Remotes(offline=is_offline(offline), progress=progress)
+    found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     dataset = Dataset.open(found.folder, verify, None, found.source)
     dataset = replace(dataset, references=known_references(dataset.recipe.spec))
     identity = judge(dataset.stored.manifest)
@@ -156,79 +138,6 @@ def load(
     return dataset.reobserve(observation, communication, progress=progress)
 
 
-def _checked(name: str | Path) -> str:
-    """The name as text.
-
-    Raises:
-        AddressError: it is empty; as a path that would be the current folder.
-    """
-    if not str(name).strip():
-        raise AddressError(
-            f"the name of a dataset is {str(name)!r}, expected an id such as 'coop_nav-medium', an "
-            "address or a folder; the current folder is '.'."
-        )
-    return str(name)
-
-
-def _recipe(name: str | Path) -> Recipe | None:
-    """The shipped recipe of an id; None: it is none. No folder of the same name comes before."""
-    try:
-        return find_recipe(name) if isinstance(name, str) else None
-    except UnknownNameError:
-        return None
-
-
-def _obtain(
-    recipe: Recipe,
-    path: Path | str | None,
-    offline: bool | None,
-    workers: int | None,
-    progress: bool,
-) -> Found:
-    """A shipped dataset; in a folder of the user's own its source is `folder`."""
-    found = obtain(
-        recipe,
-        dataset_folder(recipe) if path is None else Path(path),
-        remotes=() if is_offline(offline) else configured_remotes(),
-        workers=workers,
-        progress=progress,
-    )
-    is_there = path is not None and found.source == "cache"
-    return Found(found.folder, "folder") if is_there else found
-
-
-def _elsewhere(name: str | Path, offline: bool, progress: bool) -> Found:
-    """What no shipped recipe makes: an address, a folder, or an id of a remote."""
-    if isinstance(name, str) and is_address(name):
-        return obtain_address(name, cache_folder() / "remotes", offline=offline, progress=progress)
-    if is_folder(name):
-        return Found(Path(name), "folder")
-    if isinstance(name, Path):
-        raise DatasetNotFoundError(f"there is no dataset folder at {name}")
-    remotes = () if offline else configured_remotes()
-    found = obtain_foreign(name, cache_folder() / "datasets", remotes=remotes, progress=progress)
-    if found is None:
-        raise UnknownNameError("dataset", name, _known(), hint=_where_to_look(name, offline))
-    return found
-
-
-def _known() -> list[str]:
-    """Names that a mistyped one may mean."""
-    return [key.rpartition("-v")[0] for key in shipped_recipes()]
-
-
-def _where_to_look(name: str, offline: bool) -> str:
-    """Which command gets a dataset that is nowhere, if somebody else has it."""
-    command = f"swarmdata pull {name} --from hf://ORGANIZATION"
-    if offline:
-        return (
-            "It is not in the cache, and no remote was asked. If it is on one, run with a network, "
-            f"and without {' and '.join(OFFLINE)}: {command}"
-        )
-    asked = ", ".join(configured_remotes()) or "none is configured"
-    return f"Remotes asked: {asked}. If it is on another one, run: {command}"
-
-
 def find_folder(name: str | Path) -> Path:
     """Where a dataset is or would be: a folder itself, or the place of an id in the cache.
 
@@ -236,11 +145,14 @@ def find_folder(name: str | Path) -> Path:
         UnknownNameError: neither a folder, nor the id of a recipe or of what is in the cache.
         AddressError: the name is empty, or a malformed address.
     """
-    _checked(name)
-    recipe = _recipe(name)
-    if recipe is not None:
-        return dataset_folder(recipe)
-    return _elsewhere(name, offline=True, progress=False).folder
+    request = parse_request(name)
+    if request.folder is not None and (request.recipe or request.source == "folder"):
+        return request.folder
+    cache, remotes = Cache(), Remotes(offline=True)
+    found = cache.get(request) or cache.get(remotes.pin(request))
+    if found is None:
+        raise unknown_dataset(request, remotes)
+    return found.folder
 
 
 def known_references(spec: TaskSpec | RecordedSpec) -> Reference | None:

@@ -18,11 +18,12 @@ from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
-from swarmdata.hub.catalog import catalog, identity
+from swarmdata.hub.catalog import identity, request
 from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, RebuiltDifferentlyWarning, load
 from swarmdata.hub.catalog.identity import identify, judge
 from swarmdata.hub.catalog.repair import examine
-from swarmdata.hub.catalog.sources import obtain_address
+from swarmdata.hub.catalog.request import request_of_address
+from swarmdata.hub.catalog.sources import Remotes, obtain
 from swarmdata.hub.publishing.blockers import reasons_against
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.registry.published import Published
@@ -161,7 +162,7 @@ def test_no_command_fetches_a_forgery(
     shelf = Shelf(tmp_path / "shelf", dataset)
     address = f"{shelf.address}/{TINY.id}"
     with pytest.raises(ChecksumError, match=case.words):
-        obtain_address(address, tmp_path / "cache", progress=False)
+        obtain(request_of_address(address), Remotes(progress=False))
     for options in ([address], [address, "--out", str(tmp_path / "out")],
                     [TINY.id, "--from", shelf.address]):  # fmt: skip
         result = RUNNER.invoke(app, ["pull", *options])
@@ -262,7 +263,7 @@ def test_damage_is_a_verdict_of_its_own(dataset: Path) -> None:
 def test_a_shortened_recipe_in_the_cache_is_not_the_shipped_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(catalog, "find_recipe", lambda name: TINY)
+    monkeypatch.setattr(request, "find_recipe", lambda name: TINY)
     make_tiny(cache_folder() / "datasets" / TINY.id, n_steps=200)
     with pytest.raises(RecipeConflictError, match="made from another recipe"):
         load(TINY.id)
