@@ -8,18 +8,18 @@ import json
 
 from swarmdata.registry.published import references_of
 from swarmdata.rollouts.metrics import metrics_of
-from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.origins import Spec
 
 FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
 """The score of a mean team return R."""
 
 
-def reference_bytes(spec: AnySpec) -> bytes | None:
+def reference_bytes(spec: Spec) -> bytes | None:
     """Returns the file's content: the score's anchors, metrics and what each policy reaches.
 
     None where no references were measured on exactly this spec.
     """
-    known = None if isinstance(spec, RecordedSpec) else references_of(spec.hash())
+    known = references_of(spec.hash())
     if known is None:
         return None
     content = {

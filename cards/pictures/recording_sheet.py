@@ -9,7 +9,7 @@ from swarmdata.analysis.coverage import sample_steps
 from swarmdata.cards.pictures.panels import draw_returns, draw_rows, finish, stack_lengths
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.spaces import bounds
 from swarmdata.types import Bool, Double, Float
 
@@ -25,7 +25,7 @@ MOST_ROWS = 40
 _BINS = 36
 
 
-def draw_recorded(dataset: Dataset, spec: RecordedSpec, path: Path, *, purpose: str) -> None:
+def draw_recorded(dataset: Dataset, spec: Spec, path: Path, *, purpose: str) -> None:
     """Draws a recording on one sheet.
 
     Args:
@@ -54,17 +54,17 @@ def draw_recorded(dataset: Dataset, spec: RecordedSpec, path: Path, *, purpose: 
         draw_choices(axes[2], stored.arrays["actions"][steps], acting, spec)
 
 
-def _write_head(head: Any, dataset: Dataset, spec: RecordedSpec) -> None:
+def _write_head(head: Any, dataset: Dataset, spec: Spec) -> None:
     facts = (
         f"{spec.task} with {spec.n_agents} agents",
         f"{dataset.n_steps:,} joint steps in {dataset.n_episodes:,} episodes",
-        f"recorded from {spec.library or 'another library'} {spec.version}".strip(),
+        *(f"{name}: {value}" for name, value in spec.facts[:1]),
     )
     head.text(0.012, 0.62, dataset.id, fontsize=14, fontweight="bold", va="center")
     head.text(0.012, 0.12, "   ·   ".join(facts), fontsize=9, color=GRAY, va="center")
 
 
-def draw_choices(axes: Any, actions: Float, acting: Bool, spec: RecordedSpec) -> None:
+def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
     """How often each value of each column of an action was taken, a row for each.
 
     Args:
@@ -74,10 +74,10 @@ def draw_choices(axes: Any, actions: Float, acting: Bool, spec: RecordedSpec) ->
         spec: of the recording.
     """
     labels, shares = [], []
-    for index, agent in enumerate(spec.agents):
+    for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         taken = actions[acting[:, index], index]
-        for column, (low, high) in enumerate(zip(*bounds(agent.action), strict=True)):
-            labels.append(f"{agent.name} {column}")
+        for column, (low, high) in enumerate(zip(*bounds(space), strict=True)):
+            labels.append(f"{name} {column}")
             shares.append(_share(taken[:, column].astype(np.float64), low, high))
     shown = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), MOST_ROWS)).astype(int))
     rows = [labels[k] for k in shown], [shares[k] for k in shown]

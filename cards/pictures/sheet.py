@@ -13,7 +13,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
-from swarmdata.specs.origins import RecordedSpec, task_of
+from swarmdata.specs.origins import task_of
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""
@@ -47,7 +47,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
-    if isinstance(dataset.recipe.spec, RecordedSpec):
+    if dataset.recipe.spec.world is None:
         draw_recorded(dataset, dataset.recipe.spec, path, purpose=_PURPOSE)
         _reduce(path)
         return

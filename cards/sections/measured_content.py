@@ -24,20 +24,20 @@ class LogProbabilities:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Findings:
+class MeasuredContent:
     """Statistics of the arrays over time; the rest of a card comes from the episode table."""
 
     coverage: Coverage
     log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: none there
 
 
-def measure(stored: StoredDataset) -> Findings:
+def measure(stored: StoredDataset) -> MeasuredContent:
     """Measures an open dataset; a second of work at most, however large it is.
 
     Raises:
         SchemaError: too few joint steps to estimate anything.
     """
-    return Findings(coverage(stored), _log_probs(stored))
+    return MeasuredContent(coverage(stored), _log_probs(stored))
 
 
 def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:

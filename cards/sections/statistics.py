@@ -4,17 +4,19 @@ import numpy as np
 
 from swarmdata.analysis.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
 from swarmdata.analysis.passings import NEAR, REACH
-from swarmdata.cards.sections.card_data import Facts
+from swarmdata.cards.sections.card_data import CardData
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.metrics import wilson_interval
-from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import EpisodeTable
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
 BINS, BAR = 12, 40
 """Rows of the return histogram, and characters of its longest bar."""
+
+HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
 
 _POLICY_HEAD = (
     "id",
@@ -32,20 +34,20 @@ _POLICY_HEAD = (
 )
 
 
-def policies_section(facts: Facts) -> str:
+def policies_section(data: CardData) -> str:
     """Who made the episodes, and what came of it.
 
     Raises:
         SchemaError: a policy of the recipe made no episode.
     """
     rows = []
-    for index, source in enumerate(facts.recipe.policies):
-        chosen = np.flatnonzero(facts.table.policy == index)
-        if not len(chosen) and not isinstance(facts.recipe, Recipe):
+    for index, source in enumerate(data.origin.policies):
+        chosen = np.flatnonzero(data.table.policy == index)
+        if not len(chosen) and data.origin.recipe is None:
             continue  # an edit may have left none of them
         if not len(chosen):
-            raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
-        rows.append(_policy_row(source, facts.table.take(chosen)))
+            raise SchemaError(f"policy {source.label!r} made no episode of {data.origin.id}")
+        rows.append(_policy_row(source, data.table.take(chosen)))
     return (
         "\n## Behavior policies\n\n"
         + markdown.table(_POLICY_HEAD, rows)
@@ -72,14 +74,14 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
     )
 
 
-def statistics_section(facts: Facts, picture: str | None) -> str:
+def statistics_section(data: CardData, picture: str | None) -> str:
     """All episodes together, with a picture, or without one a histogram in text.
 
     Args:
-        facts: of the card.
+        data: of the card.
         picture: file name of the picture that the card shows.
     """
-    table = facts.table
+    table = data.table
     quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
     rows = [
         ("return, mean", f"{table.team_return.mean():.3f}"),
@@ -100,7 +102,7 @@ def statistics_section(facts: Facts, picture: str | None) -> str:
     else:
         shown = (
             "\n![Return and length of episodes, places, commands, and four episodes of "
-            f"{facts.recipe.id}]({picture})\n"
+            f"{data.origin.id}]({picture})\n"
         )
     return "\n## Statistics\n\n" + markdown.table(("", "per episode"), rows) + shown
 
@@ -116,9 +118,9 @@ def histogram(values: Double, bins: int = BINS) -> str:
     return "\n".join(lines) + "\n"
 
 
-def coverage_section(facts: Facts) -> str:
+def coverage_section(data: CardData) -> str:
     """How much of the task the data cover."""
-    found = facts.findings.coverage
+    found = data.measured.coverage
     return (
         "\n## Coverage\n\n"
         + markdown.table(("", "measured", "reading"), _coverage_rows(found))
@@ -129,7 +131,7 @@ def coverage_section(facts: Facts) -> str:
         f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
         "entropies of states come out too high; compare them between datasets of one task only. "
         "Dependence counts common causes too, such as the time that is left.\n"
-        + _passings_table(facts)
+        + _passings_table(data)
     )
 
 
@@ -181,15 +183,15 @@ def _entropy_rows(
     ]
 
 
-def _passings_table(facts: Facts) -> str:
+def _passings_table(data: CardData) -> str:
     rows = []
-    for index, counts in facts.findings.coverage.passings.items():
+    for index, counts in data.measured.coverage.passings.items():
         if counts.n:
             share = wilson_interval(counts.n_right, counts.n)
             cells = (f"{100 * value:.0f}" for value in share)
             rows.append(
                 (
-                    facts.recipe.policies[index].label,
+                    data.origin.policies[index].label,
                     str(counts.n),
                     "{} % [{}, {}]".format(*cells),
                 )
@@ -206,14 +208,14 @@ def _passings_table(facts: Facts) -> str:
     )
 
 
-def log_probs_section(facts: Facts) -> str:
+def log_probs_section(data: CardData) -> str:
     """Densities of the actions under their policies, nothing where they were not recorded."""
-    found = facts.findings.log_probs
+    found = data.measured.log_probs
     if found is None:
         return ""
     rows = [
         (
-            facts.recipe.policies[index].label,
+            data.origin.policies[index].label,
             *(_nats(value) for value in (each.mean, *each.quantiles)),
             f"{100 * each.undefined:.1f} %",
         )

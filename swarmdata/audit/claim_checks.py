@@ -16,7 +16,6 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes
@@ -61,8 +60,8 @@ def tiers(subject: Subject) -> Remarks:
     better than medium (86): both show in the returns.
     """
     origin = subject.origin
-    if not isinstance(origin, Recipe):
-        yield note("tiers are claims of recipes only; this dataset makes none")
+    if origin.recipe is None:
+        yield note("only datasets generated from recipes claim a tier; this one does not")
         return
     if origin.tier not in (*LADDER, *BETWEEN):
         return
@@ -159,7 +158,7 @@ def card(subject: Subject) -> Remarks:
     """
     path = subject.path / CARD
     if not path.exists():
-        remark = problem if isinstance(subject.origin, Recipe) else note  # edits may have none yet
+        remark = note if subject.origin.recipe is None else problem  # edits may have none yet
         yield remark(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
     text, wanted = path.read_bytes(), []

@@ -7,8 +7,6 @@ from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import stream_seeds
-from swarmdata.specs.origins import split_rule
-from swarmdata.specs.recipe import Recipe
 from swarmdata.store import SPLITS, merge_order, split_codes
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
@@ -47,9 +45,9 @@ def ends(subject: Subject) -> Remarks:
         place = subject.place("terminations", int(missing[0]))
         yield problem(f"{len(missing):,} episodes have no end, first {place}")
     cut = subject.table.end_reason == HORIZON
-    # other environments may say of an episode that they cut that it was a success all the same
-    said = subject.table.success if subject.recorded is not None else np.zeros_like(cut)
-    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & said))
+    # other environments may report success of an episode that they truncated
+    successes = subject.table.success if subject.task is None else np.zeros_like(cut)
+    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & successes))
     if len(wrong):
         yield problem(
             f"flags and end reasons disagree in episodes {some(wrong)}: a truncation must have the "
@@ -69,7 +67,7 @@ def horizon(subject: Subject) -> Remarks:
         if len(late):
             yield problem(f"episodes {some(late)} are longer than the horizon of {limit} steps")
     cut = table.end_reason == HORIZON
-    if isinstance(subject.origin, Recipe):
+    if subject.origin.recipe is not None:
         short = np.flatnonzero(cut & (table.lengths != limit))
         if len(short):
             yield problem(
@@ -151,12 +149,12 @@ def seeds(subject: Subject) -> Remarks:
     if len(reserved):
         yield problem(f"episodes {some(reserved)} have seeds that are reserved for evaluation")
     yield from repeated(subject, values, "seed")
-    origin = subject.origin
-    if not isinstance(origin, Recipe):
+    recipe = subject.origin.recipe
+    if recipe is None:
         return
-    for policy, source in enumerate(origin.policies):
+    for policy, source in enumerate(recipe.policies):
         mine = np.flatnonzero(table.policy == policy)
-        wrong = mine[values[mine] != stream_seeds(origin, policy, table.policy_episode[mine])]
+        wrong = mine[values[mine] != stream_seeds(recipe, policy, table.policy_episode[mine])]
         if len(wrong):
             yield problem(
                 f"episodes {some(wrong)} of {source.label} have other seeds than the recipe gives "
@@ -185,21 +183,21 @@ def order(subject: Subject) -> Remarks:
     D4RL's hopper-medium-expert-v0 was expert and replay, with other numbers of rows than said
     (issue 19): what a mixture holds must be checkable.
     """
-    table, origin = subject.table, subject.origin
-    for policy, source in enumerate(origin.policies):
+    table, recipe = subject.table, subject.origin.recipe
+    for policy, source in enumerate(subject.origin.policies):
         stream = table.policy_episode[table.policy == policy]
         if len(stream) and (stream[0] < 0 or (np.diff(stream) <= 0).any()):
             yield problem(f"episodes of {source.label} are not in the order of their stream")
             return
-    if not isinstance(origin, Recipe):
+    if recipe is None:
         return
-    lengths = [table.lengths[table.policy == p].tolist() for p in range(len(origin.policies))]
-    wanted = merge_order(origin, lengths)
+    lengths = [table.lengths[table.policy == p].tolist() for p in range(len(recipe.policies))]
+    wanted = merge_order(recipe, lengths)
     got = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     if wanted.lacking is not None:
         yield problem(
-            f"the recipe asks for {origin.n_steps:,} joint steps, the next of them from "
-            f"{origin.policies[wanted.lacking].label}, which has no more episodes here"
+            f"the recipe asks for {recipe.n_steps:,} joint steps, the next of them from "
+            f"{recipe.policies[wanted.lacking].label}, which has no more episodes here"
         )
     elif list(wanted.order) != got:
         first = next((k for k, pair in enumerate(zip(wanted.order, got, strict=False))
@@ -216,8 +214,8 @@ def splits(subject: Subject) -> Remarks:
     Minari's splits are drawn when they are asked for and stored nowhere; D4RL has none.
     """
     origin, table = subject.origin, subject.table
-    if split_rule(origin) is None:
-        yield note("the episodes brought their splits, which are compared with no rule")
+    if origin.split_rule is None:
+        yield note("the episodes keep the splits of their source: there is no rule to compare with")
         return
     if (table.policy_episode < 0).any():
         return  # `order` says so

@@ -22,8 +22,6 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
-from swarmdata.specs.origins import Recording
-from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
@@ -82,7 +80,7 @@ def replay(subject: Subject) -> Remarks:
             policies[index] = make_source_policy(source, task, subject.path)
         except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
             policies[index] = None
-            say = problem if isinstance(subject.origin, Recipe) else note  # others claim less
+            say = note if subject.origin.recipe is None else problem  # others claim less
             yield say(f"{source.label} cannot be built, so that its choices are unknown: {error}")
     yield from _report(subject, list(_replay(subject, task, chosen, policies)), len(chosen))
 
@@ -214,7 +212,7 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
     if not differences:
         return
     foreign = {each.episode for each in differences if each.step == 0 and each.array in _BEGINNING}
-    if isinstance(subject.origin, Recording) and len(foreign) == n_replayed:
+    if not subject.origin.has_world_seeds and len(foreign) == n_replayed:
         yield note(
             "the seeds of this recording are not those of its worlds, so that its episodes cannot "
             f"be replayed ({differences[0]})"

@@ -1,14 +1,12 @@
 """How actions of a recorded environment look to policies: mapped to [-1, 1], or as its choices."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.spaces import (
-    BoxSpace,
     DictSpace,
     DiscreteSpace,
     MultiBinarySpace,
@@ -16,7 +14,7 @@ from swarmdata.specs.spaces import (
     Space,
     TupleSpace,
     bounds,
-    width,
+    is_continuous,
 )
 from swarmdata.types import Double, Float
 
@@ -61,26 +59,26 @@ class ActionScale:
         return narrow
 
 
-def action_scale(spec: RecordedSpec) -> ActionScale:
-    """Returns the map of a recorded environment.
+def action_scale(spec: Spec) -> ActionScale:
+    """Returns the affine map between the bounds of an environment's actions and [-1, 1].
 
     Raises:
         SchemaError: an agent's actions are not continuous, or without a bound.
     """
     middle = np.zeros((spec.n_agents, spec.action_size))
     half = np.ones_like(middle)
-    for index, agent in enumerate(spec.agents):
-        if not is_continuous(agent.action):
+    for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
+        if not is_continuous(space):
             raise SchemaError(
-                f"actions of {agent.name} in {spec.task} are choices ({agent.action}); only "
+                f"actions of {name} in {spec.task} are choices ({space}); only "
                 "continuous ones can be scaled."
             )
-        low, high = bounds(agent.action)
+        low, high = bounds(space)
         unbounded = ~(np.isfinite(low) & np.isfinite(high))
         if unbounded.any():
             column = int(np.flatnonzero(unbounded)[0])
             raise SchemaError(
-                f"column {column} of the actions of {agent.name} in {spec.task} has the bounds "
+                f"column {column} of the actions of {name} in {spec.task} has the bounds "
                 f"{low[column]:g} and {high[column]:g}, expected finite ones: algorithms choose "
                 "in [-1, 1]. Wrap the environment so that its action space is bounded, then "
                 "record; `transitions()` and episodes have the actions as they are."
@@ -91,39 +89,25 @@ def action_scale(spec: RecordedSpec) -> ActionScale:
     return ActionScale(middle, half)
 
 
-def is_continuous(space: Space) -> bool:
-    """Whether a space has boxes of real numbers only."""
-    match space:
-        case BoxSpace():
-            return space.dtype.startswith("float")
-        case DictSpace():
-            return _all_continuous(list(space.spaces.values()))
-        case TupleSpace():
-            return _all_continuous(space.spaces)
-    return False
-
-
-def _all_continuous(parts: Sequence[Space]) -> bool:
-    return bool(sum(map(width, parts))) and all(map(is_continuous, parts))
-
-
-def has_choices(spec: RecordedSpec) -> tuple[str, ...]:
+def has_choices(spec: Spec) -> tuple[str, ...]:
     """Names of the agents whose actions are not continuous."""
-    return tuple(agent.name for agent in spec.agents if not is_continuous(agent.action))
+    agents = zip(spec.agent_names, spec.action_spaces, strict=True)
+    return tuple(name for name, space in agents if not is_continuous(space))
 
 
-def choices_of(spec: RecordedSpec) -> tuple[tuple[range, ...], ...]:
+def choices_of(spec: Spec) -> tuple[tuple[range, ...], ...]:
     """Returns the whole numbers that each agent chooses from, by column; empty if none chooses.
 
     Raises:
         SchemaError: some actions are choices and others are not.
     """
-    if not has_choices(spec):
+    if spec.action_kind != "choices":
         return ()
-    return tuple(_ranges(agent.action, agent.name, spec) for agent in spec.agents)
+    agents = zip(spec.agent_names, spec.action_spaces, strict=True)
+    return tuple(_ranges(space, name, spec) for name, space in agents)
 
 
-def _ranges(space: Space, name: str, spec: RecordedSpec) -> tuple[range, ...]:
+def _ranges(space: Space, name: str, spec: Spec) -> tuple[range, ...]:
     match space:
         case DiscreteSpace() | MultiDiscreteSpace() | MultiBinarySpace():
             low, high = bounds(space)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import action_scale, has_choices
+from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
 from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
@@ -17,7 +17,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.metrics import Reference, normalized_score
 from swarmdata.specs.model_choice import Source, describe, with_models
-from swarmdata.specs.origins import Origin, RecordedSpec, task_of
+from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
@@ -113,7 +113,7 @@ class Dataset:
         return self.stored.recipe
 
     @property
-    def spec(self) -> TaskSpec | RecordedSpec:
+    def spec(self) -> Spec:
         """What was recorded; of a re-observation, the task with its models."""
         return self.recipe.spec if self.seen is None else self.seen.spec
 
@@ -345,9 +345,8 @@ class Dataset:
         Raises:
             SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
         """
-        scale = None
-        if isinstance(self.spec, RecordedSpec) and not has_choices(self.spec):
-            scale = action_scale(self.spec)
+        spec = self.spec
+        scale = action_scale(spec) if spec.action_kind == "continuous" else None
         return Sampler(
             self.stored.arrays,
             self.stored.table,

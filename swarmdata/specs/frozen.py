@@ -5,7 +5,7 @@ import json
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -204,7 +204,15 @@ def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _nested_models(inner)
 
 
-def differences(one: Frozen, other: Frozen) -> Iterator[tuple[str, Any, Any]]:
+class Dumps(Protocol):
+    """What can be written as plain data: every `Frozen`, and the protocols that they keep."""
+
+    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
+        """The fields as plain data."""
+        ...
+
+
+def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     """Yields (path, value in one, value in the other) of every field in which two models differ."""
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
 

@@ -90,6 +90,15 @@ def width(space: Space) -> int:
     return sum(map(width, _parts(space)))
 
 
+def is_continuous(space: Space) -> bool:
+    """Whether a space has boxes of real numbers only, and at least one number."""
+    if isinstance(space, BoxSpace):
+        return space.dtype.startswith("float")
+    if isinstance(space, DictSpace | TupleSpace):
+        return width(space) > 0 and all(map(is_continuous, _parts(space)))
+    return False
+
+
 def flatten(space: Space, value: Any, where: str) -> Float:
     """Returns a value as one row, float32 [width(space)].
 

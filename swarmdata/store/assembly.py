@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import new_folder
-from swarmdata.specs.origins import Origin, split_rule
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Origin
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,
@@ -212,7 +211,7 @@ def _episode_table(
 
 
 def _splits(recipe: Origin, order: Order, splits: Counts | None) -> Counts:
-    if splits is None and split_rule(recipe) is not None:
+    if splits is None and recipe.split_rule is not None:
         return split_codes(recipe, order)
     if splits is None or len(splits) != len(order) or (splits >= len(SPLITS)).any():
         raise SchemaError(
@@ -301,7 +300,7 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
         "id": recipe.id,
         "recipe_hash": recipe.hash(),  # so that arrays and recipe are held together twice
         "splits": list(SPLITS),
-        "end_reasons": list(TASK_END_REASONS if isinstance(recipe, Recipe) else END_REASONS),
+        "end_reasons": list(TASK_END_REASONS if recipe.recipe else END_REASONS),
         "events": list(EVENTS),
         "policies": [policy.label for policy in recipe.policies],
         "time_arrays": list(TIME_FIELDS),

@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import STREAMS, derive
-from swarmdata.specs.origins import Edit, Origin, split_rule
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.recipe import Recipe, Splits
 from swarmdata.store.table import SPLITS
 from swarmdata.types import Counts, Int
@@ -74,22 +74,22 @@ def _weights(recipe: Recipe) -> list[int]:
     return [int(share * common) for share in shares]
 
 
-def split_codes(recipe: Origin, order: Sequence[tuple[int, int]]) -> Counts:
+def split_codes(origin: Origin, order: Sequence[tuple[int, int]]) -> Counts:
     """Returns the split of each episode, as index into `SPLITS`, [len(order)].
 
-    In each block of `recipe.splits.block` consecutive episodes of one policy's stream, random
-    positions are validation and test. So splits are stratified by policy, and an episode keeps its
-    split when the dataset grows.
+    In each block of `splits.block` consecutive episodes of one policy's stream, random positions
+    are validation and test. So splits are stratified by policy, and an episode keeps its split when
+    the dataset grows.
 
     Raises:
-        SpecError: the recipe has no rule.
+        SpecError: the origin has no rule.
     """
-    rule = split_rule(recipe)
-    if rule is None or isinstance(recipe, Edit):
-        raise SpecError(f"{recipe.id} has no rule of splits: its episodes brought theirs")
-    blocks = {(policy, episode // rule.block) for policy, episode in order}
-    codes = {key: _block_codes(recipe.seed, rule, *key) for key in blocks}
-    return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)
+    if origin.split_rule is None:
+        raise SpecError(f"{origin.id} has no split rule: its episodes keep the splits they had")
+    splits, seed = origin.split_rule
+    block = splits.block
+    codes = {key: _block_codes(seed, splits, *key) for key in {(p, e // block) for p, e in order}}
+    return np.array([codes[p, e // block][e % block] for p, e in order], dtype=np.uint8)
 
 
 def _block_codes(seed: int, rule: Splits, policy: int, block: int) -> Counts:

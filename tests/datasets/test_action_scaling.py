@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.datasets.action_scaling import action_scale, choices_of, has_choices, is_continuous
+from swarmdata.datasets.action_scaling import action_scale, choices_of, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
@@ -16,6 +16,7 @@ from swarmdata.specs.spaces import (
     MultiDiscreteSpace,
     Space,
     TupleSpace,
+    is_continuous,
 )
 
 SEEN = BoxSpace(shape=(1,), dtype="float32")

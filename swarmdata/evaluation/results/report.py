@@ -35,7 +35,6 @@ from swarmdata.registry.components import make_env
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Episode
 
 PANELS = 4
@@ -121,7 +120,7 @@ def _draw(
 ) -> dict[str, Path]:
     """Draws what there is to draw; figures by name."""
     compared, cases = complete(results).tables, shown_cases(results)
-    ours = [case for case in cases.values() if not isinstance(case.spec, RecordedSpec)]
+    ours = [case for case in cases.values() if case.spec.world is not None]
     drawings: dict[str, Callable[[Path], None]] = {}
     if "scores" in tables:
         drawings["scores"] = partial(plot_scores, results)

@@ -19,13 +19,10 @@ from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.registry.published import Figures, TaskReferences, published, references_of
 from swarmdata.rollouts.metrics import Reference, normalized_score
 from swarmdata.specs.model_choice import is_same_world
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
 from swarmdata.types import Double
-
-Spec = TaskSpec | RecordedSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +59,9 @@ class Case:
         Raises:
             SchemaError: an environment of another library has no time.
         """
-        if isinstance(self.spec, RecordedSpec):
+        if self.spec.horizon is None or self.spec.time_step is None:
             raise SchemaError(f"{self.name} is of another library: its steps have no duration.")
-        return self.spec.horizon * self.spec.control_dt
+        return self.spec.horizon * self.spec.time_step
 
     @property
     def data_score(self) -> float | None:
@@ -250,9 +247,9 @@ def reference_of(spec: Spec) -> Reference | None:
     Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
     the headline spec: the loss shows.
     """
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         return None
-    worlds = [known for known in SPECS.values() if is_same_world(known, spec)]
+    worlds = [known for known in SPECS.values() if is_same_world(known, spec.world)]
     found = (references_of(each.hash()) for each in (spec, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)
     if known is None or known.no_skill is None or known.expert is None:

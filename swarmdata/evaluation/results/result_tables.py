@@ -23,8 +23,6 @@ from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.rollouts import metrics
 from swarmdata.rollouts.metrics import Estimate
 from swarmdata.specs.model_choice import describe
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)
@@ -103,7 +101,7 @@ _FOREIGN = (
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
     """What was measured in a case: no score without references, other metrics elsewhere."""
-    if isinstance(case.spec, RecordedSpec):
+    if case.spec.world is None:
         measured = [set(r.evaluation.metrics) for runs in case.runs.values() for r in runs]
         known = set.intersection(*measured)
         return tuple(each for each in _FOREIGN if each.column.key in known)
@@ -159,12 +157,12 @@ def _case_caption(case: Case) -> str:
     )
     spec, runs = case.spec, next(iter(case.runs.values()))
     where = f"{what}; {len(runs[0].evaluation.seeds)} episodes of {spec.task}"
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
     return (
-        f"{where} on the evaluation seeds, {describe(spec)}, spec {spec.hash()[:12]}. Collisions "
-        f"are contacts that began, per episode. Time to goal counts an unsolved episode as "
-        f"{case.time_limit:g} s."
+        f"{where} on the evaluation seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
+        "Collisions are contacts that began, per episode. Time to goal counts an unsolved episode "
+        f"as {case.time_limit:g} s."
     )
 
 
@@ -209,9 +207,9 @@ def metric_table(
 
 def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
     seen = "".join(
-        f" {case.name}: seen again with {describe(case.spec)}."
+        f" {case.name}: seen again with {describe(case.spec.world)}."
         for case in cases
-        if case.is_view and isinstance(case.spec, TaskSpec)
+        if case.is_view and case.spec.world is not None
     )
     scale = " 0 is the better of an idle and a random team, 100 the expert." * (
         shown.key == "score"

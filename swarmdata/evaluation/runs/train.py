@@ -20,7 +20,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
@@ -78,7 +78,7 @@ def train(
         dataset_id, observation=observation, communication=communication, progress=progress
     )
     spec = dataset.spec
-    evaluation = None if isinstance(spec, RecordedSpec) else _evaluation(spec)
+    evaluation = None if spec.world is None else _evaluation(spec.world)
     return train_seeds(
         algorithm,
         dataset.split("train"),
@@ -95,7 +95,7 @@ def train(
     )
 
 
-def frame_of(spec: TaskSpec | RecordedSpec, anchor: str = "auto") -> Frame | None:
+def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
     """Returns the frame of an anchor in a task, None for the world's.
 
     Args:
@@ -105,14 +105,14 @@ def frame_of(spec: TaskSpec | RecordedSpec, anchor: str = "auto") -> Frame | Non
     Raises:
         SpecError: the task's observations have no such anchor.
     """
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         if anchor not in ("auto", "world"):
             raise SpecError(
                 f"frame {anchor!r}: what a recorded environment's features mean is not known. Use "
                 "frame 'world'."
             )
         return None
-    features = features_of(make_task(spec))
+    features = features_of(make_task(spec.world))
     return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)
 
 

@@ -22,9 +22,8 @@ from swarmdata.registry.published import (
 )
 from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.reading import Verify, check_widths
 
@@ -155,7 +154,7 @@ def find_folder(name: str | Path) -> Path:
     return found.folder
 
 
-def known_references(spec: TaskSpec | RecordedSpec) -> Reference | None:
+def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found: TaskReferences | None = references_of(spec.hash())
     if found is None or found.no_skill is None or found.expert is None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.specs.origins import AnySpec, RecordedAgent, RecordedSpec
+from swarmdata.specs.origins import RecordedAgent, Spec
 from swarmdata.specs.spaces import (
     LARGEST_WHOLE,
     BoxSpace,
@@ -25,20 +25,17 @@ from swarmdata.specs.spaces import (
 from swarmdata.types import Float
 
 
-def agents_of(spec: AnySpec, n_columns: int) -> tuple[RecordedAgent, ...]:
+def agents_of(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
     """The agents' spaces; those of our tasks are boxes of [-1, 1] actions.
 
     Args:
         spec: of the dataset.
         n_columns: of an observation, O.
     """
-    if isinstance(spec, RecordedSpec):
-        return spec.agents
-    observation = BoxSpace(shape=(n_columns,), dtype="float32")
-    action = BoxSpace(shape=(spec.action_size,), dtype="float32", low=-1.0, high=1.0)
+    spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
     return tuple(
         RecordedAgent(name=name, observation=observation, action=action)
-        for name in spec.agent_names
+        for name, (observation, action) in zip(spec.agent_names, spaces, strict=True)
     )
 
 

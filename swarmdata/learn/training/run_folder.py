@@ -32,7 +32,7 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.origins import AnySpec
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
     "config.json",
@@ -76,13 +76,12 @@ class Run(Frozen):
     @property
     def sizes(self) -> Sizes:
         """Numbers of agents and features, and the choices of a recorded environment."""
-        choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
             action=self.action_size,
             state=self.state_size,
-            choices=choices,
+            choices=choices_of(self.spec),
             frame=self.frame,
         )
 

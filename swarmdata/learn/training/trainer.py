@@ -44,7 +44,6 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.specs.origins import RecordedSpec
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -159,8 +158,6 @@ def _check_fusable(algorithm: str, kind: type) -> None:
 
 def _check_actions(algorithm: str, dataset: Data) -> None:
     """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
-    if not isinstance(dataset.spec, RecordedSpec):
-        return
     if algorithm in DISCRETE_ALGORITHMS:
         choices_of(dataset.spec)  # raises where choices and numbers are mixed
         return

@@ -11,8 +11,7 @@ from typing import Any
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import SHAPES
 from swarmdata.registry.components import make_task, reward_terms
-from swarmdata.specs.origins import Origin, RecordedSpec
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns
@@ -104,11 +103,11 @@ def attributes_of(origin: Origin, shapes: Shapes) -> dict[str, Attributes]:
         SpecError: the spec contradicts itself.
     """
     spec = origin.spec
-    if isinstance(spec, RecordedSpec):
-        known = _of_recording(spec)
+    if spec.world is None:
+        known = _of_recording(spec, shapes)
     else:
-        known = _of_task(make_task(spec), shapes)
-    if isinstance(origin, Recipe):
+        known = _of_task(make_task(spec.world), shapes)
+    if origin.recipe is not None:
         known["log_probs"] = {"details": LOG_PROBS}
         known["episodes/end_reason"] = {"codes": list(TASK_END_REASONS)}
     known.setdefault("episodes/end_reason", {})["details"] = END_REASON
@@ -185,26 +184,23 @@ def _of_rewards(task: Task) -> Attributes:
     }
 
 
-def _of_recording(spec: RecordedSpec) -> dict[str, Attributes]:
+def _of_recording(spec: Spec, shapes: Shapes) -> dict[str, Attributes]:
     """What the interface of another environment tells."""
-    states = {
-        "environment": "The environment's own state().",
-        "observations": "All observations, one agent's after the other's.",
-    }[spec.state_from]
+    spaces = {
+        "observations": spec.observation_spaces(shapes.get("observations", (0,))[-1]),
+        "actions": spec.action_spaces,
+    }
     return {
-        "states": {"details": states},
+        "states": {"details": spec.state_meaning},
         **{
             name: {
                 "details": RECORDED_LAYOUT,
                 "spaces": {
-                    agent.name: {
-                        "columns": width(getattr(agent, kind)),
-                        "space": getattr(agent, kind).model_dump(mode="json"),
-                    }
-                    for agent in spec.agents
+                    agent: {"columns": width(space), "space": space.model_dump(mode="json")}
+                    for agent, space in zip(spec.agent_names, of_agents, strict=True)
                 },
             }
-            for name, kind in (("observations", "observation"), ("actions", "action"))
+            for name, of_agents in spaces.items()
         },
     }
 

@@ -3,8 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from swarmdata.specs.origins import Origin, RecordedSpec
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
@@ -16,7 +15,7 @@ MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/la
 """Arrays without columns, or rows, where a recording does not have them."""
 
 
-def row_shapes(spec: TaskSpec | RecordedSpec, *, widths: bool = True) -> dict[str, Shape]:
+def row_shapes(spec: Spec, *, widths: bool = True) -> dict[str, Shape]:
     """Shapes without the first axis, by the name of the array.
 
     Args:
@@ -24,10 +23,11 @@ def row_shapes(spec: TaskSpec | RecordedSpec, *, widths: bool = True) -> dict[st
         widths: whether the widths of observations, states, messages and layouts of a task shall be
             known as well. They take the task's code, which is compiled.
     """
-    if isinstance(spec, RecordedSpec):
-        return _of_any(spec.n_agents, spec.action_size) | _of_recording(spec)
-    known = _of_any(spec.n_agents, spec.action_size) | {"events": (spec.n_agents, len(EVENTS))}
-    return known | _of_task(spec) if widths else known
+    known = _of_any(spec.n_agents, spec.action_size)
+    if spec.world is None:
+        return known | _of_recording(spec)
+    known["events"] = (spec.n_agents, len(EVENTS))
+    return known | _of_task(spec.world) if widths else known
 
 
 def contradictions(
@@ -40,13 +40,12 @@ def contradictions(
         shapes: whole shapes by the name of the array.
         widths: as of `row_shapes`.
     """
-    is_recipe = isinstance(origin, Recipe)
     problems = []
     for name, expected in row_shapes(origin.spec, widths=widths).items():
         if name not in shapes:
             continue
         got = shapes[name][1:]
-        is_absent = not is_recipe and name in MAY_BE_EMPTY and not math.prod(got)
+        is_absent = origin.recipe is None and name in MAY_BE_EMPTY and not math.prod(got)
         if not is_absent and not _fits(got, expected):
             shown = ", ".join("any" if size is None else str(size) for size in expected)
             problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
@@ -89,7 +88,7 @@ def _of_task(spec: TaskSpec) -> dict[str, Shape]:
     }
 
 
-def _of_recording(spec: RecordedSpec) -> dict[str, Shape]:
+def _of_recording(spec: Spec) -> dict[str, Shape]:
     return {
         "observations": (spec.n_agents, spec.observation_size),
         "states": (spec.state_size,),

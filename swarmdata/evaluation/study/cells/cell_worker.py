@@ -43,7 +43,6 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Report, serve
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import Edit
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import write_file
 
@@ -147,9 +146,9 @@ def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
 
 
 def _check_digest(cell: Cell, dataset: Dataset) -> None:
-    recipe = dataset.recipe
-    is_part = cell.n_steps is not None and isinstance(recipe, Edit)
-    digest = recipe.parents[0].digest if is_part else dataset.digest  # type: ignore[union-attr]
+    parents = dataset.recipe.parents
+    is_part = cell.n_steps is not None and parents
+    digest = parents[0].digest if is_part else dataset.digest
     if digest != cell.digest:
         raise SchemaError(
             f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "

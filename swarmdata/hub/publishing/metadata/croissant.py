@@ -13,7 +13,6 @@ from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.publishing.metadata.episode_parquet import COLUMNS, FILE
-from swarmdata.specs.origins import Edit, Recording
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
 
@@ -129,17 +128,12 @@ def croissant(
 
 
 def license_of(dataset: Dataset) -> str:
-    """The Hub's name of the license: what the recording says, that of ours, or `unknown`."""
-    recipe = dataset.recipe
-    if isinstance(recipe, Recording):
-        return recipe.metadata.get("license", "unknown")
-    return "unknown" if isinstance(recipe, Edit) else "cc-by-4.0"
+    """The Hub's name of the license, or `unknown`."""
+    return dataset.recipe.license
 
 
 def _author(dataset: Dataset) -> str:
-    recipe = dataset.recipe
-    metadata = recipe.metadata if isinstance(recipe, Recording) else {}
-    return metadata.get("author", "swarmdata")
+    return (dataset.recipe.metadata or {}).get("author", "swarmdata")
 
 
 def _description(dataset: Dataset) -> str:

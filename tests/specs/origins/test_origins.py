@@ -16,7 +16,6 @@ from swarmdata.specs.origins import (
     RecordedSpec,
     Recording,
     parse_origin,
-    split_rule,
     task_of,
 )
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -109,7 +108,7 @@ def test_an_origin_without_kind_is_a_recipe() -> None:
     ours = RECORDING.model_copy(update={"spec": TaskSpec()})
     assert parse_origin(json.loads(ours.to_json()), "recipe.json") == ours
     assert task_of(ours, "this") == TaskSpec()
-    assert split_rule(RECORDING) is not None
-    assert split_rule(RECORDING.model_copy(update={"splits": None})) is None
+    assert RECORDING.split_rule is not None
+    assert RECORDING.model_copy(update={"splits": None}).split_rule is None
     with pytest.raises(SpecError, match="invalid Recipe in x"):
         parse_origin({"kind": "nothing"}, "x")
