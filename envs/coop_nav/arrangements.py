@@ -26,10 +26,10 @@ from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-PASSABLE = 0.1
+PASSAGE_MARGIN = 0.1
 """Metres that a passage must be wider than what has to fit in it."""
 
-ROUNDING = 1e-5
+ROUNDING_MARGIN = 1e-5
 """Metres by which places keep more than their distance, for their float32 bits."""
 
 
@@ -139,8 +139,8 @@ def _margins(spec: TaskSpec) -> tuple[float, float, float]:
     s = spec.spawn
     return (
         max(robot.radius for robot in spec.robots),
-        max(s.start_clearance, s.goal_clearance) + ROUNDING,
-        max(s.start_separation, s.goal_separation) + ROUNDING,
+        max(s.start_clearance, s.goal_clearance) + ROUNDING_MARGIN,
+        max(s.start_separation, s.goal_separation) + ROUNDING_MARGIN,
     )
 
 
@@ -186,7 +186,7 @@ def _ring(spec: TaskSpec, swap: Swap) -> Double:
 
 def _passage(spec: TaskSpec, width: float, length: float, n_abreast: int) -> Float:
     """Two boxes that leave a passage along x in the middle of the arena, [2, 8]."""
-    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSABLE
+    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSAGE_MARGIN
     room = spec.arena.height / 2 - width / 2
     if width < need or room <= 0.0:
         raise SpecError(

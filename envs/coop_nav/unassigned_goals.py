@@ -14,18 +14,18 @@ from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
-GOAL = (
+GOAL_FEATURES = (
     *vector("offset", "position", "goal minus own position, m"),
     Feature("is_taken", "flag", meaning="1 if another robot covers it"),
 )
 """What a robot sees of each goal."""
 
-N_FEATURES = len(GOAL)
+N_GOAL_FEATURES = len(GOAL_FEATURES)
 
 
 def goal_features(n_goals: int) -> tuple[Feature, ...]:
     """Every goal, the nearest to the robot first."""
-    return numbered("goal", n_goals, GOAL)
+    return numbered("goal", n_goals, GOAL_FEATURES)
 
 
 @kernel(inline="always")
@@ -158,7 +158,7 @@ def write_goal_features(states: Float, active: Bool, n: int, radius: float, out:
                     slot -= 1
                 distances[slot], order[slot] = distance, k
             for slot in range(n):
-                k, first = order[slot], N_FEATURES * slot
+                k, first = order[slot], N_GOAL_FEATURES * slot
                 for c in range(2):
                     goal = float(state[N_COLUMNS * n + 2 * k + c])
                     out[b, i, first + c] = goal - float(state[N_COLUMNS * i + c])

@@ -1,8 +1,9 @@
 """Episodes of `formation`: a path, obstacles beside it that get in the way of slots, then robots.
 
-Every episode keeps these rules, looked at every `STRIDE` control steps:
+Every episode keeps these rules, checked every `PATH_CHECK_STRIDE` control steps:
 
-- all slots are inside the walls, and none is faster than `TOP_SPEED` of the slowest robot;
+- all slots are inside the walls, and none moves faster than `MAX_SLOT_SPEED_SHARE` of the slowest
+  robot's speed;
 - the reference's path keeps `path_clearance` from every obstacle;
 - the share of the horizon (of one segment of the path, if that is longer) in which at least one
   slot is blocked, so that a robot in it would touch an obstacle, is within `blocked`: the rest of
@@ -22,7 +23,7 @@ from swarmdata.envs.formation.reference_path import PathPlan, draw_path, write_p
 from swarmdata.envs.formation.shapes import reach_of
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
-    TRIES,
+    PLACE_TRIES,
     SizeTable,
     draw_heading,
     next_uniform,
@@ -37,10 +38,10 @@ from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-STRIDE = 4
+PATH_CHECK_STRIDE = 4
 """Control steps between the places of a path that are looked at."""
 
-TOP_SPEED = 0.8
+MAX_SLOT_SPEED_SHARE = 0.8
 """Part of the slowest robot's speed that slots use: the rest is for catching up."""
 
 
@@ -69,7 +70,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     radii = np.array([robot.radius for robot in spec.robots])
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
     reach, rate = reach_of(offsets), 1.0 / rules.segment_time
-    top = TOP_SPEED * min(robot.max_speed for robot in spec.robots)
+    top = MAX_SLOT_SPEED_SHARE * min(robot.max_speed for robot in spec.robots)
     room = half - reach - radii.max() - spec.spawn.start_clearance
     _check_rules(rules, top, reach + float(radii.max()))
     if room.min() <= 0.0:
@@ -84,7 +85,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     tangent = round(tangent * 2.0**20) / 2.0**20  # the same on every platform
     n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
     n_steps = max(spec.horizon, math.ceil(rules.segment_time / spec.control_dt))
-    steps = np.arange(0, n_steps + 1, STRIDE, dtype=np.float64)
+    steps = np.arange(0, n_steps + 1, PATH_CHECK_STRIDE, dtype=np.float64)
     margins = (
         spec.obstacles.gap,
         rules.path_clearance,
@@ -111,7 +112,8 @@ def _check_rules(rules: FormationRules, top: float, width: float) -> None:
     if rules.reference_speed > top:
         raise SpecError(
             f"rules.reference_speed is {rules.reference_speed:g} m/s, expected at most {top:g}: "
-            f"{TOP_SPEED:g} of the slowest robot's max_speed, so that robots can catch up."
+            f"{MAX_SLOT_SPEED_SHARE:g} of the slowest robot's max_speed, so that robots can catch "
+            "up."
         )
     if low > high or rules.hold_fraction > 1.0 - high:
         raise SpecError(
@@ -150,8 +152,8 @@ def _is_beside(
 def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float) -> bool:
     """Draws all obstacles beside the path; False if one of them found no place."""
     for m in range(plan.sizes.shape[0]):
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             one = layout[m : m + 1]
             if not place_obstacles(state, plan.sizes[m : m + 1], plan.half, plan.margins[0], one):
@@ -187,8 +189,8 @@ def _place_team(
     for i in range(radii.shape[0]):
         low_x, high_x = max(pose[0] - width, -half[0]), min(pose[0] + width, half[0])
         low_y, high_y = max(pose[1] - width, -half[1]), min(pose[1] + width, half[1])
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             robots[i, X] = low_x + (high_x - low_x) * next_uniform(state)
             robots[i, Y] = low_y + (high_y - low_y) * next_uniform(state)

@@ -23,7 +23,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
 """Columns of the limits."""
 
-GRIP = 10.0
+GRIP_ACCELERATION = 10.0
 """Sideways acceleration (m/s^2) that a unicycle's wheels can hold, about that of rubber."""
 
 
@@ -147,7 +147,7 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
     else:
         wanted = min(max(ahead + most * command[0] * dt, -top), top)
     push = min(max((wanted - ahead) / dt, -most), most)
-    hold = min(max(-aside / dt, -GRIP), GRIP)
+    hold = min(max(-aside / dt, -GRIP_ACCELERATION), GRIP_ACCELERATION)
     return push * ux - hold * uy, push * uy + hold * ux
 
 

@@ -1,6 +1,6 @@
 """How a world is built in Pymunk, and a backend that uses only Pymunk's public interface.
 
-This backend builds every space anew at reset. `envs.munk` does the same work about ten times
+This backend builds every space anew at reset. `fast_backend` does the same work about ten times
 faster through Munk2D's own functions, and must give the same bits; this one takes over where the
 private names are missing.
 """
@@ -19,11 +19,11 @@ from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-SLOP = 0.002
+COLLISION_SLOP = 0.002
 """Overlap (m) that Munk2D leaves at rest; its default of 0.1 is meant for pixels."""
 
-ITERATIONS = 10
-FRICTION = 0.2
+SOLVER_ITERATIONS = 10
+FRICTION_COEFFICIENT = 0.2
 
 
 @kernel
@@ -114,8 +114,8 @@ def build_space(
     """
     spec = plan.spec
     space = pymunk.Space()
-    space.collision_slop = SLOP
-    space.iterations = ITERATIONS
+    space.collision_slop = COLLISION_SLOP
+    space.iterations = SOLVER_ITERATIONS
     space.damping = 1.0  # drag is part of the robots, not of the world
     ground = space.static_body
     shapes = _walls(spec, ground)
@@ -139,7 +139,7 @@ def build_space(
         shapes.append(_movable(space, payload, pose))
         bodies.append(shapes[-1].body)
     for shape in shapes:
-        shape.friction, shape.elasticity = FRICTION, 0.0
+        shape.friction, shape.elasticity = FRICTION_COEFFICIENT, 0.0
     space.add(*shapes)
     return space, bodies
 

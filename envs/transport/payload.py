@@ -16,7 +16,7 @@ from swarmdata.types import Double, Float
 Shape = tuple[float, float, float]
 """Shape code, and half length and half width (m; twice the radius of a circle)."""
 
-TOUCH = 0.01
+CONTACT_GAP = 0.01
 """Gaps (m) up to this count as contact: what a resting contact jitters by, as for robots."""
 
 
@@ -111,7 +111,7 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
     """Counts the contacts with obstacles and walls that begin in an episode.
 
-    A contact begins at a gap of at most `TOUCH` and ends beyond twice that.
+    A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
 
     Args:
         bodies: the payload in every state, columns `states.BODY`, [T + 1, 7].
@@ -128,15 +128,15 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
         for m in range(n_obstacles + 4):
             if m < n_obstacles:
                 dx, dy = layout[m, 1] - row[1], layout[m, 2] - row[2]
-                reach = bounding_radius(layout[m]) + bounding_radius(row) + 2.0 * TOUCH
+                reach = bounding_radius(layout[m]) + bounding_radius(row) + 2.0 * CONTACT_GAP
                 far = dx * dx + dy * dy > reach * reach
                 gap = math.inf if far else obstacle_gap(row, layout[m])
             else:
                 gap = payload_wall_gap(row, half, m - n_obstacles)
-            if not touching[m] and gap <= TOUCH:
+            if not touching[m] and gap <= CONTACT_GAP:
                 touching[m] = True
                 count += 1
-            elif gap > 2.0 * TOUCH:
+            elif gap > 2.0 * CONTACT_GAP:
                 touching[m] = False
     return count
 
@@ -157,5 +157,5 @@ def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -
         place_row(bodies[t], shape, row)
         for i in range(radii.shape[0]):
             d = nearest(np.float64(positions[t, i, 0]), np.float64(positions[t, i, 1]), row)[0]
-            count += d - radii[i] <= TOUCH
+            count += d - radii[i] <= CONTACT_GAP
     return count

@@ -20,7 +20,7 @@ or the payload:
     payload_goal_x, _y        goal minus the payload's centre, m
     payload_obstacle_<k>.near_x, _y direction from the payload's centre to the nearest point of the
                               obstacle nearest to it (k = 0) and of the next (1), times closeness:
-                              0 from `SURROUNDINGS` beyond its bounding circle on, 1 in contact
+                              0 at `SURROUNDINGS_RANGE` from its bounding circle, 1 in contact
     payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
     payload_turn              turn rate times the distance of a corner, m/s (a box only)
     goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
@@ -75,13 +75,13 @@ from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robot
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-N_AROUND = 2
+N_NEAR_OBSTACLES = 2
 """Obstacles around the payload that robots are told of."""
 
-SURROUNDINGS = 1.5
+SURROUNDINGS_RANGE = 1.5
 """Distance (m) from the payload's bounding circle from which on obstacles are not felt."""
 
-ANY_ANGLE = 2.0
+ANY_ANGLE_SINE = 2.0
 """Largest sine of a payload's angle to the goal's where any will do."""
 
 
@@ -157,18 +157,18 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
         layout: obstacles, [M, 8].
         out: written, [N_AROUND, 2].
     """
-    distances = np.full(N_AROUND, np.inf)
+    distances = np.full(N_NEAR_OBSTACLES, np.inf)
     out[:] = 0.0
     for m in range(layout.shape[0]):
         distance, vx, vy = nearest_of(x, y, layout, m)
-        slot = N_AROUND
+        slot = N_NEAR_OBSTACLES
         while slot > 0 and distance < distances[slot - 1]:
             slot -= 1
-            if slot + 1 < N_AROUND:
+            if slot + 1 < N_NEAR_OBSTACLES:
                 distances[slot + 1] = distances[slot]
                 out[slot + 1] = out[slot]
-        if slot < N_AROUND:
-            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS, 0.0), 1.0)
+        if slot < N_NEAR_OBSTACLES:
+            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS_RANGE, 0.0), 1.0)
             scale = closeness / max(distance, 1e-9)
             distances[slot] = distance
             out[slot, 0], out[slot, 1] = vx * scale, vy * scale
@@ -191,7 +191,7 @@ def write_transport_features(
     first = N_COLUMNS * n
     arm = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
     radius = arm if is_box else shape[1]
-    row, around = np.empty(8, np.float32), np.empty((N_AROUND, 2))
+    row, around = np.empty(8, np.float32), np.empty((N_NEAR_OBSTACLES, 2))
     for b in range(states.shape[0]):
         if not active[b]:
             continue
@@ -216,9 +216,9 @@ def write_transport_features(
             _, own[2], own[3] = nearest(x, y, row)
             own[4], own[5] = body[2], body[3]
             own[6], own[7] = gx, gy
-            for k in range(N_AROUND):
+            for k in range(N_NEAR_OBSTACLES):
                 own[8 + 2 * k], own[9 + 2 * k] = around[k, 0], around[k, 1]
-            at = 8 + 2 * N_AROUND
+            at = 8 + 2 * N_NEAR_OBSTACLES
             if is_box:
                 own[at], own[at + 1] = sign * ux, sign * uy
                 own[at + 2] = np.float64(body[6]) * arm
@@ -280,7 +280,7 @@ class Transport:
         self.features = _features(is_box, is_posed)
         self._shape = shape_of(rules.payload)
         # rounded, so that it is the same number whatever the C library's sine is
-        sine = ANY_ANGLE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
+        sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
         self._goal = (rules.goal_radius, sine)
         w, s = rules.rewards, spec.spawn
         self._weights = (w.progress, w.turn_progress, w.approach, w.time)
@@ -363,16 +363,19 @@ def _solved(rules: TransportRules) -> str:
     return f"{near}, its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
 
 
-_NEAR = "from the payload to an obstacle's nearest point, times closeness"
-
-
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
+    meaning = "from the payload to an obstacle's nearest point, times closeness"
+    near = vector("near", "direction", meaning)
     found: tuple[Feature, ...] = (
         *vector("payload", "position", "the payload's centre, from the robot"),
         *vector("payload_near", "position", "the payload's nearest point, from the robot"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
         *vector("payload_goal", "position", "goal, from the payload's centre"),
-        *numbered("payload_obstacle", N_AROUND, vector("near", "direction", _NEAR)),
+        *numbered(
+            "payload_obstacle",
+            N_NEAR_OBSTACLES,
+            near,
+        ),
     )
     if is_box:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")

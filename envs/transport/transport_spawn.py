@@ -14,7 +14,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-_LAYOUT = STREAMS["layout"]
+_LAYOUT_STREAM = STREAMS["layout"]
 
 
 @kernel
@@ -102,7 +102,7 @@ def draw_episodes(
     for k in range(copies.shape[0]):
         state, layout = states[copies[k]], layouts[copies[k]]
         robots, body = state[:first].reshape(n, N_COLUMNS), state[first : first + len(BODY)]
-        key = absorb(seeds[k], _LAYOUT)
+        key = absorb(seeds[k], _LAYOUT_STREAM)
         generator[0] = key
         for attempt in range(max_attempts + 1):
             if attempt == max_attempts:

@@ -17,7 +17,7 @@ Observation: that of the observation model, and for each robot
                             drive next on its shortest way (`floor_plan.next_corner`)
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, L the length of its shortest way
-(`floor_plan.way_length`, along the axes and around shelves) to the target it had before the step,
+(`floor_plan.shortest_path_length`, along the axes and around shelves) to its target before the step,
 before (L') and after it, and [x] one if x holds, else zero:
 
     w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.envs.warehouse.deadlocks import count_deadlocks
-from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, way_length
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, shortest_path_length
 from swarmdata.envs.world.spawn import check_fixed_layout, draw_heading, place_points
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
@@ -46,7 +46,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-OWN = (
+ROBOT_EXTRAS = (
     Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
     Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
 )
@@ -71,26 +71,26 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 """What this task measures besides `metrics.EPISODE_METRICS`."""
 
-FEATURES: tuple[Feature, ...] = (
+TASK_FEATURES: tuple[Feature, ...] = (
     Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
     *vector("corner", "position", "to where it should drive next on its shortest way"),
 )
 """What this task adds to every robot's observation."""
 
-_STREAM = STREAMS["layout"]
+_LAYOUT_STREAM = STREAMS["layout"]
 
 
 @kernel(inline="always")
 def draw_place(seed: np.uint64, robot: int, order: int, n_picks: int) -> int:
     """Index of the place of a robot's order, uniform below `n_picks`."""
-    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 0)
+    bits = absorb(absorb(absorb(absorb(seed, _LAYOUT_STREAM), robot), order), 0)
     return int(to_uniform(bits) * n_picks)
 
 
 @kernel(inline="always")
 def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> int:
     """Index of the station of a robot's order, uniform below `n_stations`."""
-    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 1)
+    bits = absorb(absorb(absorb(absorb(seed, _LAYOUT_STREAM), robot), order), 1)
     return int(to_uniform(bits) * n_stations)
 
 
@@ -122,7 +122,7 @@ def start_episodes(
     state = np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         layouts[copies[c]] = shelves
-        state[0] = absorb(seeds[c], _STREAM)
+        state[0] = absorb(seeds[c], _LAYOUT_STREAM)
         row = states[copies[c]]
         row[:] = 0.0
         robots = row[: N_COLUMNS * n].reshape(n, N_COLUMNS)
@@ -179,8 +179,10 @@ def serve_orders(
         for i in range(n):
             r, own = N_COLUMNS * i, N_COLUMNS * n + 2 * i
             x, y, tx, ty = float(new[r]), float(new[r + 1]), float(new[r + TX]), float(new[r + TY])
-            length = way_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
-            gain = weights[0] * (length - way_length(x, y, tx, ty, lanes, rows)) - weights[3]
+            length = shortest_path_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
+            gain = (
+                weights[0] * (length - shortest_path_length(x, y, tx, ty, lanes, rows)) - weights[3]
+            )
             if (tx - x) * (tx - x) + (ty - y) * (ty - y) <= rules[1] * rules[1]:
                 order = int(new[own + 1])
                 if new[own] > 0.0:
@@ -198,7 +200,7 @@ def serve_orders(
 
 
 @kernel
-def write_ways(
+def write_warehouse_features(
     states: Float,
     active: Bool,
     lanes: Double,
@@ -239,9 +241,11 @@ class Warehouse:
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras = tuple(
-            own._replace(name=f"{name}.{own.name}") for name in spec.agent_names for own in OWN
+            own._replace(name=f"{name}.{own.name}")
+            for name in spec.agent_names
+            for own in ROBOT_EXTRAS
         )
-        self.features = FEATURES
+        self.features = TASK_FEATURES
         self._radii = np.array([robot.radius for robot in robots])
         self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
         self._room = (
@@ -275,18 +279,19 @@ class Warehouse:
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         plan = self.plan
-        write_ways(states, active, plan.lanes, plan.rows, plan.middles, out)
+        write_warehouse_features(states, active, plan.lanes, plan.rows, plan.middles, out)
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
         n, seconds = self.spec.n_agents, len(episode) * self.spec.control_dt
         positions = robots_of(episode.states, n)[..., : Y + 1].astype(np.float64)
-        own = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(OWN)).astype(np.float64)
-        deliveries = float(own[-1, :, 1].sum())
+        extras = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(ROBOT_EXTRAS))
+        carrying, delivered = np.moveaxis(extras.astype(np.float64), -1, 0)  # [T+1, N] each
+        deliveries = float(delivered[-1].sum())
         return {
             "deliveries": deliveries,
             "throughput": deliveries / n / (seconds / 60.0),
             "deadlocks": float(count_deadlocks(positions, self._radii, self.spec.control_dt)),
-            "carrying_time": float(own[:-1, :, 0].mean()),
+            "carrying_time": float(carrying[:-1].mean()),
         }
 
 

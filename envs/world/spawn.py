@@ -12,19 +12,19 @@ import numpy as np
 
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
-from swarmdata.numerics.random import GOLDEN, MIX_1, MIX_2, STREAMS
+from swarmdata.numerics.random import GOLDEN_GAMMA, MIX_1, MIX_2, STREAMS
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-SHAPES = ("circles", "boxes", "corners", "pockets")
+OBSTACLE_COUNTS = ("circles", "boxes", "corners", "pockets")
 """Fields of `spec.Obstacles` that count obstacles."""
 
-TRIES = 64
+PLACE_TRIES = 64
 """Draws of one place before the whole layout is drawn anew."""
 
-LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN % 2**64
+LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN_GAMMA % 2**64
 """What is added to an episode's seed to start the generator of its layout."""
 
 SizeTable = Double
@@ -49,18 +49,18 @@ def check_fixed_layout(spec: TaskSpec, what: str) -> None:
     Raises:
         SpecError: the spec asks for obstacles.
     """
-    counts = {name: getattr(spec.obstacles, name) for name in SHAPES}
+    counts = {name: getattr(spec.obstacles, name) for name in OBSTACLE_COUNTS}
     if any(counts.values()):
         raise SpecError(
             f"obstacles are {counts} in a spec with {what}, whose layout is fixed. Write "
-            f"obstacles: {{{', '.join(f'{name}: 0' for name in SHAPES)}}}."
+            f"obstacles: {{{', '.join(f'{name}: 0' for name in OBSTACLE_COUNTS)}}}."
         )
 
 
 @kernel(inline="always")
 def next_uniform(state: Seeds) -> float:
     """Advances the generator; returns a multiple of 2**-53 in [0, 1)."""
-    state[0] += np.uint64(GOLDEN)
+    state[0] += np.uint64(GOLDEN_GAMMA)
     z = state[0]
     z = (z ^ (z >> np.uint64(30))) * np.uint64(MIX_1)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(MIX_2)
@@ -94,8 +94,8 @@ def place_obstacles(
         room_x, room_y = half[0] - r - gap, half[1] - r - gap
         if room_x <= 0.0 or room_y <= 0.0:
             return False
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             row[1] = room_x * (2.0 * next_uniform(state) - 1.0)
             row[2] = room_y * (2.0 * next_uniform(state) - 1.0)
@@ -141,8 +141,8 @@ def place_points(
         False if a robot found no place.
     """
     for i in range(radii.shape[0]):
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             points[i, 0] = (half[0] - radii[i]) * (2.0 * next_uniform(state) - 1.0)
             points[i, 1] = (half[1] - radii[i]) * (2.0 * next_uniform(state) - 1.0)

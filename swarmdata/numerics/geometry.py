@@ -14,7 +14,7 @@ CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
 """Shape codes, which count the bars. A corner has bars along the lower and left sides of its
 rectangle; a pocket also along the right side, so that it opens towards local +y."""
 
-SHAPES = (
+SHAPE_MEANINGS = (
     "circle: a disc of radius a",
     "box: the rectangle |x| <= a, |y| <= b",
     "corner: an L of two bars, |x| <= a, |y - (t - b)| <= t and |x - (t - a)| <= t, |y| <= b",
