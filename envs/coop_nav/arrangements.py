@@ -17,12 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
+from swarmdata.envs.world.spawn import (
+    LAYOUT_OFFSET,
+    check_fixed_layout,
+    draw_heading,
+    next_uniform,
+    put_at_rest,
+)
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
-from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
@@ -61,10 +67,7 @@ def _arrange(
             y = anchors[i, 1] + jitter * (2.0 * next_uniform(state) - 1.0)
             robot[X], robot[Y] = cos * x - sin * y, sin * x + cos * y
             robot[TX], robot[TY] = -robot[X], -robot[Y] if is_turned else robot[Y]
-            robot[VX] = robot[VY] = robot[UY] = 0.0
-            robot[UX] = 1.0
-            if has_heading[i]:
-                draw_heading(state, robot)
+            put_at_rest(state, has_heading[i], robot)
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,6 +117,7 @@ def score_coverage(
         solved: written, [E].
     """
     n = rewards.shape[1]
+    progress, time = weights
     costs, work, places = scratch
     for b in range(before.shape[0]):
         if not active[b]:
@@ -127,7 +128,7 @@ def score_coverage(
         new = assign(costs, work, places)
         n_open = _holders(after[b], n, radius, places[0])
         _aim(after[b], n, places[0])
-        share = (weights[0] * (old - new) - weights[1] * n_open) / n
+        share = (progress * (old - new) - time * n_open) / n
         for i in range(n):
             rewards[b, i] = share
         solved[b] = n_open == 0

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import next_uniform
+from swarmdata.envs.world.spawn import next_uniform, unit_vector
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Seeds
 
@@ -122,7 +122,7 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
-    ux, uy = _direction(2.0 * next_uniform(state) - 1.0)
+    ux, uy = unit_vector(2.0 * next_uniform(state) - 1.0)
     if next_uniform(state) < 0.5:
         ux, uy = -ux, -uy
     for k in range(1, plan.n_points):
@@ -173,14 +173,8 @@ def fits(
 @kernel(inline="always")
 def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
     """A unit vector, turned by twice the angle of tangent t."""
-    cos, sin = _direction(t)
+    cos, sin = unit_vector(t)
     return ux * cos - uy * sin, ux * sin + uy * cos
-
-
-@kernel(inline="always")
-def _direction(t: float) -> tuple[float, float]:
-    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
-    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
 
 
 @kernel

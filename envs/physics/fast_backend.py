@@ -49,7 +49,7 @@ FLOAT64_TYPE = ir.DoubleType()
 
 
 def load_addresses() -> Int | None:
-    """Addresses of `MUNK_FUNCTIONS` in Pymunk's compiled module, or None where they cannot be called.
+    """Returns the addresses of `MUNK_FUNCTIONS`, or None where they cannot be called.
 
     They are not part of Pymunk's public interface. On Windows a vector is passed in another way
     than here.
@@ -166,12 +166,11 @@ def _advance(
 ) -> None:
     """Advances the active copies; plain arguments, because tuples of arrays cost microseconds."""
     n = radii.shape[0]
-    timing = (n_substeps, dt)
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, timing, k, forces)
+            drive(robots[b], commands[b], limits, n_substeps, dt, k, forces)
             for i in range(n):  # Munk2D clears forces in every step
                 call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
             call_pd(calls[STEP], spaces[b], dt)

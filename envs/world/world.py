@@ -144,6 +144,7 @@ def score_steps(
         truncations: written, [E].
         successes: written, [E].
     """
+    proximity, success, team_share = weights[4], weights[5], weights[6]
     n = radii.shape[0]
     near, places = np.empty(n), np.empty((3, n), np.float32)
     circles = np.empty((3, layouts.shape[1]), np.float32)
@@ -154,14 +155,14 @@ def score_steps(
         proximities(states[b], layouts[b], radii, half, places, circles, near)
         is_solved, touched, mean = solved[b], False, 0.0
         for i in range(n):
-            reward = task_rewards[b, i] - weights[4] * near[i] + (weights[5] if is_solved else 0.0)
+            reward = task_rewards[b, i] - proximity * near[i] + (success if is_solved else 0.0)
             for c in range(4):
                 reward -= weights[c] * float(events[b, i, c])
             touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
             near[i] = reward
             mean += reward / n
         for i in range(n):
-            rewards[b, i] = (1.0 - weights[6]) * near[i] + weights[6] * mean
+            rewards[b, i] = (1.0 - team_share) * near[i] + team_share * mean
         failure = is_fatal and touched
         successes[b] = is_solved and not failure
         terminations[b] = is_solved or failure

@@ -39,6 +39,16 @@ OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
 
 
 @kernel(inline="always")
+def bar_box(kind: float, a: float, b: float, t: float, k: int) -> tuple[float, float, float, float]:
+    """Centre and half sizes of bar k in the obstacle's frame: along -y, then -x, then +x."""
+    if kind <= BOX:
+        return 0.0, 0.0, a, b
+    if k == 0:
+        return 0.0, t - b, a, t
+    return (t - a if k == 1 else a - t), 0.0, t, b
+
+
+@kernel(inline="always")
 def _bar(lx: float, ly: float, cx: float, cy: float, hx: float, hy: float) -> tuple[float, float]:
     """Vector from the local point to the nearest point of an axis-aligned bar."""
     qx = min(max(lx, cx - hx), cx + hx)
