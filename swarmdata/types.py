@@ -46,41 +46,41 @@ class Term(NamedTuple):
     meaning: str  # of the formula's other symbols
 
 
-SEPARATION = 0.01
+SEPARATION_GAP = 0.01
 """A contact that has begun ends when the gap exceeds this (m), so that one that jitters at rest is
 counted once."""
 
-_OVERLAP = "after at least one physics step of this step, the robot overlapped"
-_ONSETS = (
+_OVERLAPPED = "after at least one physics step of this step, the robot overlapped"
+_ONSET_RULE = (
     "began in this step: an overlap (gap <= 0 m after a physics step) of two that were not in "
-    f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION:g} m"
+    f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION_GAP:g} m"
 )
 
 EVENT_COLUMNS = (
-    Column("robot_contact", f"1 if, {_OVERLAP} another robot, else 0", low=0, high=1),
-    Column("obstacle_contact", f"1 if, {_OVERLAP} an obstacle or wall, else 0", low=0, high=1),
+    Column("robot_contact", f"1 if, {_OVERLAPPED} another robot, else 0", low=0, high=1),
+    Column("obstacle_contact", f"1 if, {_OVERLAPPED} an obstacle or wall, else 0", low=0, high=1),
     Column(
         "robot_onsets",
-        f"contacts of the robot with other robots that {_ONSETS}. Each is counted in the rows of "
-        "both robots",
+        f"contacts of the robot with other robots that {_ONSET_RULE}. Each is counted in the rows "
+        "of both robots",
         low=0,
         high=255,
     ),
     Column(
         "obstacle_onsets",
-        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSETS}",
+        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSET_RULE}",
         low=0,
         high=255,
     ),
 )
 """Columns of `events`. Contact is overlap, gap <= 0, after a physics step, of which a control step
-has several; `SEPARATION` is for onsets only. So a contact that lasts without overlap is in no
+has several; `SEPARATION_GAP` is for onsets only. So a contact that lasts without overlap is in no
 column, and a step may overlap without an onset."""
 
 EVENTS = tuple(column.name for column in EVENT_COLUMNS)
 """Names of the columns of `events`."""
 
-NEVER = 255
+NEVER_RECEIVED = 255
 """In `ages`: nothing was ever received. Older messages than 254 steps count as 254."""
 
 TASK_END_REASONS = ("success", "failure", "horizon")
@@ -120,7 +120,7 @@ class Step(NamedTuple):
     layouts: Float  # [E, M, 8] obstacles of that episode, columns `geometry.OBSTACLE`
     sent: Float  # [E, N, P] message that each robot sent in this step
     delivered: Bool  # [E, N, N] whether a message of sender (last axis) arrived in this step
-    ages: Counts  # [E, N, N] steps since the newest message from a sender was sent, or NEVER
+    ages: Counts  # [E, N, N] age of the newest message of a sender, steps, or NEVER_RECEIVED
 
     @property
     def ended(self) -> Bool:

@@ -7,8 +7,8 @@ import numpy as np
 from swarmdata.cards.pictures.panels import SMALL, finish, note, signed
 from swarmdata.drawing.style import GRAY
 from swarmdata.envs.render import draw
-from swarmdata.envs.render.canvas import WALL_SHOWN
-from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
+from swarmdata.envs.render.canvas import WALL_WIDTH
+from swarmdata.envs.render.colors import PAYLOAD_EDGE_COLOR, robot_color
 from swarmdata.envs.render.drawn_scene import n_bodies
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, X, Y, robots_of
@@ -53,7 +53,7 @@ def draw_track(axes: Any, episode: Episode | None, recipe: Origin) -> None:
     image = draw(
         spec, episode.layout, episode.states[last], events=episode.events[last - 1], size=_SIZE
     )
-    x, y = spec.arena.width / 2 + WALL_SHOWN, spec.arena.height / 2 + WALL_SHOWN
+    x, y = spec.arena.width / 2 + WALL_WIDTH, spec.arena.height / 2 + WALL_WIDTH
     axes.imshow(image, extent=(-x, x, -y, y), interpolation="antialiased")
     for path, color in _paths(episode, spec):
         axes.plot(path[:, 0], path[:, 1], color=color, lw=1.1, alpha=0.7)
@@ -83,7 +83,7 @@ def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, 
     paths = []
     for k in range(n_bodies(spec)):
         first = N_COLUMNS * n + len(BODY) * k
-        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE))
+        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE_COLOR))
     for k in range(n):
         gaps = np.sqrt(np.square(places[:, k, None] - places[-1]).sum(axis=-1))  # [T+1, N]
         is_below = (gaps < radii).any(axis=1)

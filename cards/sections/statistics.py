@@ -2,8 +2,14 @@
 
 import numpy as np
 
-from swarmdata.analysis.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
-from swarmdata.analysis.passings import NEAR, REACH
+from swarmdata.analysis.coverage import (
+    ENTROPY_RESOLUTION,
+    MIN_STEPS,
+    N_ENCOUNTERS,
+    Coverage,
+    Entropies,
+)
+from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, PASSING_DISTANCE
 from swarmdata.cards.sections.card_data import CardData
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
@@ -126,9 +132,9 @@ def coverage_section(data: CardData) -> str:
         + markdown.table(("", "measured", "reading"), _coverage_rows(found))
         + f"\nPlaces are counted in {found.n_states:,} states of whole episodes; entropies are "
         f"estimated by nearest neighbors from {found.n_steps:,} joint steps at a resolution of "
-        f"{RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
-        "bound, are spread over that width, so entropies end at about "
-        f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
+        f"{ENTROPY_RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands "
+        "at a bound, are spread over that width, so entropies end at about "
+        f"{np.log(ENTROPY_RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
         "entropies of states come out too high; compare them between datasets of one task only. "
         "Dependence counts common causes too, such as the time that is left.\n"
         + _passings_table(data)
@@ -176,7 +182,7 @@ def _entropy_rows(
     what: str, found: Entropies | None, reading: tuple[str, str]
 ) -> list[tuple[str, str, str]]:
     if found is None:
-        return [(f"entropy of a robot's {what}", "unknown", f"needs {FEWEST} joint steps")]
+        return [(f"entropy of a robot's {what}", "unknown", f"needs {MIN_STEPS} joint steps")]
     return [
         (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading[0]),
         (f"entropy of the team's {what}s", f"{found.team:.2f} nats a robot", reading[1]),
@@ -202,9 +208,9 @@ def _passings_table(data: CardData) -> str:
     return (
         "\nOn which side robots that meet head on pass each other:\n\n"
         + markdown.table(("id", "passings", "kept to the right"), rows)
-        + f"\nCounted {sampled}: two robots come within {REACH:g} m with velocities against each "
-        f"other, then within {NEAR:g} m, and part behind each other. Intervals are Wilson's, 95 "
-        "%.\n"
+        + f"\nCounted {sampled}: two robots come within {ENCOUNTER_DISTANCE:g} m with velocities "
+        f"against each other, then within {PASSING_DISTANCE:g} m, and part behind each other. "
+        "Intervals are Wilson's, 95 %.\n"
     )
 
 

@@ -17,19 +17,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
+from swarmdata.envs.world.spawn import (
+    LAYOUT_OFFSET,
+    check_fixed_layout,
+    draw_heading,
+    next_uniform,
+    put_at_rest,
+)
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
-from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-PASSABLE = 0.1
+PASSAGE_MARGIN = 0.1
 """Metres that a passage must be wider than what has to fit in it."""
 
-ROUNDING = 1e-5
+ROUNDING_MARGIN = 1e-5
 """Metres by which places keep more than their distance, for their float32 bits."""
 
 
@@ -61,10 +67,7 @@ def _arrange(
             y = anchors[i, 1] + jitter * (2.0 * next_uniform(state) - 1.0)
             robot[X], robot[Y] = cos * x - sin * y, sin * x + cos * y
             robot[TX], robot[TY] = -robot[X], -robot[Y] if is_turned else robot[Y]
-            robot[VX] = robot[VY] = robot[UY] = 0.0
-            robot[UX] = 1.0
-            if has_heading[i]:
-                draw_heading(state, robot)
+            put_at_rest(state, has_heading[i], robot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +142,8 @@ def _margins(spec: TaskSpec) -> tuple[float, float, float]:
     s = spec.spawn
     return (
         max(robot.radius for robot in spec.robots),
-        max(s.start_clearance, s.goal_clearance) + ROUNDING,
-        max(s.start_separation, s.goal_separation) + ROUNDING,
+        max(s.start_clearance, s.goal_clearance) + ROUNDING_MARGIN,
+        max(s.start_separation, s.goal_separation) + ROUNDING_MARGIN,
     )
 
 
@@ -186,7 +189,7 @@ def _ring(spec: TaskSpec, swap: Swap) -> Double:
 
 def _passage(spec: TaskSpec, width: float, length: float, n_abreast: int) -> Float:
     """Two boxes that leave a passage along x in the middle of the arena, [2, 8]."""
-    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSABLE
+    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSAGE_MARGIN
     room = spec.arena.height / 2 - width / 2
     if width < need or room <= 0.0:
         raise SpecError(

@@ -75,6 +75,7 @@ def score_navigation(
         rewards: written, [E, N].
         solved: written, [E].
     """
+    progress, time = weights
     for b in range(before.shape[0]):
         if not active[b]:
             continue
@@ -84,7 +85,7 @@ def score_navigation(
             new = _goal_distance(after[b], i)
             outside = new > goal_radius
             everyone = everyone and not outside
-            rewards[b, i] = weights[0] * (old - new) - (weights[1] if outside else 0.0)
+            rewards[b, i] = progress * (old - new) - (time if outside else 0.0)
         solved[b] = everyone
 
 
@@ -149,7 +150,7 @@ class CoopNav:
         if self._arranged is not None:
             self._arranged.spawn(seeds, copies, layouts, robots)
         else:
-            spawn_random(self._plan, seeds, copies, layouts, robots)
+            spawn_random(self.spec, self._plan, seeds, copies, layouts, robots)
         if self._is_shared:
             share_goals(states, copies, self.spec.n_agents, self._radius)
 

@@ -14,18 +14,18 @@ from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
-GOAL = (
+GOAL_FEATURES = (
     *vector("offset", "position", "goal minus own position, m"),
     Feature("is_taken", "flag", meaning="1 if another robot covers it"),
 )
 """What a robot sees of each goal."""
 
-N_FEATURES = len(GOAL)
+N_GOAL_FEATURES = len(GOAL_FEATURES)
 
 
 def goal_features(n_goals: int) -> tuple[Feature, ...]:
     """Every goal, the nearest to the robot first."""
-    return numbered("goal", n_goals, GOAL)
+    return numbered("goal", n_goals, GOAL_FEATURES)
 
 
 @kernel(inline="always")
@@ -117,6 +117,7 @@ def score_coverage(
         solved: written, [E].
     """
     n = rewards.shape[1]
+    progress, time = weights
     costs, work, places = scratch
     for b in range(before.shape[0]):
         if not active[b]:
@@ -127,7 +128,7 @@ def score_coverage(
         new = assign(costs, work, places)
         n_open = _holders(after[b], n, radius, places[0])
         _aim(after[b], n, places[0])
-        share = (weights[0] * (old - new) - weights[1] * n_open) / n
+        share = (progress * (old - new) - time * n_open) / n
         for i in range(n):
             rewards[b, i] = share
         solved[b] = n_open == 0
@@ -158,7 +159,7 @@ def write_goal_features(states: Float, active: Bool, n: int, radius: float, out:
                     slot -= 1
                 distances[slot], order[slot] = distance, k
             for slot in range(n):
-                k, first = order[slot], N_FEATURES * slot
+                k, first = order[slot], N_GOAL_FEATURES * slot
                 for c in range(2):
                     goal = float(state[N_COLUMNS * n + 2 * k + c])
                     out[b, i, first + c] = goal - float(state[N_COLUMNS * i + c])

@@ -76,6 +76,7 @@ def score_formation(
         weights: of deviation, velocity and time.
         rewards: written, [N].
     """
+    deviation, velocity, time = weights
     n, total = rewards.shape[0], 0.0
     for i in range(n):
         r = N_COLUMNS * i
@@ -85,11 +86,11 @@ def score_formation(
         d = math.sqrt(square)
         total += square
         if d > tolerance:
-            rewards[i] = -weights[0] * min(d, 1.0) - weights[2]
+            rewards[i] = -deviation * min(d, 1.0) - time
         else:
             vx, vy = slot_velocity(state, n, i)
             vx, vy = vx - float(state[r + VX]), vy - float(state[r + VY])
-            rewards[i] = -weights[0] * min(d, 1.0) - weights[1] * math.sqrt(vx * vx + vy * vy)
+            rewards[i] = -deviation * min(d, 1.0) - velocity * math.sqrt(vx * vx + vy * vy)
     return total <= n * tolerance * tolerance
 
 
@@ -116,13 +117,14 @@ def advance(
         rewards: written, [E, N].
         solved: written, [E].
     """
+    tolerance, deviation, velocity, time, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
     for b in range(states.shape[0]):
         if active[b]:
             place_reference(states[b], times[b], course, scratch)
-            if score_formation(states[b], rule[0], (rule[1], rule[2], rule[3]), rewards[b]):
+            if score_formation(states[b], tolerance, (deviation, velocity, time), rewards[b]):
                 states[b, held] += np.float32(1.0)
-            solved[b] = states[b, held] >= rule[4]
+            solved[b] = states[b, held] >= needed
 
 
 @kernel
@@ -197,7 +199,7 @@ class Formation:
         check_slots(rules, np.array([robot.radius for robot in spec.robots]))
         offsets = slot_offsets(rules, n)
         self._plan = plan_episodes(spec, rules, offsets)
-        self.kinds: Int = self._plan.sizes[:, 0].astype(np.int64)
+        self.kinds: Int = self._plan.spawn.kinds
         self.movables: tuple[Payload, ...] = ()
         self.extras = _extras(rules.preview, self._plan.path.n_points, spec)
         self.features: tuple[Feature, ...] = _features(rules.preview)
@@ -217,7 +219,7 @@ class Formation:
         )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        draw_episodes(self._plan, self.spec, seeds, copies, layouts, states)
+        draw_episodes(self._plan, seeds, copies, layouts, states)
         begin_episodes(copies, states, self._course, self._scratch)
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:

@@ -18,16 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import next_uniform
+from swarmdata.envs.world.spawn import next_uniform, unit_vector
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Seeds
 
-SIXTH = 1.0 / 6.0
+ONE_SIXTH = 1.0 / 6.0
 
-TRIES = 8
+EDGE_TRIES = 8
 """Draws of an edge before the walk takes the next one of a loop."""
 
-SHORTEST = 0.7
+MIN_EDGE_SHARE = 0.7
 """Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
 
 
@@ -58,8 +58,8 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
     v = 1.0 - u
     c0, c2 = 0.5 * v * v, 0.5 * u * u
     c1 = 1.0 - c0 - c2
-    b0, b3 = SIXTH * v * v * v, SIXTH * u * u * u
-    b2 = SIXTH + 0.5 * u * (1.0 + u * v)
+    b0, b3 = ONE_SIXTH * v * v * v, ONE_SIXTH * u * u * u
+    b2 = ONE_SIXTH + 0.5 * u * (1.0 + u * v)
     b1 = 1.0 - b0 - b2 - b3
     i = first + 2 * k
     x0, x1, x2 = float(row[i]), float(row[i + 2]), float(row[i + 4])
@@ -122,18 +122,18 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
-    ux, uy = _direction(2.0 * next_uniform(state) - 1.0)
+    ux, uy = unit_vector(2.0 * next_uniform(state) - 1.0)
     if next_uniform(state) < 0.5:
         ux, uy = -ux, -uy
     for k in range(1, plan.n_points):
-        for attempt in range(TRIES + 3):
-            if attempt == TRIES + 2:
+        for attempt in range(EDGE_TRIES + 3):
+            if attempt == EDGE_TRIES + 2:
                 return False
             t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
-            edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
-            if attempt >= TRIES:
-                t = plan.tangent if attempt == TRIES else -plan.tangent
-                edge = SHORTEST * plan.longest
+            edge = plan.longest * (MIN_EDGE_SHARE + (1.0 - MIN_EDGE_SHARE) * next_uniform(state))
+            if attempt >= EDGE_TRIES:
+                t = plan.tangent if attempt == EDGE_TRIES else -plan.tangent
+                edge = MIN_EDGE_SHARE * plan.longest
             wx, wy = turned(ux, uy, t)
             x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
             rest = min(plan.n_points - 1 - k, plan.n_loop)
@@ -161,7 +161,7 @@ def fits(
         n_edges: how many follow.
         side: 1 to turn left, -1 to turn right.
     """
-    edge = SHORTEST * plan.longest
+    edge = MIN_EDGE_SHARE * plan.longest
     for _ in range(n_edges):
         if abs(x) > plan.room[0] or abs(y) > plan.room[1]:
             return False
@@ -173,14 +173,8 @@ def fits(
 @kernel(inline="always")
 def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
     """A unit vector, turned by twice the angle of tangent t."""
-    cos, sin = _direction(t)
+    cos, sin = unit_vector(t)
     return ux * cos - uy * sin, ux * sin + uy * cos
-
-
-@kernel(inline="always")
-def _direction(t: float) -> tuple[float, float]:
-    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
-    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
 
 
 @kernel

@@ -8,10 +8,10 @@ from swarmdata.errors import SpecError
 from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
-_GRID = 2.0**20
+_GRID_STEPS = 2.0**20
 """Sines and cosines are rounded to its inverse, so that they are the same on every platform."""
 
-SLACK = 0.05
+MIN_SLOT_GAP = 0.05
 """Gap (m) that is left at least between robots in neighbouring slots."""
 
 
@@ -47,11 +47,12 @@ def check_slots(rules: FormationRules, radii: Double) -> None:
     Raises:
         SpecError: they touch.
     """
-    need = float(np.sort(radii)[-2:].sum()) + SLACK
+    need = float(np.sort(radii)[-2:].sum()) + MIN_SLOT_GAP
     if len(radii) > 1 and rules.spacing < need:
         raise SpecError(
             f"rules.spacing is {rules.spacing:g} m, expected at least {need:g} m: two robots of "
-            f"the largest radii, and {SLACK:g} m. Enlarge the spacing or take smaller robots."
+            f"the largest radii, and {MIN_SLOT_GAP:g} m. Enlarge the spacing or take smaller "
+            "robots."
         )
 
 
@@ -61,4 +62,4 @@ def reach_of(offsets: Double) -> float:
 
 
 def _on_grid(value: float) -> float:
-    return round(value * _GRID) / _GRID
+    return round(value * _GRID_STEPS) / _GRID_STEPS

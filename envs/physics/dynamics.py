@@ -23,7 +23,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
 """Columns of the limits."""
 
-GRIP = 10.0
+GRIP_ACCELERATION = 10.0
 """Sideways acceleration (m/s^2) that a unicycle's wheels can hold, about that of rubber."""
 
 
@@ -147,13 +147,19 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
     else:
         wanted = min(max(ahead + most * command[0] * dt, -top), top)
     push = min(max((wanted - ahead) / dt, -most), most)
-    hold = min(max(-aside / dt, -GRIP), GRIP)
+    hold = min(max(-aside / dt, -GRIP_ACCELERATION), GRIP_ACCELERATION)
     return push * ux - hold * uy, push * uy + hold * ux
 
 
 @kernel(inline="always")
 def drive(
-    robots: Double, commands: Double, limits: Double, timing: tuple[int, float], k: int, out: Double
+    robots: Double,
+    commands: Double,
+    limits: Double,
+    n_substeps: int,
+    dt: float,
+    k: int,
+    out: Double,
 ) -> None:
     """Writes the accelerations of one copy's robots in physics step `k` of a control step.
 
@@ -161,13 +167,14 @@ def drive(
         robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
         commands: clipped, [N, 2].
         limits: [N, 5].
-        timing: physics steps of a control step, and their length, s.
-        k: from 0.
+        n_substeps: physics steps in a control step.
+        dt: length of a physics step, s.
+        k: number of the physics step, from 0.
         out: m/s^2; read too, since holonomic robots hold theirs, [N, 2].
     """
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
-            out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], timing[1])
+            out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], dt)
         elif k == 0:
-            control_dt = timing[0] * timing[1]
+            control_dt = n_substeps * dt
             out[i, 0], out[i, 1] = _holonomic(robots[i], commands[i], limits[i], control_dt)

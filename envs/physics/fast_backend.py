@@ -25,7 +25,7 @@ from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-NAMES = (
+MUNK_FUNCTIONS = (
     "cpSpaceStep",
     "cpBodySetForce",
     "cpBodyGetPosition",
@@ -45,11 +45,11 @@ STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
 GET_ROTATION, GET_TURN_RATE = range(12, 14)
 
-F64 = ir.DoubleType()
+FLOAT64_TYPE = ir.DoubleType()
 
 
 def load_addresses() -> Int | None:
-    """Addresses of `NAMES` in Pymunk's compiled module, or None where they cannot be called.
+    """Returns the addresses of `MUNK_FUNCTIONS`, or None where they cannot be called.
 
     They are not part of Pymunk's public interface. On Windows a vector is passed in another way
     than here.
@@ -59,7 +59,7 @@ def load_addresses() -> Int | None:
     try:
         from pymunk._chipmunk_cffi import ffi, lib  # noqa: PLC0415  (private, may be absent)
 
-        found = [int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in NAMES]
+        found = [int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in MUNK_FUNCTIONS]
     except (ImportError, AttributeError):
         return None
     return np.array(found, dtype=np.int64)
@@ -110,8 +110,9 @@ def call_p_v(_context: Any, address: Any, pointer: Any) -> Any:
     result = types.UniTuple(types.float64, 2)
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        vector = _call(builder, args[0], ir.LiteralStructType([F64, F64]), [args[1]])
-        out = ir.Constant(ir.ArrayType(F64, 2), ir.Undefined)
+        pair = ir.LiteralStructType([FLOAT64_TYPE, FLOAT64_TYPE])
+        vector = _call(builder, args[0], pair, [args[1]])
+        out = ir.Constant(ir.ArrayType(FLOAT64_TYPE, 2), ir.Undefined)
         for k in range(2):
             out = builder.insert_value(out, builder.extract_value(vector, k), k)
         return out
@@ -124,7 +125,7 @@ def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
     """Calls a `double f(void *)`."""
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _call(builder, args[0], F64, [args[1]])
+        return _call(builder, args[0], FLOAT64_TYPE, [args[1]])
 
     return types.float64(types.int64, types.int64), generate
 
@@ -165,12 +166,11 @@ def _advance(
 ) -> None:
     """Advances the active copies; plain arguments, because tuples of arrays cost microseconds."""
     n = radii.shape[0]
-    timing = (n_substeps, dt)
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, timing, k, forces)
+            drive(robots[b], commands[b], limits, n_substeps, dt, k, forces)
             for i in range(n):  # Munk2D clears forces in every step
                 call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
             call_pd(calls[STEP], spaces[b], dt)
@@ -216,7 +216,7 @@ def _reset_one(
         call_pp(calls[ADD], space, shape)
 
 
-class MunkBackend:
+class FastBackend:
     """The backend interface over Munk2D's own functions."""
 
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:

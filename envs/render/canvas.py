@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.envs.render.colors import INK, WHITE, Color, Ink
+from swarmdata.envs.render.colors import TEXT_COLOR, WHITE, Color, Ink
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.specs.task_spec import Arena
 from swarmdata.types import Double
 
 Image = NDArray[np.uint8]  # [H, W, 3]
 
-WALL_SHOWN = 0.1  # m of wall around the arena
-_CAPTION = 0.055  # height of the caption, as a share of the picture's longer side
-_SUPERSAMPLING = 3
+WALL_WIDTH = 0.1  # m of wall around the arena
+_CAPTION_SHARE = 0.055  # height of the caption, as a share of the picture's longer side
+_SUPERSAMPLING_FACTOR = 3
 _MIN_SIZE = 64
 
 
@@ -43,13 +43,13 @@ class Canvas:
     def __init__(self, arena: Arena, size: int, *, has_caption: bool) -> None:
         if size < _MIN_SIZE:
             raise SchemaError(f"size is {size} pixels, expected at least {_MIN_SIZE}.")
-        width, height = arena.width + 2 * WALL_SHOWN, arena.height + 2 * WALL_SHOWN
+        width, height = arena.width + 2 * WALL_WIDTH, arena.height + 2 * WALL_WIDTH
         pixels = size / max(width, height)  # per m, of the final picture
-        self.scale = pixels * _SUPERSAMPLING
+        self.scale = pixels * _SUPERSAMPLING_FACTOR
         self._left, self._top = -width / 2, height / 2
-        self._height = round(height * pixels) * _SUPERSAMPLING
-        self._caption = round(size * _CAPTION) * _SUPERSAMPLING if has_caption else 0
-        shape = round(width * pixels) * _SUPERSAMPLING, self._height + self._caption
+        self._height = round(height * pixels) * _SUPERSAMPLING_FACTOR
+        self._caption = round(size * _CAPTION_SHARE) * _SUPERSAMPLING_FACTOR if has_caption else 0
+        shape = round(width * pixels) * _SUPERSAMPLING_FACTOR, self._height + self._caption
         self._use(pillow().new("RGB", shape, WHITE))
 
     def _use(self, image: Any) -> None:
@@ -67,11 +67,11 @@ class Canvas:
 
     def finish(self) -> Any:
         """The Pillow image at its final size."""
-        return self._image.reduce(_SUPERSAMPLING)
+        return self._image.reduce(_SUPERSAMPLING_FACTOR)
 
     def thickness(self, width: float) -> int:
         """Pixels of a line `width` metres wide, never less than a final pixel."""
-        return max(_SUPERSAMPLING, round(width * self.scale))
+        return max(_SUPERSAMPLING_FACTOR, round(width * self.scale))
 
     def point(self, x: float, y: float) -> tuple[float, float]:
         """Pixels of a place."""
@@ -143,4 +143,4 @@ class Canvas:
         if length > room:
             font = PIL.ImageFont.load_default(size=math.floor(pixels * room / length))
         middle = self._height + self._caption / 2
-        self._pen.text((0.4 * self._caption, middle), text, fill=INK, font=font, anchor="lm")
+        self._pen.text((0.4 * self._caption, middle), text, fill=TEXT_COLOR, font=font, anchor="lm")

@@ -20,15 +20,15 @@ the others is the one farthest (in Oklab, at moderate chroma) from those before 
 obstacles and the contact color."""
 
 WHITE: Color = (255, 255, 255)
-FLOOR: Color = (252, 252, 250)
-GRID: Color = (238, 239, 238)
-SOLID: Color = (84, 93, 106)
-INK: Color = (45, 51, 60)
-CONTACT: Color = (213, 34, 34)
-NEUTRAL: Color = (138, 146, 157)  # targets that belong to no robot
-DROPPED: Color = (171, 112, 112)
-PAYLOAD: Color = (226, 182, 122)
-PAYLOAD_EDGE: Color = (150, 103, 47)
+FLOOR_COLOR: Color = (252, 252, 250)
+GRID_COLOR: Color = (238, 239, 238)
+OBSTACLE_COLOR: Color = (84, 93, 106)
+TEXT_COLOR: Color = (45, 51, 60)
+CONTACT_COLOR: Color = (213, 34, 34)
+UNASSIGNED_COLOR: Color = (138, 146, 157)  # targets that belong to no robot
+DROPPED_COLOR: Color = (171, 112, 112)
+PAYLOAD_COLOR: Color = (226, 182, 122)
+PAYLOAD_EDGE_COLOR: Color = (150, 103, 47)
 
 
 def robot_color(i: int) -> Color:
@@ -38,7 +38,7 @@ def robot_color(i: int) -> Color:
 
 def tint(color: Color, strength: float) -> Color:
     """Mixes a color with the floor: 0 is the floor, 1 the color."""
-    r, g, b = (round(f + strength * (c - f)) for c, f in zip(color, FLOOR, strict=True))
+    r, g, b = (round(f + strength * (c - f)) for c, f in zip(color, FLOOR_COLOR, strict=True))
     return r, g, b
 
 

@@ -16,7 +16,7 @@ from swarmdata.types import EVENTS, Bool, Counts, Double, Float
 Messages = tuple[Bool, Bool | None]
 """Delivered and attempted (if known) in a step: [N, N], receivers first, then senders."""
 
-_MOVING = 0.02  # m/s; below this the direction of a velocity is noise
+_MIN_HEADING_SPEED = 0.02  # m/s; below this the direction of a velocity is noise
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Scene:
         else:
             x, y = self.robots[i, VX], self.robots[i, VY]
         length = float(np.hypot(x, y))
-        return None if length < _MOVING else (float(x) / length, float(y) / length)
+        return None if length < _MIN_HEADING_SPEED else (float(x) / length, float(y) / length)
 
 
 def build_scene(

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from swarmdata.envs.physics.public_backend import bars
-from swarmdata.envs.render.canvas import WALL_SHOWN, Canvas, Image, pillow
-from swarmdata.envs.render.colors import FLOOR, GRID, SOLID
+from swarmdata.envs.render.canvas import WALL_WIDTH, Canvas, Image, pillow
+from swarmdata.envs.render.colors import FLOOR_COLOR, GRID_COLOR, OBSTACLE_COLOR
 from swarmdata.envs.render.drawn_scene import Messages, Scene, build_scan, build_scene
 from swarmdata.envs.render.movers import draw_bodies, draw_robots, draw_trails
 from swarmdata.envs.render.signals import draw_fans, draw_hits, draw_messages
@@ -74,12 +74,14 @@ def backdrop(scene: Scene, size: int, *, has_caption: bool) -> Canvas:
     arena = scene.spec.arena
     canvas = Canvas(arena, size, has_caption=has_caption)
     x, y = arena.width / 2, arena.height / 2
-    canvas.rectangle(-x - WALL_SHOWN, -y - WALL_SHOWN, x + WALL_SHOWN, y + WALL_SHOWN, SOLID)
-    canvas.rectangle(-x, -y, x, y, FLOOR)
+    canvas.rectangle(
+        -x - WALL_WIDTH, -y - WALL_WIDTH, x + WALL_WIDTH, y + WALL_WIDTH, OBSTACLE_COLOR
+    )
+    canvas.rectangle(-x, -y, x, y, FLOOR_COLOR)
     for k in range(-int(x), int(x) + 1):
-        canvas.line(np.array([(k, -y), (k, y)]), GRID, 0.0)
+        canvas.line(np.array([(k, -y), (k, y)]), GRID_COLOR, 0.0)
     for k in range(-int(y), int(y) + 1):
-        canvas.line(np.array([(-x, k), (x, k)]), GRID, 0.0)
+        canvas.line(np.array([(-x, k), (x, k)]), GRID_COLOR, 0.0)
     _draw_obstacles(canvas, scene.layout)
     return canvas
 
@@ -88,10 +90,10 @@ def _draw_obstacles(canvas: Canvas, layout: Float) -> None:
     corners = np.empty((3, 4, 2))
     for row in layout:
         if row[0] == CIRCLE:
-            canvas.disc(float(row[1]), float(row[2]), float(row[5]), SOLID)
+            canvas.disc(float(row[1]), float(row[2]), float(row[5]), OBSTACLE_COLOR)
         else:
             for bar in corners[: bars(row, corners)]:
-                canvas.polygon(bar, SOLID)
+                canvas.polygon(bar, OBSTACLE_COLOR)
 
 
 def paint(canvas: Canvas, scene: Scene, caption: str | None) -> Any:

@@ -5,18 +5,20 @@ import math
 import numpy as np
 
 from swarmdata.envs.render.canvas import Canvas
-from swarmdata.envs.render.colors import DROPPED, ink, robot_color
+from swarmdata.envs.render.colors import DROPPED_COLOR, ink, robot_color
 from swarmdata.envs.render.drawn_scene import Scan, Scene
 from swarmdata.specs.state_layout import UX, UY, X, Y
 from swarmdata.types import Double
 
-_CROWDED = 5
+_MAX_LINKS_PER_ROBOT = 5
 """Links per robot above which only their ends at the receiver are drawn; whole ones would hide each
 other (partial edge drawing: Bruckdorfer and Kaufmann, "Mad at Edge Crossings? Break the Edges!",
 2012)."""
 
-_STUB = 0.3  # m, what is drawn of a link in a crowd
-_BEND = 0.13  # sagitta of a link, as a share of its length; each direction bends to its own left
+_STUB_LENGTH = 0.3  # m, what is drawn of a link in a crowd
+_LINK_SAGITTA_SHARE = (
+    0.13  # sagitta of a link, as a share of its length; each direction bends to its own left
+)
 
 
 def draw_fans(canvas: Canvas, scene: Scene) -> None:
@@ -80,11 +82,11 @@ def _swept(scene: Scene, scan: Scan, i: int) -> Double:
 def draw_messages(canvas: Canvas, scene: Scene) -> None:
     """Arrows in the sender's color for what arrived, broken lines with a cross for what did not."""
     n_links = int(scene.delivered.sum() + scene.dropped.sum())
-    is_crowded = n_links > _CROWDED * len(scene.robots)
+    is_crowded = n_links > _MAX_LINKS_PER_ROBOT * len(scene.robots)
     for receiver, sender in np.argwhere(scene.dropped).tolist():
         curve = _link(scene, sender, receiver, is_crowded)
         curve = curve if is_crowded else curve[: len(curve) * 3 // 5]
-        canvas.dashes(curve, ink(DROPPED, 0.9), 0.016, 0.04)
+        canvas.dashes(curve, ink(DROPPED_COLOR, 0.9), 0.016, 0.04)
         _cross(canvas, curve[len(curve) // 2] if is_crowded else curve[-1])
     for receiver, sender in np.argwhere(scene.delivered).tolist():
         color = robot_color(sender)
@@ -100,12 +102,12 @@ def _link(scene: Scene, sender: int, receiver: int, is_crowded: bool) -> Double:
     length = float(np.hypot(*chord))
     if length == 0.0:
         return np.repeat(start[None], 3, axis=0)
-    bend = 0.0 if is_crowded else 2 * _BEND
+    bend = 0.0 if is_crowded else 2 * _LINK_SAGITTA_SHARE
     control = (start + end) / 2 + bend * np.array([-chord[1], chord[0]])
     first = min(0.45, 1.25 * scene.radii[sender] / length)
     last = max(0.55, 1.0 - 1.3 * scene.radii[receiver] / length)
     if is_crowded:
-        first = max(first, last - _STUB / length)
+        first = max(first, last - _STUB_LENGTH / length)
     t = np.linspace(first, last, 24)[:, None]
     return (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
 
@@ -123,4 +125,4 @@ def _arrow(canvas: Canvas, curve: Double, color: tuple[int, int, int, int]) -> N
 
 def _cross(canvas: Canvas, place: Double) -> None:
     for arm in ((0.035, 0.035), (0.035, -0.035)):
-        canvas.line(np.array([place - arm, place + arm]), DROPPED, 0.018)
+        canvas.line(np.array([place - arm, place + arm]), DROPPED_COLOR, 0.018)

@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.envs.render.canvas import Canvas
 from swarmdata.envs.render.colors import (
-    NEUTRAL,
-    PAYLOAD_EDGE,
+    PAYLOAD_EDGE_COLOR,
+    UNASSIGNED_COLOR,
     Color,
     ink,
     robot_color,
@@ -25,13 +25,13 @@ from swarmdata.specs.rules import (
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.types import Double
 
-_LINE = 0.022  # m
-_SAME = 0.01  # m; closer targets are one place
+_LINE_WIDTH = 0.022  # m
+_SAME_PLACE_DISTANCE = 0.01  # m; closer targets are one place
 
 
 def draw_targets(canvas: Canvas, scene: Scene) -> None:
     """Draws where the robots, or their payload, should be."""
-    _LOOKS[scene.spec.task](canvas, scene)
+    _TARGET_PAINTERS[scene.spec.task](canvas, scene)
 
 
 def _goals(canvas: Canvas, scene: Scene) -> None:
@@ -46,9 +46,10 @@ def _goals(canvas: Canvas, scene: Scene) -> None:
     gaps = np.hypot(*np.moveaxis(targets[:, None] - places[None], -1, 0))  # [targets, robots]
     for i, (x, y) in enumerate(targets.tolist()):
         if is_shared:
-            _ring(canvas, x, y, radius, NEUTRAL, is_reached=bool(gaps[i].min() <= radius))
+            _ring(canvas, x, y, radius, UNASSIGNED_COLOR, is_reached=bool(gaps[i].min() <= radius))
             continue
-        earlier = np.hypot(*(targets[:i] - targets[i]).T) < _SAME  # rings of one place nest
+        # rings of one place nest
+        earlier = np.hypot(*(targets[:i] - targets[i]).T) < _SAME_PLACE_DISTANCE
         inner = radius * max(0.25, 1.0 - 0.25 * int(earlier.sum()))
         _ring(canvas, x, y, inner, robot_color(i), is_reached=bool(gaps[i, i] <= radius))
 
@@ -59,7 +60,7 @@ def _ring(
     if is_reached:  # the robot hides most of the ring: a glow around it shows from afar
         canvas.disc(x, y, 1.35 * radius, tint(color, 0.25))
     fill = tint(color, 0.5 if is_reached else 0.1)
-    canvas.disc(x, y, radius, fill, outline=color, width=_LINE)
+    canvas.disc(x, y, radius, fill, outline=color, width=_LINE_WIDTH)
     if not is_reached:
         canvas.disc(x, y, 0.025, color)
 
@@ -92,16 +93,16 @@ def _payload_goal(canvas: Canvas, scene: Scene) -> None:
     towards = scene.extras[:2] if has_direction else body[4:6]
     outline = payload_outline(rules.payload, goal, towards)
     is_reached = bool(np.hypot(*(goal - body[:2])) <= rules.goal_radius)
-    canvas.polygon(outline, tint(PAYLOAD_EDGE, 0.12))
+    canvas.polygon(outline, tint(PAYLOAD_EDGE_COLOR, 0.12))
     canvas.disc(
-        goal[0], goal[1], rules.goal_radius, tint(PAYLOAD_EDGE, 0.5 if is_reached else 0.22)
+        goal[0], goal[1], rules.goal_radius, tint(PAYLOAD_EDGE_COLOR, 0.5 if is_reached else 0.22)
     )
     closed = np.vstack([outline, outline[:1]])
     dense = np.concatenate([np.linspace(a, b, 12) for a, b in pairwise(closed)])
-    canvas.dashes(dense, PAYLOAD_EDGE, 0.028, 0.06)
+    canvas.dashes(dense, PAYLOAD_EDGE_COLOR, 0.028, 0.06)
     if has_direction:
         tip = goal + towards * rules.payload.half_length
-        canvas.line(np.array([goal, tip]), PAYLOAD_EDGE, 0.02)
+        canvas.line(np.array([goal, tip]), PAYLOAD_EDGE_COLOR, 0.02)
 
 
 def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
@@ -116,7 +117,7 @@ def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
     return place + local[:, :1] * towards + local[:, 1:] * side
 
 
-_LOOKS: dict[str, Callable[[Canvas, Scene], None]] = {
+_TARGET_PAINTERS: dict[str, Callable[[Canvas, Scene], None]] = {
     "coop_nav": _goals,
     "formation": _slots,
     "transport": _payload_goal,

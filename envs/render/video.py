@@ -15,15 +15,15 @@ import numpy as np
 
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.envs.render.colors import (
-    CONTACT,
-    DROPPED,
-    FLOOR,
-    GRID,
-    INK,
-    NEUTRAL,
-    PAYLOAD,
-    PAYLOAD_EDGE,
-    SOLID,
+    CONTACT_COLOR,
+    DROPPED_COLOR,
+    FLOOR_COLOR,
+    GRID_COLOR,
+    OBSTACLE_COLOR,
+    PAYLOAD_COLOR,
+    PAYLOAD_EDGE_COLOR,
+    TEXT_COLOR,
+    UNASSIGNED_COLOR,
     WHITE,
     robot_color,
     tint,
@@ -34,9 +34,9 @@ from swarmdata.errors import ProgramError, SchemaError
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Episode, Float
 
-SUFFIXES = (".gif", ".mp4")
+VIDEO_SUFFIXES = (".gif", ".mp4")
 
-_REST = 2.0  # s on the last state
+_REST_SECONDS = 2.0  # s on the last state
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def animate(
         ProgramError: ffmpeg is needed and absent, or it failed.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES or stride < 1 or trail_steps < 0:
+    if path.suffix.lower() not in VIDEO_SUFFIXES or stride < 1 or trail_steps < 0:
         raise SchemaError(
             f"got path {str(path)!r}, stride {stride}, trail_steps {trail_steps}; "
             "expected a '.gif' or '.mp4', a stride of at least 1 and trail_steps of at least 0."
@@ -159,7 +159,7 @@ def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
     palette = _palette(frames)
     dither = pillow().Dither.NONE
     indexed = [frame.quantize(palette=palette, dither=dither) for frame in frames]
-    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST)]
+    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST_SECONDS)]
     indexed[0].save(
         path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False
     )
@@ -168,7 +168,18 @@ def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
 def _palette(frames: list[Any]) -> Any:
     """The pure colors, so that a rare contact stays red, and the commonest of three frames."""
     pil = pillow()
-    pure = [WHITE, FLOOR, GRID, SOLID, INK, CONTACT, NEUTRAL, DROPPED, PAYLOAD, PAYLOAD_EDGE]
+    pure = [
+        WHITE,
+        FLOOR_COLOR,
+        GRID_COLOR,
+        OBSTACLE_COLOR,
+        TEXT_COLOR,
+        CONTACT_COLOR,
+        UNASSIGNED_COLOR,
+        DROPPED_COLOR,
+        PAYLOAD_COLOR,
+        PAYLOAD_EDGE_COLOR,
+    ]
     pure += [tint(robot_color(i), strength) for i in range(16) for strength in (1.0, 0.5)]
     shown = (frames[0], frames[len(frames) // 2], frames[-1])
     sample = pil.new("RGB", (shown[0].width, 3 * shown[0].height))
@@ -203,7 +214,7 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     # so that a film is whole or absent; ffmpeg goes by the ending
     part = path.with_name(f".tmp-{path.stem}-{uuid.uuid4().hex}{path.suffix}")
     try:
-        _feed([*command, str(part)], _raw(first, images, round(_REST / seconds)), path)
+        _feed([*command, str(part)], _raw(first, images, round(_REST_SECONDS / seconds)), path)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

@@ -36,10 +36,10 @@ from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-STANDOFF = 0.05
+STANDOFF_GAP = 0.05
 """Gap (m) between a shelf or wall and a robot that stands at the middle of a place."""
 
-THINNEST = 0.1
+MIN_SHELF_SIZE = 0.1
 """Least depth and length of a shelf, m."""
 
 FIRST, PITCH, DEPTH = range(3)
@@ -78,12 +78,12 @@ class FloorPlan:
         left = (rules.lane_width + length) * _count(rules.blocks + 1) - width / 2
         above = first + pitch * _count(rules.aisles)
         middles = above + (depth + rules.aisle_width / 2)
-        aside = max(rules.aisle_width / 2 - radius - STANDOFF, 0.0)
+        aside = max(rules.aisle_width / 2 - radius - STANDOFF_GAP, 0.0)
         bays = (_count(rules.bays) + 0.5) * length / rules.bays
         picks_x = (left[:-1, None] + rules.lane_width + bays).ravel()
         picks_y = (middles[:, None] + [-aside, aside]).ravel()
         stations_x = ((_count(rules.stations) + 0.5) / rules.stations - 0.5) * width
-        stations_y = np.full(rules.stations, radius + STANDOFF - height / 2)
+        stations_y = np.full(rules.stations, radius + STANDOFF_GAP - height / 2)
         picks = np.stack(np.meshgrid(picks_x, picks_y), axis=-1).reshape(-1, 2)
         stations = np.stack([stations_x, stations_y], axis=-1)
         return cls(
@@ -99,34 +99,34 @@ class FloorPlan:
 def _check_room(rules: WarehouseRules, depth: float, length: float, radius: float) -> None:
     """Raises unless shelves have a size, and robots fit everywhere."""
     for name, size in (("deep", depth), ("long", length)):
-        if size < THINNEST:
+        if size < MIN_SHELF_SIZE:
             raise SpecError(
-                f"shelves would be {size:.3g} m {name}, expected at least {THINNEST:g} m. Enlarge "
-                "the arena, or use fewer or narrower aisles, lanes or blocks."
+                f"shelves would be {size:.3g} m {name}, expected at least {MIN_SHELF_SIZE:g} m. "
+                "Enlarge the arena, or use fewer or narrower aisles, lanes or blocks."
             )
-    if rules.goal_radius >= radius + STANDOFF + depth:
+    if rules.goal_radius >= radius + STANDOFF_GAP + depth:
         raise SpecError(
             f"goal_radius {rules.goal_radius:g} m reaches through shelves {depth:.3g} m deep. "
-            f"It must be below {radius + STANDOFF + depth:.3g} m."
+            f"It must be below {radius + STANDOFF_GAP + depth:.3g} m."
         )
-    need = 2 * (radius + STANDOFF)
+    need = 2 * (radius + STANDOFF_GAP)
     for field in ("aisle_width", "lane_width", "front"):
         size = getattr(rules, field)
         if size < need:
             raise SpecError(
                 f"{field} is {size:g} m, expected at least {need:g} m: a robot and a gap of "
-                f"{STANDOFF:g} m on both sides."
+                f"{STANDOFF_GAP:g} m on both sides."
             )
 
 
 def _check_stations(rules: WarehouseRules, width: float, radius: float) -> None:
     """Raises unless a robot fits at every station, beside walls and other robots."""
-    need = 2 * (radius + STANDOFF)
+    need = 2 * (radius + STANDOFF_GAP)
     if width / rules.stations < need - 1e-9:
         raise SpecError(
             f"{rules.stations} stations along {width:g} m have {width / rules.stations:.3g} m each"
-            f", expected at least {need:g} m: a robot and a gap of {STANDOFF:g} m on both sides. "
-            "Use fewer stations or a wider arena."
+            f", expected at least {need:g} m: a robot and a gap of {STANDOFF_GAP:g} m on both "
+            "sides. Use fewer stations or a wider arena."
         )
 
 
@@ -180,7 +180,7 @@ def best_lane(x: float, target_x: float, lanes: Double) -> int:
 
 
 @kernel(inline="always")
-def way_length(
+def shortest_path_length(
     x: float, y: float, target_x: float, target_y: float, lanes: Double, rows: Double
 ) -> float:
     """Length of the shortest way along the axes that crosses no shelf, m.

@@ -7,13 +7,13 @@ import numpy as np
 
 from swarmdata.types import Bool, Step
 
-WRITTEN = (
+WRITTEN_FIELDS = (
     "observations", "states", "rewards", "terminations", "truncations", "successes", "events",
     "times",
 )  # fmt: skip
 """Fields of a step that every step writes anew; a channel's are copied, the others shared."""
 
-LASTING = ("observations", "terminations", "truncations", "successes")
+LASTING_FIELDS = ("observations", "terminations", "truncations", "successes")
 """Those of them that stay as they are in copies that have ended, and that `begin_step` leaves."""
 
 BLOCK_BYTES = 1 << 15
@@ -30,8 +30,9 @@ class StepMaker:
     """
 
     def __init__(self, like: Step) -> None:
-        self._like = [(array.shape, array.dtype) for array in map(like.__getattribute__, WRITTEN)]
-        size = sum(getattr(like, name).nbytes for name in WRITTEN)
+        arrays = [getattr(like, name) for name in WRITTEN_FIELDS]
+        self._like = [(array.shape, array.dtype) for array in arrays]
+        size = sum(array.nbytes for array in arrays)
         self._n = min(max(BLOCK_BYTES // size, 1), BLOCK_STEPS)
         self._has_channel = like.ages.size > 0
         self._ready: Iterator[tuple[Any, ...]] = iter(())
@@ -57,5 +58,5 @@ class StepMaker:
 def keep_ended(before: Step, now: Step, active: Bool) -> None:
     """Copies what lasts in the copies that had ended."""
     ended = ~active
-    for name in LASTING:
+    for name in LASTING_FIELDS:
         getattr(now, name)[ended] = getattr(before, name)[ended]

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from swarmdata.analysis.entropy import (
-    NEIGHBOR,
+    NEIGHBOR_RANK,
     at_bounds,
     correlation,
     distinct_share,
@@ -41,23 +41,23 @@ N_VISITS = 100_000
 N_ENCOUNTERS = 200
 """Episodes of each policy in which passings are counted."""
 
-RESOLUTION = 0.01
+ENTROPY_RESOLUTION = 0.01
 """Width of the noise that gives repeated values a density: m, m/s, and shares of a command."""
 
-SEED = 0
+SAMPLING_SEED = 0
 """Of the samples and the noise."""
 
-FEWEST = NEIGHBOR + 2
+MIN_STEPS = NEIGHBOR_RANK + 2
 """Joint steps that the estimators need."""
 
-_BOUNDS = (-1.0 - RESOLUTION / 2, 1.0 + RESOLUTION / 2)  # of commands, with their noise
+_COMMAND_BOUNDS = (-1.0 - ENTROPY_RESOLUTION / 2, 1.0 + ENTROPY_RESOLUTION / 2)  # noise included
 
-_DRIVING = 2  # commands of a robot; what follows in an action is a learned message
+_N_DRIVING = 2  # commands of a robot; what follows in an action is a learned message
 
 
 @dataclass(frozen=True, slots=True)
 class Entropies:
-    """Differential entropies at `RESOLUTION`, nats."""
+    """Differential entropies at `ENTROPY_RESOLUTION`, nats."""
 
     robot: float  # of one robot
     team: float  # of all at once, per robot; in so many dimensions too high, but comparable
@@ -80,7 +80,7 @@ class Coverage:
         n_steps: joint steps that entropies are of.
         places: where robots were.
         n_states: states counted there.
-        states: positions (m) and velocities (m/s), None for fewer than `FEWEST` joint steps.
+        states: positions (m) and velocities (m/s), None for fewer than `MIN_STEPS` joint steps.
         actions: driving commands, in [-1, 1]; the same.
         bounds: share of the commands' components that lie at a bound.
         distinct: share of distinct joint states and actions, for comparison.
@@ -115,14 +115,14 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
     spec, table = task_of(stored.recipe, "coverage"), stored.table
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
-    commands = stored.arrays["actions"][steps][..., :_DRIVING]
+    commands = stored.arrays["actions"][steps][..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
     return Coverage(
         n_steps=len(steps),
         places=places,
         n_states=n_states,
-        states=_entropies(moves.astype(np.float64), SEED),
-        actions=_entropies(commands.astype(np.float64), SEED + 1, _BOUNDS),
+        states=_entropies(moves.astype(np.float64), SAMPLING_SEED),
+        actions=_entropies(commands.astype(np.float64), SAMPLING_SEED + 1, _COMMAND_BOUNDS),
         bounds=float(at_bounds(commands).mean()),
         distinct=distinct_share(
             np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
@@ -141,7 +141,7 @@ def sample_steps(table: EpisodeTable, selection: Int, n_rows: int) -> tuple[Int,
     ends = np.cumsum(table.lengths[selection])
     n = min(n_rows, int(ends[-1]))
     edges = (np.arange(n + 1) * ends[-1]) // n
-    drawn = uniform(derive(SEED, np.arange(n))) * np.diff(edges)
+    drawn = uniform(derive(SAMPLING_SEED, np.arange(n))) * np.diff(edges)
     rows = edges[:-1] + drawn.astype(np.int64)
     index = np.searchsorted(ends, rows, side="right")
     within = rows - (ends - table.lengths[selection])[index]
@@ -166,14 +166,17 @@ def dependence(actions: Double) -> Dependence | None:
         actions: joint commands, [n, N, A].
 
     Returns:
-        None for a single robot, or fewer than `FEWEST` joint commands.
+        None for a single robot, or fewer than `MIN_STEPS` joint commands.
     """
     rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
     pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
-    if not len(pairs) or len(rows) < FEWEST:
+    if not len(pairs) or len(rows) < MIN_STEPS:
         return None
     pairs = pairs[spread(np.arange(len(pairs)), N_PAIRS)]
-    blurred = [dither(actions[rows, i], RESOLUTION, SEED + 2 + i) for i in range(actions.shape[1])]
+    blurred = [
+        dither(actions[rows, i], ENTROPY_RESOLUTION, SAMPLING_SEED + 2 + i)
+        for i in range(actions.shape[1])
+    ]
     return Dependence(
         n_pairs=len(pairs),
         information=float(
@@ -190,13 +193,13 @@ def _entropies(
 ) -> Entropies | None:
     """Of joint values [n, N, d]; one robot's are taken from the robots in turn."""
     n, n_agents = values.shape[:2]
-    if n < FEWEST:
+    if n < MIN_STEPS:
         return None
     one = values[np.arange(n), np.arange(n) % n_agents]
     joint = values[spread(np.arange(n), N_TEAM_ROWS)].reshape(-1, n_agents * values.shape[2])
     return Entropies(
-        robot=knn_entropy(dither(one, RESOLUTION, seed), bounds=bounds),
-        team=knn_entropy(dither(joint, RESOLUTION, seed), bounds=bounds) / n_agents,
+        robot=knn_entropy(dither(one, ENTROPY_RESOLUTION, seed), bounds=bounds),
+        team=knn_entropy(dither(joint, ENTROPY_RESOLUTION, seed), bounds=bounds) / n_agents,
     )
 
 

@@ -11,11 +11,11 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Int
 
-NEIGHBOR = 4
+NEIGHBOR_RANK = 4
 """Which nearest neighbor is used. Kraskov et al. 2004 (section III.A) recommend 2 to 4: fewer give
 more variance, more give more bias."""
 
-EULER = 0.5772156649015329
+EULER_GAMMA = 0.5772156649015329
 
 
 @kernel
@@ -92,7 +92,7 @@ def _count_within(points: Double, distances: Double) -> Int:
 
 
 def knn_entropy(
-    points: Double, k: int = NEIGHBOR, bounds: tuple[float, float] | None = None
+    points: Double, k: int = NEIGHBOR_RANK, bounds: tuple[float, float] | None = None
 ) -> float:
     """Differential entropy of the distribution that points were drawn from, nats.
 
@@ -139,7 +139,7 @@ def knn_entropy(
     return float(psi[len(points)] - psi[k] + np.log(sides).sum(axis=1).mean())
 
 
-def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
+def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
     """Mutual information between x and y, nats; about 0 for independent ones, and then also below.
 
     The first estimator of Kraskov, Stoegbauer and Grassberger 2004, equation 8:
@@ -218,7 +218,7 @@ def dither(points: Double, resolution: float, seed: int) -> Double:
 
 def digamma(n: int) -> Double:
     """The digamma function psi of 0 (NaN), 1, ..., n: psi(m + 1) = psi(m) + 1 / m, [n + 1]."""
-    steps = np.concatenate([[np.nan, -EULER], 1.0 / np.arange(1, n)])
+    steps = np.concatenate([[np.nan, -EULER_GAMMA], 1.0 / np.arange(1, n)])
     steps[1:] = np.cumsum(steps[1:])
     return steps
 

@@ -9,16 +9,16 @@ from swarmdata.specs.state_layout import VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-REACH = 1.0
+ENCOUNTER_DISTANCE = 1.0
 """Distance between two robots' centres at which an encounter begins and ends, m."""
 
-NEAR = 0.5
+PASSING_DISTANCE = 0.5
 """Robots that never come closer than this have not had to give way, m."""
 
-OPPOSED = -0.7
+HEAD_ON_MAX_COSINE = -0.7
 """Greatest cosine between the velocities at the beginning: at least 134 degrees apart."""
 
-MOVING = 0.1
+MOVING_MIN_SPEED = 0.1
 """Least speed of both at the beginning, m/s."""
 
 
@@ -40,7 +40,11 @@ class Passings(NamedTuple):
 
 
 def passings(
-    states: Float, spec: TaskSpec, *, near: float = NEAR, reach: float = REACH
+    states: Float,
+    spec: TaskSpec,
+    *,
+    near: float = PASSING_DISTANCE,
+    reach: float = ENCOUNTER_DISTANCE,
 ) -> Passings:
     """Counts the sides on which pairs of robots passed each other in one episode.
 
@@ -80,10 +84,10 @@ def total(counts: Sequence[Passings]) -> Passings:
 def _is_head_on(a: Double, b: Double) -> bool:
     """Whether two robots move against and towards each other; rows of one state, [8]."""
     va, vb = a[VX] * a[VX] + a[VY] * a[VY], b[VX] * b[VX] + b[VY] * b[VY]
-    if min(va, vb) < MOVING * MOVING:
+    if min(va, vb) < MOVING_MIN_SPEED * MOVING_MIN_SPEED:
         return False
     product = a[VX] * b[VX] + a[VY] * b[VY]
-    if product > 0.0 or product * product < OPPOSED * OPPOSED * va * vb:
+    if product > 0.0 or product * product < HEAD_ON_MAX_COSINE * HEAD_ON_MAX_COSINE * va * vb:
         return False
     return (b[0] - a[0]) * (a[VX] - b[VX]) + (b[1] - a[1]) * (a[VY] - b[VY]) > 0.0
 

@@ -12,14 +12,14 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
-CELL = 0.1
+CELL_SIZE = 0.1
 """Side of a cell, m."""
 
-LAYOUTS = 32
+MAX_LAYOUTS = 32
 """Most layouts that decide which cells are free. Where obstacles are drawn anew in every episode,
 nearly every cell is free in one of so many; where they stand still, all layouts say the same."""
 
-_PROBES = 4  # points along each side of a cell, where a robot's centre could be
+_PROBES_PER_SIDE = 4  # points along each side of a cell, where a robot's centre could be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +58,11 @@ class Occupancy:
         return float(-(shares * np.log(shares)).sum() / math.log(self.n_free))
 
 
-def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL) -> Occupancy:
+def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL_SIZE) -> Occupancy:
     """Counts the visits of all robots.
 
     A cell is free if one of 4 x 4 points in it keeps the smallest robot's radius of distance to
-    walls and obstacles, in one of at most `LAYOUTS` layouts spread evenly over those given.
+    walls and obstacles, in one of at most `MAX_LAYOUTS` layouts spread evenly over those given.
 
     Args:
         states: any states of the task, [n, S].
@@ -86,7 +86,7 @@ def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL)
         for axis in (0, 1)
     )
     visits = np.bincount(rows * shape[1] + columns, minlength=shape[0] * shape[1]).reshape(shape)
-    chosen = np.unique(np.linspace(0, len(layouts) - 1, LAYOUTS).astype(np.int64))
+    chosen = np.unique(np.linspace(0, len(layouts) - 1, MAX_LAYOUTS).astype(np.int64))
     radius = min(robot.radius for robot in spec.robots)
     free = np.zeros(shape, np.bool_)
     _find_free(np.ascontiguousarray(layouts[chosen]), half, radius, cell, free)
@@ -98,9 +98,9 @@ def _is_free(
     row: int, column: int, layout: Float, half: Double, radius: float, cell: float
 ) -> bool:
     """Whether some point of a cell is far enough from everything in one layout."""
-    for k in range(_PROBES * _PROBES):
-        x = (column + (k % _PROBES + 0.5) / _PROBES) * cell - half[0]
-        y = (row + (k // _PROBES + 0.5) / _PROBES) * cell - half[1]
+    for k in range(_PROBES_PER_SIDE * _PROBES_PER_SIDE):
+        x = (column + (k % _PROBES_PER_SIDE + 0.5) / _PROBES_PER_SIDE) * cell - half[0]
+        y = (row + (k // _PROBES_PER_SIDE + 0.5) / _PROBES_PER_SIDE) * cell - half[1]
         if clearance(x, y, layout, half) >= radius:
             return True
     return False

@@ -14,7 +14,7 @@ CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
 """Shape codes, which count the bars. A corner has bars along the lower and left sides of its
 rectangle; a pocket also along the right side, so that it opens towards local +y."""
 
-SHAPES = (
+SHAPE_MEANINGS = (
     "circle: a disc of radius a",
     "box: the rectangle |x| <= a, |y| <= b",
     "corner: an L of two bars, |x| <= a, |y - (t - b)| <= t and |x - (t - a)| <= t, |y| <= b",
@@ -36,6 +36,16 @@ OBSTACLE_COLUMNS = (
 
 OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
 """Names of the columns of a layout row."""
+
+
+@kernel(inline="always")
+def bar_box(kind: float, a: float, b: float, t: float, k: int) -> tuple[float, float, float, float]:
+    """Centre and half sizes of bar k in the obstacle's frame: along -y, then -x, then +x."""
+    if kind <= BOX:
+        return 0.0, 0.0, a, b
+    if k == 0:
+        return 0.0, t - b, a, t
+    return (t - a if k == 1 else a - t), 0.0, t, b
 
 
 @kernel(inline="always")

@@ -15,7 +15,7 @@ import numpy as np
 
 from swarmdata.types import Double, Int, Seeds
 
-GOLDEN = 0x9E3779B97F4A7C15
+GOLDEN_GAMMA = 0x9E3779B97F4A7C15
 MIX_1 = 0xBF58476D1CE4E5B9
 MIX_2 = 0x94D049BB133111EB
 
@@ -50,7 +50,7 @@ def derive(seeds: Seeds | np.uint64 | int, *counters: Seeds | Int | np.uint64 | 
     value = np.asarray(seeds, dtype=np.uint64)
     with np.errstate(over="ignore"):
         for counter in counters:
-            step = (np.asarray(counter, dtype=np.uint64) + np.uint64(1)) * np.uint64(GOLDEN)
+            step = (np.asarray(counter, dtype=np.uint64) + np.uint64(1)) * np.uint64(GOLDEN_GAMMA)
             value = mix(np.atleast_1d(value + step))
     return value
 

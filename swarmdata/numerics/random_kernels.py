@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from swarmdata.numerics.random import GOLDEN, MIX_1, MIX_2, NORMAL_BITS
+from swarmdata.numerics.random import GOLDEN_GAMMA, MIX_1, MIX_2, NORMAL_BITS
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-_GOLDEN, _MIX_1, _MIX_2 = np.uint64(GOLDEN), np.uint64(MIX_1), np.uint64(MIX_2)
+_GOLDEN, _MIX_1, _MIX_2 = np.uint64(GOLDEN_GAMMA), np.uint64(MIX_1), np.uint64(MIX_2)
 _ONE, _SHIFT = np.uint64(1), np.uint64(64 - NORMAL_BITS)
 
 

@@ -20,7 +20,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Double, Episode, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
-CHUNK = 1 << 22
+MAX_RESAMPLED_SCORES = 1 << 22
 """Resampled scores held at once."""
 
 
@@ -226,7 +226,7 @@ def bootstrap(
                 f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
                 "that are not finite, expected finite [runs, tasks] with at least one of each."
             )
-    size = max(1, CHUNK // sum(table.size for table in scores))
+    size = max(1, MAX_RESAMPLED_SCORES // sum(table.size for table in scores))
     chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
     draws = [statistic(*(resample(t, generator, n) for t in scores)) for n in chunks]
     tail = (1.0 - level) / 2.0

@@ -19,7 +19,7 @@ from swarmdata.types import (
 )
 
 _SUCCESS, _FAILURE, _HORIZON = (END_REASONS.index(r) for r in ("success", "failure", "horizon"))
-_IDLE = -1  # position of a copy that runs no wanted episode
+_NO_EPISODE = -1  # position of a copy that runs no wanted episode
 
 
 def rollout(
@@ -82,27 +82,27 @@ def _run(
         return
     n_copies = env.n_copies
     queued = min(n_copies, len(seeds))
-    positions = np.where(np.arange(n_copies) < queued, np.arange(n_copies), _IDLE)
+    positions = np.where(np.arange(n_copies) < queued, np.arange(n_copies), _NO_EPISODE)
     step = env.reset(np.resize(seeds, n_copies))
     policy.reset(step, np.arange(n_copies))
-    tape = _Tape(env, step)
-    tape.write_start(step)
-    while (wanted := positions != _IDLE).any():
-        step = tape.advance(env, policy, step, wanted)
+    ring = EpisodeRing(env, step)
+    ring.write_start(step)
+    while (wanted := positions != _NO_EPISODE).any():
+        step = ring.advance(env, policy, step, wanted)
         ended = np.flatnonzero(step.ended & wanted)
         for copy in ended:
-            yield int(positions[copy]), tape.cut(int(copy), step, policy_index)
+            yield int(positions[copy]), ring.cut(int(copy), step, policy_index)
         n_new = min(len(ended), len(seeds) - queued)
-        fresh, positions[ended[n_new:]] = ended[:n_new], _IDLE
+        fresh, positions[ended[n_new:]] = ended[:n_new], _NO_EPISODE
         if n_new:
             positions[fresh] = np.arange(queued, queued + n_new)
             step = env.reset(seeds[queued : queued + n_new], fresh)
             policy.reset(step, fresh)
-            tape.write_start(step, fresh)
+            ring.write_start(step, fresh)
             queued += n_new
 
 
-class _Tape:
+class EpisodeRing:
     """The last `horizon + 1` steps of all copies, as rings that share one write position.
 
     One clock for all copies makes each write one contiguous assignment; a copy's episode is the
@@ -117,7 +117,7 @@ class _Tape:
         self.lengths: Int = np.zeros(E, np.int64)  # steps recorded since then
         actions = np.empty((*step.rewards.shape, env.action_size), np.float32)
         like = {**step._asdict(), "actions": actions, "log_probs": step.rewards}
-        self.tapes = {
+        self.rows = {
             name: np.empty((R, *like[name].shape), like[name].dtype)
             for name in (*STATE_FIELDS, *STEP_FIELDS)
         }
@@ -125,7 +125,7 @@ class _Tape:
     def write_start(self, step: Step, copies: Int | slice = slice(None)) -> None:
         """Begins an episode in `copies` at the current row; their older rows are given up."""
         for name in STATE_FIELDS:
-            self.tapes[name][self.row, copies] = getattr(step, name)[copies]
+            self.rows[name][self.row, copies] = getattr(step, name)[copies]
         self.starts[copies] = self.row
         self.lengths[copies] = 0
 
@@ -136,10 +136,10 @@ class _Tape:
         self._write(policy, "log_probs", "log_probs", policy.log_probs(step, actions))
         step = env.step(actions)
         for name in STEP_FIELDS[2:]:
-            self.tapes[name][self.row] = getattr(step, name)
+            self.rows[name][self.row] = getattr(step, name)
         self.row = (self.row + 1) % self.n_rows
         for name in STATE_FIELDS:
-            self.tapes[name][self.row] = getattr(step, name)
+            self.rows[name][self.row] = getattr(step, name)
         self.lengths += 1
         self._check_horizon(step, wanted)
         return step
@@ -150,14 +150,14 @@ class _Tape:
         Raises:
             SchemaError: the values are of another dtype or shape.
         """
-        expected = self.tapes[name].shape[1:]
+        expected = self.rows[name].shape[1:]
         if values.dtype != np.float32 or values.shape != expected:
             raise SchemaError(
                 f"{type(policy).__name__}.{method} returned {values.dtype} {list(values.shape)}, "
                 f"expected float32 {list(expected)} (copies, agents"
                 f"{', action size' if name == 'actions' else ''})."
             )
-        self.tapes[name][self.row] = values
+        self.rows[name][self.row] = values
 
     def _check_horizon(self, step: Step, wanted: Bool) -> None:
         """Raises before the ring would overwrite the beginning of an episode that goes on."""
@@ -174,8 +174,8 @@ class _Tape:
         rows = (self.starts[copy] + np.arange(length + 1)) % self.n_rows
         failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
         return Episode(
-            **{name: self.tapes[name][rows, copy] for name in STATE_FIELDS},
-            **{name: self.tapes[name][rows[:-1], copy] for name in STEP_FIELDS},
+            **{name: self.rows[name][rows, copy] for name in STATE_FIELDS},
+            **{name: self.rows[name][rows[:-1], copy] for name in STEP_FIELDS},
             layout=step.layouts[copy].copy(),
             seed=int(step.seeds[copy]),
             policy=policy_index,

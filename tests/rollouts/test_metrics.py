@@ -226,7 +226,7 @@ def test_bootstrap_is_a_function_of_the_generator_and_of_no_chunking(
         return bootstrap(metrics.iqm, table, generator=np.random.default_rng(1), n_resamples=501)
 
     whole = run()
-    monkeypatch.setattr(metrics, "CHUNK", 100)
+    monkeypatch.setattr(metrics, "MAX_RESAMPLED_SCORES", 100)
     assert run() == whole
 
 

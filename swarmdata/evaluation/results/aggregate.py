@@ -139,7 +139,7 @@ def profile_band(
         level: probability that the interval is to cover at each threshold.
     """
     rng = generator_of() if generator is None else generator
-    size = max(1, metrics.CHUNK // (scores.size * len(thresholds)))
+    size = max(1, metrics.MAX_RESAMPLED_SCORES // (scores.size * len(thresholds)))
     counts = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
     draws = [performance_profile(resample(scores, rng, n), thresholds) for n in counts]
     tail = (1.0 - level) / 2.0

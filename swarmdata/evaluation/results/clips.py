@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render import animate, draw, save_png
-from swarmdata.envs.render.video import SUFFIXES
+from swarmdata.envs.render.video import VIDEO_SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
@@ -18,7 +18,7 @@ from swarmdata.runtime.atomic import staged
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 
-CLIPS = (*SUFFIXES, ".png")
+CLIPS = (*VIDEO_SUFFIXES, ".png")
 """Endings of the files that can be written."""
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarmdata.interfaces import Task
-from swarmdata.numerics.geometry import SHAPES
+from swarmdata.numerics.geometry import SHAPE_MEANINGS
 from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import width
@@ -17,7 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns
 from swarmdata.store.arrays.layout import ALL_FIELDS, ROWS, Field
 from swarmdata.store.table import SPLITS
-from swarmdata.types import END_REASONS, SEPARATION, TASK_END_REASONS, Column
+from swarmdata.types import END_REASONS, SEPARATION_GAP, TASK_END_REASONS, Column
 
 Attributes = dict[str, Any]
 Shapes = Mapping[str, tuple[int, ...]]
@@ -151,8 +151,8 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
     )
     known["actions"] = _of_actions(spec)
     known["rewards"] = _of_rewards(task)
-    known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPES)
-    known.setdefault("events", {})["separation"] = {"value": SEPARATION, "unit": "m"}
+    known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPE_MEANINGS)
+    known.setdefault("events", {})["separation"] = {"value": SEPARATION_GAP, "unit": "m"}
     for name in shapes:
         if ALL_FIELDS[name].rows != "episodes":
             known.setdefault(name, {})["step"] = {"value": spec.control_dt, "unit": "s"}

@@ -91,7 +91,7 @@ def test_the_band_is_that_of_every_possible_resample() -> None:
 def test_a_band_does_not_depend_on_its_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     table, thresholds = np.random.default_rng(0).random((5, 2)), np.linspace(0, 1, 7)
     whole = profile_band(table, thresholds, n_resamples=101)
-    monkeypatch.setattr(metrics, "CHUNK", 100)
+    monkeypatch.setattr(metrics, "MAX_RESAMPLED_SCORES", 100)
     for one, other in zip(whole, profile_band(table, thresholds, n_resamples=101), strict=True):
         np.testing.assert_array_equal(one, other)
 
