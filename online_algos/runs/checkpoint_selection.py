@@ -23,7 +23,8 @@ import numpy as np
 from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
-from swarmdata.learn.training.run_folder import CONFIG, CURVE, read_table
+from swarmdata.learn.training.run_files import CONFIG, CURVE, run_folders
+from swarmdata.learn.training.run_folder import read_table
 from swarmdata.online_algos.runs.export_policy import exact_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames
@@ -65,10 +66,10 @@ def seeds_of(runs: Sequence[Path]) -> list[Seed]:
     """
     found = []
     for run in runs:
-        folders = [run] if (run / CONFIG).exists() else sorted(run.glob(f"seeds-*/{CONFIG}"))
+        folders = run_folders(run)
         if not folders:
             raise BuildError(f"{run} holds no online run: there is no {CONFIG} in it")
-        for folder in (each if each.is_dir() else each.parent for each in folders):
+        for folder in folders:
             found += [Seed(folder, seed) for seed in read_online_run(folder).seeds]
     return found
 

@@ -33,7 +33,8 @@ from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.divergence import check_finite
-from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, Table, versions
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, SPEED
+from swarmdata.learn.training.run_folder import Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
@@ -44,7 +45,6 @@ from swarmdata.runtime.locking import updating
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
 
-SPEED = "speed.csv"
 REPLAY = "replay"
 """Folder of a running training's replay, if its algorithm has one."""
 

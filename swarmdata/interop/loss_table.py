@@ -1,5 +1,6 @@
 """The README's table of what each format keeps and loses, from the formats' own tables."""
 
+from swarmdata.drawing import markdown
 from swarmdata.interop.conversion.kept_facts import FACTS
 from swarmdata.interop.formats import all_formats
 
@@ -37,8 +38,7 @@ def table() -> str:
         [MEANINGS[fact], *(f"`{f.kept[fact]}`" if fact in f.kept else "lost" for f in formats)]
         for fact in FACTS
     ]
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return markdown.table(head, rows)
 
 
 def reasons() -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, colors, figure, thousands
+from swarmdata.drawing.style import COLORS, GRAY, colors, draw_grid, figure, thousands
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.metrics import Estimate
 from swarmdata.types import Double
@@ -114,8 +114,7 @@ def plot_curves(
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
-        axes.grid(axis="y", color=FAINT, lw=0.8)
-        axes.set_axisbelow(True)
+        draw_grid(axes, "y")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
 
 
@@ -168,8 +167,7 @@ def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
         panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
         face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
         panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
-    panel.grid(axis="x", color=FAINT, lw=0.8)
-    panel.set_axisbelow(True)
+    draw_grid(panel, "x")
     panel.margins(x=0.08)
     panel.spines["left"].set_visible(False)
     panel.tick_params(axis="y", length=0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, figure, thousands
+from swarmdata.drawing.style import COLORS, draw_grid, figure, thousands
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import Curve, read_curve
 from swarmdata.types import Double
@@ -144,8 +144,7 @@ def _draw_panel(
     axes.margins(x=0)
     if is_share:
         axes.set_ylim(-2.0, 102.0)
-    axes.grid(axis="y", color=FAINT, lw=0.8)
-    axes.set_axisbelow(True)
+    draw_grid(axes, "y")
 
 
 def _label_ends(axes: Any) -> None:

@@ -17,9 +17,9 @@ from swarmdata.cards.references import summarize
 from swarmdata.errors import MissingExtraError, ResultsError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.result_files import Result, load_result, located, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
-from swarmdata.evaluation.runs.run_files import run_folders
 from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.interfaces import Policy
+from swarmdata.learn.training.run_files import run_folders
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import POLICIES, make_policy, make_task

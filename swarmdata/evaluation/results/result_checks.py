@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.runs.run_files import CONFIG, run_hash
+from swarmdata.learn.training.run_files import CONFIG, run_hash
 from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import describe, is_same_world
 from swarmdata.specs.origins import Spec

@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, figure
+from swarmdata.drawing.style import (
+    COLORS,
+    DATA_LINE,
+    FAINT,
+    GRAY,
+    INK,
+    MARKERS,
+    draw_grid,
+    figure,
+    line_style,
+)
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.aggregate import (
     Point,
@@ -23,13 +33,8 @@ from swarmdata.evaluation.results.aggregate import (
 from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.types import Double
 
-MARKERS = ("o", "s", "^", "D", "v", "P")
-OTHER_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Labels beyond the colors differ in these."""
-
-DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
-"""Of the mean of a dataset's own episodes."""
+BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
+"""Of labels that learned from no data, which are all gray."""
 
 
 def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str, dict[str, Any]]:
@@ -40,11 +45,14 @@ def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str
         others: labels that did not, all gray.
     """
     looks = {
-        label: {"color": COLORS[k % len(COLORS)], "marker": MARKERS[(k // len(COLORS)) % 6]}
+        label: {
+            "color": COLORS[k % len(COLORS)],
+            "marker": MARKERS[(k // len(COLORS)) % len(MARKERS)],
+        }
         for k, label in enumerate(sorted(trained))
     }
     for k, label in enumerate(sorted(set(others) - set(trained))):
-        looks[label] = {"color": GRAY, "marker": OTHER_MARKERS[k % len(OTHER_MARKERS)]}
+        looks[label] = {"color": GRAY, "marker": BASELINE_MARKERS[k % len(BASELINE_MARKERS)]}
     return looks
 
 
@@ -79,8 +87,7 @@ def plot_scores(results: ResultSet, path: Path) -> None:
                     axes.plot([x], [found.value], **{"ms": 5, "ls": "none", **looks[label]})
         _name_datasets(axes, [case.name for case in cases])
         axes.set_ylabel("score (0 no skill, 100 expert)")
-        axes.grid(axis="y", color=FAINT, lw=0.6)
-        axes.set_axisbelow(True)
+        draw_grid(axes, "y", width=0.6)
         shown = {label: looks[label] for label in results.labels}
         _legend(axes, shown, extra=any(case.data_score is not None for case in cases))
 
@@ -133,20 +140,17 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
     thresholds = thresholds_of(tables)
     with figure(path, width=6.4, height=3.9) as drawing:
         axes = drawing.add_subplot()
-        looks, order = looks_of(tables), sorted(tables)
+        order = sorted(tables)
         for label, table in tables.items():
             band = profile_band(table, thresholds)
-            color = looks[label]["color"]
-            dash = DASHES[(order.index(label) // len(COLORS)) % len(DASHES)]
-            axes.plot(thresholds, 100 * band.value, color=color, ls=dash, lw=1.7, label=label)
-            axes.fill_between(
-                thresholds, 100 * band.low, 100 * band.high, color=color, alpha=0.12, lw=0
-            )
+            look = line_style(order.index(label))
+            axes.plot(thresholds, 100 * band.value, lw=1.7, label=label, **look)
+            low, high = 100 * band.low, 100 * band.high
+            axes.fill_between(thresholds, low, high, color=look["color"], alpha=0.12, lw=0)
         axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
         axes.set_ylim(-2, 102)
         axes.margins(x=0)
-        axes.grid(color=FAINT, lw=0.8)
-        axes.set_axisbelow(True)
+        draw_grid(axes)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)  # the best on top
 
 
@@ -232,8 +236,7 @@ def _draw_front(axes: Any, case: Case, looks: Mapping[str, Mapping[str, Any]]) -
     if case.data is not None:
         axes.axhline(case.data.mean_return, **DATA_LINE, zorder=0)
     axes.set_title(case.name.removesuffix("-v0"), loc="left", fontweight="bold")
-    axes.grid(color=FAINT, lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes, width=0.6)
     _keep_near(axes, case, points)
 
 

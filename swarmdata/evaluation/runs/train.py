@@ -2,6 +2,7 @@
 
 import multiprocessing
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import override
-from swarmdata.learn.training.trainer import Evaluate, Schedule, train_seeds
+from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
@@ -27,7 +28,7 @@ CURVE_EPISODES = 64
 """Evaluation episodes of each point of a learning curve."""
 
 CURVE_METRICS = ("return", "success", "clean_success")
-"""What a learning curve holds, as means over its episodes."""
+"""Columns of a learning curve, as means over the episodes of each evaluation."""
 
 
 def train(
@@ -78,7 +79,7 @@ def train(
         dataset_id, observation=observation, communication=communication, progress=progress
     )
     spec = dataset.spec
-    evaluation = None if spec.world is None else _evaluation(spec.world)
+    evaluation = None if spec.world is None else partial(measure_curve_point, spec=spec.world)
     return train_seeds(
         algorithm,
         dataset.split("train"),
@@ -194,11 +195,9 @@ def read_settings(name: str) -> dict[str, str]:
     return {str(key): str(value) for key, value in joined.items()}
 
 
-def _evaluation(spec: TaskSpec) -> Evaluate:
-    """What measures the points of a learning curve."""
-    return lambda policy: _measure(policy, spec)
-
-
-def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:
-    result = evaluate(policy, spec, name="curve", n_episodes=CURVE_EPISODES, progress=False)
+def measure_curve_point(
+    policy: Policy, spec: TaskSpec, n_episodes: int = CURVE_EPISODES
+) -> dict[str, float]:
+    """Evaluates a policy for one point of its learning curve: means of `CURVE_METRICS`."""
+    result = evaluate(policy, spec, name="curve", n_episodes=n_episodes, progress=False)
     return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}

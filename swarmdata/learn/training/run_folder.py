@@ -1,12 +1,4 @@
-"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint.
-
-config.json             the run, completely (`Run`)
-losses.csv              mean losses of each seed, every `log_every` updates
-curve.csv               what the evaluation callback returned, every `evaluate_every` updates
-checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
-                        run that was made small (`learn.compact`), what its policies are made of
-checkpoints/            earlier ones, by update, if they were to be kept
-"""
+"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint."""
 
 import csv
 import dataclasses
@@ -28,19 +20,12 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec
-
-CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
-    "config.json",
-    "losses.csv",
-    "curve.csv",
-    "checkpoint.safetensors",
-    "checkpoints",
-)
 
 COMPACT = "is_compact"
 """In the metadata of a checkpoint that lacks what policies do not need."""

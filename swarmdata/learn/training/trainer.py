@@ -25,12 +25,9 @@ from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
 from swarmdata.learn.training.run_folder import (
-    CHECKPOINT,
     COMPACT,
-    CONFIG,
-    CURVE,
-    LOSSES,
     Run,
     Table,
     kept_path,

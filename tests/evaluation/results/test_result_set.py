@@ -15,7 +15,7 @@ from swarmdata.errors import (
 )
 from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import gather, read_results, reference_of
-from swarmdata.evaluation.runs.run_files import run_hash
+from swarmdata.learn.training.run_files import run_hash
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import with_models

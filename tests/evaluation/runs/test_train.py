@@ -17,9 +17,9 @@ from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.runs.run_files import run_hash
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.run_files import run_hash
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy

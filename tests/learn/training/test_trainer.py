@@ -26,7 +26,8 @@ from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
-from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402

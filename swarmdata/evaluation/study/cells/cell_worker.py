@@ -19,39 +19,31 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.policy_names import Target, evaluate_target, find_target
 from swarmdata.evaluation.runs.provenance import file_name
-from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
-from swarmdata.evaluation.runs.train import frame_of
+from swarmdata.evaluation.runs.train import frame_of, measure_curve_point
 from swarmdata.evaluation.study.cells.cell_costs import Meter
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import Facts, open_data
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.run_folder import CHECKPOINT
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, POLICIES, run_folders
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
-from swarmdata.online_algos.runs.seed_files import POLICIES, last_policy_path, saved_frames
+from swarmdata.online_algos.runs.seed_files import last_policy_path, saved_frames
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
-from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Report, serve
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import write_file
 
 CELL, DATA, RESULTS, COST, ERROR, DONE = (
     "cell.json", "data.json", "results", "cost.json", "error.txt", "done.json",
 )  # fmt: skip
-
-CURVE_METRICS = ("return", "success", "clean_success")
-"""What a learning curve holds, as means over its episodes."""
 
 
 def is_done(cell: Cell, folder: Path) -> bool:
@@ -127,7 +119,7 @@ def _train_offline(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
 
     def measure(policy: Policy) -> dict[str, float]:
         with meter.stage("curve"):
-            return _measure(policy, spec, cell.curve_episodes)
+            return measure_curve_point(policy, spec, cell.curve_episodes)
 
     train_seeds(
         cell.algorithm,
@@ -203,11 +195,6 @@ def _copy_run(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
 
 
 _TRAIN = {"offline": _train_offline, "online": _train_online, "run": _copy_run}
-
-
-def _measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
-    result = evaluate(policy, spec, name="curve", n_episodes=n_episodes, progress=False)
-    return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}
 
 
 def _evaluate(cell: Cell, run: Path, out: Path, report: Report) -> list[Path]:

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
 from swarmdata.evaluation.study.cells.study_data import named, short, sized
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
 from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve

@@ -10,7 +10,8 @@ from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_worker import DONE, RESULTS, read_cell, run_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
-from swarmdata.learn.training.run_folder import LOSSES, read_table
+from swarmdata.learn.training.run_files import LOSSES
+from swarmdata.learn.training.run_folder import read_table
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
 

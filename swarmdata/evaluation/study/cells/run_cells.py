@@ -22,7 +22,7 @@ from swarmdata.evaluation.study.cells.cell_worker import (
     run_of,
 )
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.learn.training.run_folder import LOSSES
+from swarmdata.learn.training.run_files import LOSSES
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job
 

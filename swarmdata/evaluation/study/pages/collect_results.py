@@ -16,7 +16,8 @@ from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.run_cells import folder_of
 from swarmdata.evaluation.study.cells.study_data import Facts, named, sized
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.learn.training.run_folder import CURVE, LOSSES, read_table
+from swarmdata.learn.training.run_files import CURVE, LOSSES
+from swarmdata.learn.training.run_folder import read_table
 
 
 @dataclass(frozen=True, eq=False)

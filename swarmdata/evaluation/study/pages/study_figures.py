@@ -5,16 +5,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmdata.drawing.style import COLORS, FAINT, INK, figure, thousands
+from swarmdata.drawing.style import (
+    COLORS,
+    DATA_LINE,
+    MARKERS,
+    draw_grid,
+    figure,
+    line_style,
+    thousands,
+)
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import Curve
 from swarmdata.rollouts.metrics import Estimate
-
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Of lines, once colors repeat."""
-
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-"""Of points, once colors repeat."""
 
 MOST_SHARED = 6
 """Lines in all panels together, up to which they share one legend."""
@@ -54,7 +56,7 @@ def plot_scores(
                 if name in estimates:
                     _interval(axes, estimates[name], y, colors[family])
             if dataset in data:
-                axes.axvline(data[dataset], color=INK, lw=1.0, ls=(0, (4, 2)), zorder=0)
+                axes.axvline(data[dataset], **DATA_LINE, zorder=0)
             _frame(axes, dataset)
             axes.tick_params(axis="y", length=0, labelsize=8)
         _hide(grid[len(panels) :])
@@ -85,7 +87,7 @@ def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_da
         for kind, color in colors.items()
     ]
     if has_data:
-        handles += axes.plot([], [], color=INK, lw=1.0, ls=(0, (4, 2)), label="the data's mean")
+        handles += axes.plot([], [], **DATA_LINE, label="the data's mean")
     _legend_above(drawing, handles)
 
 
@@ -167,15 +169,17 @@ def plot_sizes(
         grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axes, (dataset, lines) in zip(grid, panels.items(), strict=True):
             for name, points in lines.items():
-                steps, look = sorted(points), _line(labels.index(name))
+                steps, look = sorted(points), line_style(labels.index(name))
                 found = [points[step] for step in steps]
-                axes.plot(steps, [e.value for e in found], marker="o", ms=4, label=name, **look)
+                axes.plot(
+                    steps, [e.value for e in found], marker="o", ms=4, lw=1.6, label=name, **look
+                )
                 axes.fill_between(
                     steps, [e.low for e in found], [e.high for e in found],
                     color=look["color"], alpha=0.13, lw=0,
                 )  # fmt: skip
             own = data.get(dataset, {})
-            axes.plot(sorted(own), [own[k] for k in sorted(own)], color=INK, lw=1, ls=(0, (4, 2)))
+            axes.plot(sorted(own), [own[k] for k in sorted(own)], **DATA_LINE)
             axes.set_xscale("log")
             axes.set_xticks(sorted(own or {n for each in lines.values() for n in each}))
             axes.set_xticks([], minor=True)
@@ -231,8 +235,8 @@ def plot_tracks(
 
 
 def _band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
-    values, look = factor * curve.values, _line(k)
-    axes.plot(curve.progress, values.mean(0), label=label, **look)
+    values, look = factor * curve.values, line_style(k)
+    axes.plot(curve.progress, values.mean(0), lw=1.6, label=label, **look)
     low, high = values.min(0), values.max(0)
     axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
 
@@ -242,11 +246,6 @@ def _rounded(steps: float, position: int = 0) -> str:
     return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
 
 
-def _line(k: int) -> dict[str, Any]:
-    dashes = DASHES[(k // len(COLORS)) % len(DASHES)]
-    return {"color": COLORS[k % len(COLORS)], "ls": dashes, "lw": 1.6}
-
-
 def _hide(spare: Sequence[Any]) -> None:
     for axes in spare:
         axes.set_visible(False)
@@ -254,8 +253,7 @@ def _hide(spare: Sequence[Any]) -> None:
 
 def _frame(axes: Any, title: str) -> None:
     axes.set_title(title, loc="left", fontsize=9, fontweight="bold")
-    axes.grid(color=FAINT, lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes, width=0.6)
 
 
 def _legend_above(drawing: Any, handles: Sequence[Any]) -> None:

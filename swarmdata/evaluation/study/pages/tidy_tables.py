@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
+from swarmdata.evaluation.runs.train import CURVE_METRICS
 from swarmdata.evaluation.study.cells.cell_worker import RESULTS
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.run_cells import folder_of
@@ -126,7 +127,7 @@ def track_rows(found: Findings) -> list[Row]:
     """The learning curves, as means over seeds with the lowest and the highest."""
     rows: list[Row] = []
     for cell in sorted(found.cells, key=lambda cell: cell.name):
-        for metric in ("return", "success", "clean_success"):
+        for metric in CURVE_METRICS:
             curve = found.learning(cell, metric)
             if curve is None:
                 continue

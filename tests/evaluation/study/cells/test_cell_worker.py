@@ -25,7 +25,7 @@ from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.study_data import Facts, digest_of, open_data
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.checkpoint import load_checkpoint
-from swarmdata.learn.training.run_folder import CHECKPOINT
+from swarmdata.learn.training.run_files import CHECKPOINT
 from tests.evaluation.study.conftest import MADDPG
 
 Make = Callable[..., Study]

@@ -2,10 +2,7 @@
 
 from pathlib import Path
 
-import pytest
-
-from swarmdata.evaluation.runs import run_files
-from swarmdata.evaluation.runs.run_files import measured_files, run_folders, run_hash
+from swarmdata.learn.training.run_files import measured_files, run_folders, run_hash
 
 
 def make_run(folder: Path, **files: str) -> Path:
@@ -14,17 +11,6 @@ def make_run(folder: Path, **files: str) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     return folder
-
-
-def test_names_are_those_that_training_writes() -> None:
-    pytest.importorskip("torch", reason="training needs the torch extra")
-    from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG
-    from swarmdata.online_algos.runs.seed_files import POLICIES, policy_path
-
-    assert (run_files.CONFIG, run_files.CHECKPOINT) == (CONFIG, CHECKPOINT)
-    assert run_files.POLICIES == POLICIES
-    run, path = Path("run"), policy_path(Path("run"), 3, 20)
-    assert path.parent == run / POLICIES / "seed-3"
 
 
 def test_every_measured_file_counts_and_no_other(tmp_path: Path) -> None:
