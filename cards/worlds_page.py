@@ -16,7 +16,7 @@ HEAD = """# Worlds
 What an idle, a random, a straight driving and the scripted team achieve in every preset: means over
 {n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
 `swarmdata references PRESET --out cards/references.json` measures a preset again, and
-`swarmdata task table --out WORLDS.md` writes this page. Times are those of solved episodes.
+`swarmdata task table --out docs/worlds.md` writes this page. Times are those of solved episodes.
 
 Where policies were trained for a preset, `medium` and `expert` are the means of their checkpoints,
 which follow one by one, greedy and without noise. The score is 0 for the better of the idle and the

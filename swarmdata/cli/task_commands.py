@@ -78,7 +78,7 @@ def validate(name: NameOrFile) -> None:
 def table(
     out: Annotated[Path, typer.Option(help="the .md file")],
 ) -> None:
-    """Write the page of what policies without training achieve in every preset (WORLDS.md)."""
+    """Write the page of what policies without training achieve in every preset (docs/worlds.md)."""
     from swarmdata.cards.worlds_page import worlds_page
     from swarmdata.registry.published import references
     from swarmdata.store import write_file

@@ -49,9 +49,9 @@ KEPT = {
 LOST = {
     **dict.fromkeys(
         ("sent", "delivered", "ages", "log_probs", "events"),
-        "OG-MARL loads every leaf into memory and has no use for them",
+        "OG-MARL would load them into memory and not use them",
     ),
-    "layout": "it has rows over time only",
+    "layout": "it only has rows over time",
 }
 
 _NO_EPISODE = "expected Vault's leaves observations, actions, rewards and terminals"

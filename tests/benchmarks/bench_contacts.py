@@ -1,4 +1,4 @@
-"""How deep bodies overlap, how fast and how Markov robots in contact are, into BENCHMARKS.md.
+"""How deep bodies overlap, how fast and how Markov robots in contact are, into docs/benchmarks.md.
 
     python -m tests.benchmarks.bench_contacts [SECTION ...]
 

@@ -1,4 +1,4 @@
-"""Seed-updates a second of offline training, into BENCHMARKS.md.
+"""Seed-updates a second of offline training, into docs/benchmarks.md.
 
     python -m tests.benchmarks.bench_offline [--og-marl CHECKOUT] [--eager] [--device cuda]
 

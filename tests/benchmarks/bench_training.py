@@ -1,4 +1,4 @@
-"""Frames a second of MAPPO training, beside BenchMARL's, into BENCHMARKS.md.
+"""Frames a second of MAPPO training, beside BenchMARL's, into docs/benchmarks.md.
 
     python -m tests.benchmarks.bench_training
 
@@ -163,7 +163,7 @@ def share_table(turns: dict[str, list[list[Turn]]]) -> str:
 
 
 def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
-    """The section of BENCHMARKS.md."""
+    """The section of docs/benchmarks.md."""
     parts = [
         "Joint steps a second of `mappo` training on `coop_nav` with 4 robots, default settings: "
         "rollouts, updates and resets, from the first update on, without evaluation and files. "

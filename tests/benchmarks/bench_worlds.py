@@ -1,4 +1,4 @@
-"""Environment steps a second on one core, against peers and the physics alone, into BENCHMARKS.md.
+"""Environment steps a second on one core, beside peers and physics alone, into docs/benchmarks.md.
 
     python -m tests.benchmarks.bench_worlds [SECTION ...]
 

@@ -15,14 +15,15 @@ PACKAGES = (
     "numpy", "numba", "pymunk", "vmas", "benchmarl", "torchrl", "torch", "mpe2", "pettingzoo",
 )  # fmt: skip
 
-FILE = Path(__file__).parents[2] / "BENCHMARKS.md"
+FILE = Path(__file__).parents[2] / "docs/benchmarks.md"
 
 HEAD = """# Benchmarks
 
-`make bench` rewrites this file. All engines of a table are measured in the same run, in turns, on
-one core: rates are medians over the rounds, with the smallest and the largest in brackets. The
-rates of a virtual machine change by up to two times between runs, so what counts is the ratio of
-engines in one table.
+This page has the speed of worlds, training and loading, beside other libraries where they offer
+the same. `make bench` measures every section but the summary again and rewrites it. The engines of
+a table take turns in the same run, on one core. Rates are medians over the rounds, with the
+smallest and the largest in brackets. The rates of a virtual machine vary by up to a factor of two
+between runs, so compare the ratios within one table.
 
 """
 

@@ -1,4 +1,4 @@
-"""Timing in turns, and the sections of BENCHMARKS.md."""
+"""Timing in turns, and the sections of docs/benchmarks.md."""
 
 import time
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def test_a_rate_counts_copies() -> None:
 
 
 def test_sections_are_replaced_in_place(tmp_path: Path) -> None:
-    file = tmp_path / "BENCHMARKS.md"
+    file = tmp_path / "benchmarks.md"
     for title, body in (("A", "one"), ("B", "two"), ("A", "three")):
         write_section(title, body, file)
     text = file.read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset_names
 from swarmdata.registry.published import TaskReferences, references
 
-PAGE = Path(__file__).parents[2] / "WORLDS.md"
+PAGE = Path(__file__).parents[2] / "docs/worlds.md"
 
 
 def value(entry: TaskReferences, policy: str, metric: str) -> float:

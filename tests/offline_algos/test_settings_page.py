@@ -1,4 +1,4 @@
-"""SETTINGS.md has every setting of every offline algorithm, with the value that it has."""
+"""docs/settings.md has every setting of every offline algorithm, with the value that it has."""
 
 import dataclasses
 import re
@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
-PAGE = Path(__file__).parents[2] / "SETTINGS.md"
+PAGE = Path(__file__).parents[2] / "docs/settings.md"
 ROW = re.compile(r"^\| `(?P<name>\w+)` \| (?P<algorithms>.+?) \| (?P<value>.+?) \|")
 
 

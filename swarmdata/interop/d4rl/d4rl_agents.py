@@ -29,7 +29,7 @@ KEPT = {
     "agent_terminations": "terminals",
     "agent_truncations": "timeouts",
 }
-LOST = {name: "each file is of one agent" for name in FACTS if name not in KEPT}
+LOST = {name: "each file holds one agent" for name in FACTS if name not in KEPT}
 
 _CHUNK_ROWS = 4096
 

@@ -43,7 +43,7 @@ KEPT = {
     **{name: name for name in TIME_ARRAYS},
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
 }
-LOST = {"layout": "it has rows over time only"}
+LOST = {"layout": "it only has rows over time"}
 
 _GROUP_ROWS = 8192
 

@@ -70,7 +70,7 @@ KEPT = {
     **{name: ".".join(key) for name, key in _KEYS.items()},
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
 }
-LOST = {"layout": "it has rows over time only"}
+LOST = {"layout": "it only has rows over time"}
 
 
 def _library() -> Any:

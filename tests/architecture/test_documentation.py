@@ -1,0 +1,116 @@
+"""README.md and docs/: links lead somewhere, commands exist, and Python blocks run."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from swarmdata.cli.main import app
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+DOCUMENTS = [README, ROOT / "CONTRIBUTING.md", *PAGES]
+README_BYTES = 8_000
+
+PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"")
+COMMAND = re.compile(r"^    swarmdata ((?:.*\\\n)*.*)", re.MULTILINE)
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in headings}
+
+
+def commands(group: Any, path: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Every command of the command line, by its words."""
+    found: dict[str, Any] = {}
+    for name, command in group.commands.items():
+        is_group = hasattr(command, "commands")
+        found |= (
+            commands(command, (*path, name)) if is_group else {" ".join((*path, name)): command}
+        )
+    return found
+
+
+COMMANDS = commands(typer.main.get_command(app))
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.read_bytes()) <= README_BYTES
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_a_page_starts_with_its_title_and_purpose(page: Path) -> None:
+    title, blank, purpose = page.read_text(encoding="utf-8").splitlines()[:3]
+    assert title.startswith("# ")
+    assert not blank
+    assert purpose[0].isupper() or purpose[0] == "`"
+
+
+@pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in (first or second for first, second in LINK.findall(text)):
+        if target.startswith(("https://", "http://")):
+            continue
+        path, _, anchor = target.partition("#")
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), f"{target} does not exist"
+        assert ROOT in linked.parents, f"{target} leads out of the repository"
+        if anchor:
+            assert anchor in anchors(linked), f"{target}: there is no such heading"
+
+
+def test_the_index_lists_every_page() -> None:
+    index = ROOT / "docs" / "README.md"
+    linked = {first for first, _ in LINK.findall(index.read_text(encoding="utf-8"))}
+    assert {page.name for page in PAGES if page != index} <= linked
+
+
+def test_every_command_is_listed_once() -> None:
+    text = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `([a-z ]+)` \|", text, re.MULTILINE)
+    assert sorted(listed) == sorted(COMMANDS)
+
+
+@pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
+def test_documented_commands_exist(page: Path) -> None:
+    for line in COMMAND.findall(page.read_text(encoding="utf-8")):
+        words = shlex.split(line.replace("\\\n", " "), comments=True)
+        name = " ".join(words[:2]) if " ".join(words[:2]) in COMMANDS else words[0]
+        assert name in COMMANDS, f"swarmdata {line}: there is no such command"
+        known = {option for parameter in COMMANDS[name].params for option in parameter.opts}
+        used = {word.partition("=")[0] for word in words if word.startswith("--")}
+        assert used <= known, f"swarmdata {line}: unknown {used - known}"
+
+
+def test_the_readme_shows_code() -> None:
+    assert PYTHON_BLOCK.search(README.read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page",
+    [page for page in DOCUMENTS if PYTHON_BLOCK.search(page.read_text(encoding="utf-8"))],
+    ids=name_of,
+)
+def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks of a page run one after the other in one namespace."""
+    if page.name == "recording.md":
+        pytest.importorskip("mpe2", reason="the page records an environment of MPE2")
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, Any] = {"__name__": page.stem}
+    text = page.read_text(encoding="utf-8")
+    for block in PYTHON_BLOCK.finditer(text):
+        line = text[: block.start(1)].count("\n")
+        exec(compile("\n" * line + block[1], str(page), "exec"), namespace)
