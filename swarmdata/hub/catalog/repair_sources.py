@@ -16,7 +16,7 @@ from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.registry.published import Published, published
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import Edit, Recording, parse_origin
+from swarmdata.specs.origins import Edit, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
@@ -100,7 +100,7 @@ def _recipe_beside(path: Path) -> Recipe | Edit | None:
         origin = parse_origin(read_document(path / RECIPE), RECIPE)
     except (SpecError, OSError, ValueError):
         return None
-    return None if isinstance(origin, Recording) else origin
+    return origin if isinstance(origin, Recipe | Edit) else None
 
 
 def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
