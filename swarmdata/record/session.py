@@ -86,7 +86,9 @@ class RecordingFolder:
         self._waiting: dict[int, list[Episode]] = {}
         parts = self.parts()
         self._next_part = max((number for number, _ in parts), default=-1) + 1
-        self._n_episodes = sum(len(read_part_table(part)) for part in parts.values())
+        is_published = path.exists()  # then a killed process may have removed half of a part
+        tables = [] if is_published else [read_part_table(part) for part in parts.values()]
+        self._n_episodes = sum(map(len, tables))
         self._n_bytes, self._since = 0, time.monotonic()
 
     def session(self) -> Session | None:
