@@ -11,7 +11,7 @@ from swarmdata.store.integrity.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
 from swarmdata.store.merging import MergeOrder, merge_order, split_codes
 from swarmdata.store.parts import read_part_table, write_part
-from swarmdata.store.reading import StoredDataset, open_store
+from swarmdata.store.stored_dataset import StoredDataset, open_store
 from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
 
 __all__ = [

@@ -65,15 +65,17 @@ class Cache:
     def get(self, request: Request) -> Found | None:
         """The dataset where it belongs, if it is there and finished.
 
+        Which recipe a finished dataset was made from is for `open_store` to compare.
+
         Raises:
-            RecipeConflictError: the dataset of another recipe is there.
+            RecipeConflictError: an unfinished dataset of another recipe is there.
             DatasetError: what is there has lost its manifest; the message says how to repair it.
         """
         folder = request.folder
         if folder is None or _lost_edit(folder) is not None:
             return None
         if request.recipe is not None:
-            is_there = is_finished(folder, request.recipe)
+            is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
         elif request.source == "folder":  # `open_store` says whether it is a dataset
             is_there = True
         else:

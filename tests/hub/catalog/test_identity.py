@@ -34,7 +34,7 @@ from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
-from swarmdata.store.reading import Verify
+from swarmdata.store.stored_dataset import Verify
 from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
