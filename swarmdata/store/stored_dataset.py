@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import mmap
 import os
 import stat
@@ -25,7 +26,7 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
-from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.origins import Origin, RecordedSpec, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
@@ -36,7 +37,12 @@ from swarmdata.store.arrays.layout import (
     expected_files,
     shard_index,
 )
-from swarmdata.store.arrays.row_shapes import contradictions
+from swarmdata.store.arrays.row_shapes import (
+    MAY_BE_EMPTY,
+    Shape,
+    recorded_row_shapes,
+    task_row_shapes,
+)
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
@@ -306,11 +312,43 @@ def _check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool)
     """Checks that the spec in the recipe can be that of these arrays."""
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     try:
-        problems = contradictions(recipe, shapes, widths=widths)
+        problems = shape_contradictions(recipe, shapes, widths=widths)
     except (SpecError, SpawnError) as error:
         problems = (f"its spec is of no task: {error}",)
     if problems:
         raise _disagrees(path, manifest, "; ".join(problems))
+
+
+def shape_contradictions(
+    origin: Origin, shapes: Mapping[str, tuple[int, ...]], *, widths: bool = True
+) -> tuple[str, ...]:
+    """A sentence for each array whose shape contradicts the dataset's spec.
+
+    Args:
+        origin: of the dataset. What is not a recipe may lack some arrays.
+        shapes: whole shapes by the name of the array.
+        widths: as of `task_row_shapes`.
+    """
+    is_recipe = isinstance(origin, Recipe)
+    problems = []
+    if isinstance(origin.spec, RecordedSpec):
+        rows = recorded_row_shapes(origin.spec)
+    else:
+        rows = task_row_shapes(origin.spec, widths=widths)
+    for name, expected in rows.items():
+        if name not in shapes:
+            continue
+        got = shapes[name][1:]
+        is_absent = not is_recipe and name in MAY_BE_EMPTY and not math.prod(got)
+        if not is_absent and not _fits(got, expected):
+            shown = ", ".join("any" if size is None else str(size) for size in expected)
+            problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
+    return tuple(problems)
+
+
+def _fits(got: tuple[int, ...], expected: Shape) -> bool:
+    pairs = zip(got, expected, strict=False)
+    return len(got) == len(expected) and all(size in (None, found) for found, size in pairs)
 
 
 def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
