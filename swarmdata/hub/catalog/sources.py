@@ -33,9 +33,9 @@ from swarmdata.hub.catalog.request import (
 )
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
+from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
