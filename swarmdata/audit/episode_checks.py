@@ -7,7 +7,7 @@ from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import stream_seeds
-from swarmdata.store import SPLITS, merge_order, split_codes
+from swarmdata.store import SPLITS, assign_splits, merge_order
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
@@ -221,7 +221,7 @@ def splits(subject: Subject) -> Remarks:
         return  # `order` says so
     pairs = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     try:
-        expected = split_codes(origin, pairs)
+        expected = assign_splits(origin, pairs)
     except SpecError as error:
         yield problem(str(error))
         return

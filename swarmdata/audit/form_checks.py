@@ -7,7 +7,7 @@ from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
-from swarmdata.store.arrays.row_shapes import contradictions
+from swarmdata.store.stored_dataset import shape_contradictions
 from swarmdata.types import Bool, Float, Int
 
 
@@ -30,7 +30,7 @@ def shapes(subject: Subject) -> Remarks:
     (T, N, S), the others' as (T, S), and its cards say "discrete" of continuous actions.
     """
     arrays = {name: array.shape for name, array in subject.arrays.items()}
-    for each in contradictions(subject.origin, arrays):
+    for each in shape_contradictions(subject.origin, arrays):
         yield problem(each)
 
 

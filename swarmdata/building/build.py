@@ -40,6 +40,7 @@ from swarmdata.store import (
 )
 from swarmdata.store.arrays.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.cache import note_build
+from swarmdata.store.manifest import check_recipe
 from swarmdata.types import Episode
 
 _PART = re.compile(r"policy-\d+-part-\d{5,}")
@@ -158,12 +159,7 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     """
     if not out.exists():
         return False
-    found = read_manifest(out)
-    if found.recipe_hash != recipe.hash():
-        raise RecipeConflictError(
-            f"{out} holds {found.id} made from another recipe ({found.recipe_hash[:12]}, expected "
-            f"{recipe.hash()[:12]} of {recipe.id}). Delete it or choose another folder."
-        )
+    check_recipe(out, read_manifest(out), recipe)
     return (out / CARD).exists()
 
 

@@ -21,13 +21,13 @@ def push(
     address: RemoteAddress,
 ) -> None:
     """Publish a dataset: all of it or nothing, and only if nothing speaks against it."""
-    from swarmdata.hub.publishing.blockers import reasons_against
+    from swarmdata.hub.publishing.blockers import find_blockers
     from swarmdata.hub.publishing.metadata import write_beside
     from swarmdata.hub.remotes import open_remote
     from swarmdata.hub.remotes import push as push_to
 
     remote, folder = open_remote(address), _folder(dataset)
-    release = push_to(folder, remote, lambda each: reasons_against(each, remote), write_beside)
+    release = push_to(folder, remote, lambda each: find_blockers(each, remote), write_beside)
     typer.echo(f"{release.id} is published at {release.address}")
 
 

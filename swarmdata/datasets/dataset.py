@@ -21,7 +21,7 @@ from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
-from swarmdata.store.reading import Verify
+from swarmdata.store.stored_dataset import Verify
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,

@@ -163,7 +163,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         agents = agents_of(note.spec, _columns(found.observation_space, note))
         metadata = {"exported_from": note.id, "exported_digest": note.digest}
         episodes = _noted(source, found, note, agents)
-        yield Incoming(note.spec, note.policies, episodes, note.episodes.split_codes, metadata)
+        yield Incoming(note.spec, note.policies, episodes, note.episodes.assign_splits, metadata)
         return
     agents, is_team = _foreign_agents(found, choices)
     content = {

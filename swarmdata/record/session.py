@@ -25,10 +25,10 @@ from swarmdata.store import (
     SPLITS,
     Manifest,
     assemble,
+    assign_splits,
     read_manifest,
     read_part_table,
     remove_leftovers,
-    split_codes,
     write_file,
     write_part,
 )
@@ -281,7 +281,7 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
             order.append((policy, taken.setdefault(policy, 0)))
             taken[policy] += 1
     recording = session.recording
-    if SPLITS.index("train") not in split_codes(recording, order):
+    if SPLITS.index("train") not in assign_splits(recording, order):
         raise BuildError(
             f"{recording.id} has {len(order)} episodes, none of which falls into the train split "
             f"({_rule(recording)}). Record more; the episodes are kept."

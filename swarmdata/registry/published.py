@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Annotated
@@ -51,14 +51,14 @@ class TaskReferences(Frozen):
     made_with: dict[str, str]
     policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
 
-    @property
+    @cached_property
     def no_skill(self) -> float | None:
         """Mean return of the better of the idle and the random team; 0 on the score."""
         returns = [self.mean_return(name) for name in ("idle", "random")]
         known = [value for value in returns if value is not None]
         return max(known) if len(known) == len(returns) else None
 
-    @property
+    @cached_property
     def expert(self) -> float | None:
         """Mean return of the expert team; 100 on the score."""
         return self.mean_return("expert")
@@ -98,6 +98,7 @@ def references() -> Mapping[str, TaskReferences]:
     return MappingProxyType({key: TaskReferences.parse(value, key) for key, value in entries})
 
 
+@cache
 def references_of(spec_hash: str) -> TaskReferences | None:
     """The references measured on exactly this spec, None if there are none."""
     return next((entry for entry in references().values() if entry.spec_hash == spec_hash), None)

@@ -7,6 +7,7 @@ written as zeros. So any changed byte of the file shows, and no second file can 
 import hashlib
 import json
 import re
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,8 +19,17 @@ from swarmdata.errors import (
     FormatVersionError,
     ManifestError,
     MissingManifestError,
+    RecipeConflictError,
 )
-from swarmdata.store.arrays.layout import FORMAT_VERSION, MANIFEST, DType, Shard
+from swarmdata.specs.recipe import Recipe
+from swarmdata.store.arrays.layout import (
+    FORMAT_VERSION,
+    MANIFEST,
+    ArrayPlan,
+    DType,
+    Shard,
+    plan_arrays,
+)
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 
 MAX_BYTES = 64 << 20
@@ -88,6 +98,13 @@ class Manifest(_Section):
     files: dict[str, FileEntry]  # every file but the manifest; paths relative to the folder
     statistics: StatisticsEntry
     provenance: dict[str, str]  # versions and platform; in no digest
+
+    @cached_property
+    def plan(self) -> dict[str, ArrayPlan]:
+        """Where each array lies, and what its file and its Zarr metadata must be."""
+        return plan_arrays(
+            {name: (each.dtype, each.shape, each.chunk_rows) for name, each in self.arrays.items()}
+        )
 
     @property
     def transport_digest(self) -> str:
@@ -190,6 +207,29 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
             f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
         )
         raise ManifestError(f"{path} is malformed: {problems}. {rebuild_hint(folder)}") from error
+
+
+@lru_cache(maxsize=256)
+def recipe_hash(recipe: Recipe) -> str:
+    """The hash of a recipe, computed once for all equal ones."""
+    return recipe.hash()
+
+
+def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
+    """Checks that a dataset was made from a recipe.
+
+    Raises:
+        RecipeConflictError: it was made from another one.
+    """
+    if manifest.recipe_hash == recipe_hash(recipe):
+        return
+    expected = recipe.hash()  # of equal recipes, another one where a zero has another sign
+    if manifest.recipe_hash != expected:
+        raise RecipeConflictError(
+            f"{folder} holds {manifest.id} made from another recipe "
+            f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
+            "Delete it or choose another folder."
+        )
 
 
 def _changed(path: Path) -> ChecksumError:

@@ -8,7 +8,7 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.store import SPLITS, EpisodeTable, split_codes
+from swarmdata.store import SPLITS, EpisodeTable, assign_splits
 from swarmdata.store.table import measure
 from swarmdata.types import END_REASONS, Episode
 
@@ -42,7 +42,7 @@ def check_table(dataset: Dataset) -> None:
         stream = table.policy_episode[table.policy == policy]
         _require(bool((np.diff(stream) > 0).all()), f"episodes of policy {policy} are not in order")
     if dataset.recipe.split_rule is not None:
-        expected = split_codes(dataset.recipe, order)
+        expected = assign_splits(dataset.recipe, order)
         _require(np.array_equal(table.split, expected), "splits are not those of the rule")
     views = [dataset.filter(split=name).selection for name in SPLITS]
     _require(

@@ -12,10 +12,10 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
+from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures

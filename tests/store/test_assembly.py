@@ -20,11 +20,11 @@ from swarmdata.errors import (
 from swarmdata.runtime.atomic import new_folder, write_file
 from swarmdata.store import (
     assemble,
+    assign_splits,
     merge_order,
     open_store,
     read_part_table,
     remove_leftovers,
-    split_codes,
     write_part,
 )
 from swarmdata.testing.synthetic import (
@@ -129,7 +129,7 @@ def test_a_dataset_without_train_episodes_is_refused(tmp_path: Path) -> None:
     parts = write_streams(tmp_path, make_streams([[1] * 10]))
     recipe = make_recipe(1, block=3)
     order = [(0, episode) for episode in range(3)]
-    held_out = [one for one, code in zip(order, split_codes(recipe, order), strict=True) if code]
+    held_out = [one for one, code in zip(order, assign_splits(recipe, order), strict=True) if code]
     assert len(held_out) == 2
     with pytest.raises(BuildError, match="train"):
         assemble(tmp_path / "ds", recipe=recipe, parts=parts, order=held_out)

@@ -5,8 +5,11 @@ the recipe in the package, so that everything works without a network.
 """
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
@@ -16,7 +19,6 @@ from swarmdata.hub.catalog.request import is_offline, parse_request
 from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
 from swarmdata.registry.published import (
     Published,
-    TaskReferences,
     published,
     references_of,
 )
@@ -24,8 +26,10 @@ from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.reading import Verify, check_widths
+from swarmdata.store.stored_dataset import Verify, check_widths
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -121,19 +125,23 @@ def load(
         DatasetError: the files cannot be used.
     """
     request = parse_request(dataset_id, path)
-    if request.recipe is not None:  # before building, which may take minutes
+    is_as_recorded = observation is None and communication is None
+    if request.recipe is not None and not is_as_recorded:  # before building, which takes minutes
         spec = request.recipe.spec
         check_messages(with_models(spec, observation, communication), spec)
     remotes = Remotes(offline=is_offline(offline), progress=progress)
     found = obtain(request, remotes, Rebuild(remotes, workers, progress))
-    dataset = Dataset.open(found.folder, verify, None, found.source)
-    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
-    identity = judge(dataset.stored.manifest)
+    stored = open_store(found.folder, verify, recipe=request.recipe)
+    whole = np.arange(stored.manifest.n_episodes)
+    dataset = Dataset(stored, whole, known_references(stored.recipe.spec), found.source)
+    identity = judge(stored.manifest)
     if identity.kind != "published":
-        check_widths(dataset.stored)
+        check_widths(stored)
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
-        warnings.warn(f"{dataset.path}: {identity.sentence}.", kind, stacklevel=2)
+        warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=2)
+    if is_as_recorded:
+        return dataset
     return dataset.reobserve(observation, communication, progress=progress)
 
 
@@ -156,7 +164,12 @@ def find_folder(name: str | Path) -> Path:
 
 def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
-    found: TaskReferences | None = references_of(spec.hash())
+    found = None if spec.world is None else references_of(_spec_hash(spec.world))
     if found is None or found.no_skill is None or found.expert is None:
         return None
     return Reference(no_skill=found.no_skill, expert=found.expert)
+
+
+@lru_cache(maxsize=256)
+def _spec_hash(spec: TaskSpec) -> str:
+    return spec.hash()

@@ -33,9 +33,9 @@ from swarmdata.hub.catalog.request import (
 )
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
+from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
@@ -65,15 +65,17 @@ class Cache:
     def get(self, request: Request) -> Found | None:
         """The dataset where it belongs, if it is there and finished.
 
+        Which recipe a finished dataset was made from is for `open_store` to compare.
+
         Raises:
-            RecipeConflictError: the dataset of another recipe is there.
+            RecipeConflictError: an unfinished dataset of another recipe is there.
             DatasetError: what is there has lost its manifest; the message says how to repair it.
         """
         folder = request.folder
         if folder is None or _lost_edit(folder) is not None:
             return None
         if request.recipe is not None:
-            is_there = is_finished(folder, request.recipe)
+            is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
         elif request.source == "folder":  # `open_store` says whether it is a dataset
             is_there = True
         else:

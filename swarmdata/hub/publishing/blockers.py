@@ -1,7 +1,7 @@
-"""The gate before a push: every reason against publishing a dataset.
+"""What blocks a dataset from being published: all that is checked before a push.
 
-What its files and its card say is for the audit to judge; whether it may have this id, and this
-version there, is judged here.
+The audit judges its files and its card. Whether it may have this id, and whether the remote has
+another dataset of this version already, is judged here.
 """
 
 import tempfile
@@ -16,8 +16,8 @@ from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_BYTES
 
 
-def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
-    """Every reason against publishing a dataset to a remote; none: it may be published.
+def find_blockers(folder: Path, remote: Remote) -> tuple[str, ...]:
+    """Returns a sentence for each reason why a dataset may not be published to a remote.
 
     Args:
         folder: the dataset's; every byte of it is read and compared with its manifest.
@@ -35,13 +35,13 @@ def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
 
 
 def _of_identity(stored: StoredDataset) -> tuple[str, ...]:
-    """An id of the package means one dataset everywhere."""
+    """An id of the package means the same dataset everywhere."""
     identity = judge(stored.manifest)
     return () if identity.is_as_named else (f"{identity.sentence}.",)
 
 
 def _of_version(stored: StoredDataset, remote: Remote) -> tuple[str, ...]:
-    """A version that is taken stays; the same files under it are no reason, a push ends at once."""
+    """A published version never changes; to push the same files again is allowed."""
     release = remote.find(stored.manifest.id)
     if release is None:
         return ()

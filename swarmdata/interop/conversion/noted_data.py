@@ -52,7 +52,7 @@ def noted(
             start += length
 
     metadata = {"exported_from": note.id, "exported_digest": note.digest}
-    return Incoming(note.spec, note.policies, episodes(), table.split_codes, metadata)
+    return Incoming(note.spec, note.policies, episodes(), table.assign_splits, metadata)
 
 
 def joined_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]]:

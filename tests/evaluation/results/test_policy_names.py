@@ -15,7 +15,7 @@ from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_set import gather
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.runs.provenance import file_name
-from swarmdata.hub.catalog import catalog
+from swarmdata.hub.catalog import request
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.specs.model_choice import with_models
@@ -101,7 +101,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
         n_steps=400,
         part_episodes=8,
     )
-    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
     models = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
@@ -191,7 +191,7 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
         n_steps=400,
         part_episodes=8,
     )
-    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
     out = str(tmp_path / "run")
     words = ["train", algorithm, "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
     settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]

@@ -2,15 +2,18 @@
 
 import hashlib
 import json
+import math
 import mmap
 import os
 import stat
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import (
@@ -23,28 +26,31 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
-from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,
     GROUP_FILES,
     POSSIBLE_FILES,
     RECIPE,
-    array_file,
     expected_files,
-    expected_metadata,
-    metadata_file,
+    shard_index,
 )
-from swarmdata.store.arrays.row_shapes import contradictions
-from swarmdata.store.integrity.recognition import root_attributes
-from swarmdata.store.integrity.verification import (
-    check_chunks,
-    check_everything,
-    check_small_files,
-    map_shard,
+from swarmdata.store.arrays.row_shapes import (
+    MAY_BE_EMPTY,
+    Shape,
+    recorded_row_shapes,
+    task_row_shapes,
 )
-from swarmdata.store.manifest import Manifest, read_manifest, rebuild_hint
+from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
+from swarmdata.store.manifest import (
+    Manifest,
+    check_recipe,
+    read_manifest,
+    rebuild_hint,
+    recipe_hash,
+)
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS
 
@@ -67,7 +73,9 @@ class StoredDataset:
         return _reopen, (self.path, self.manifest.digest, held)
 
 
-def open_store(path: Path, verify: Verify = "fast", *, widths: bool = False) -> StoredDataset:
+def open_store(
+    path: Path, verify: Verify = "fast", *, widths: bool = False, recipe: Recipe | None = None
+) -> StoredDataset:
     """Opens a dataset's folder.
 
     Args:
@@ -78,8 +86,10 @@ def open_store(path: Path, verify: Verify = "fast", *, widths: bool = False) -> 
         widths: whether observations, states, messages and layouts of a task are compared with the
             spec as well; that takes the task's code. The team and its actions, and all sizes of a
             recording, are always compared.
+        recipe: that the dataset must have been made from; None: any.
 
     Raises:
+        RecipeConflictError: the dataset is of another recipe.
         DatasetError: one of its subclasses, which names the file and says what to do.
     """
     if verify not in ("none", "fast", "full"):
@@ -88,23 +98,23 @@ def open_store(path: Path, verify: Verify = "fast", *, widths: bool = False) -> 
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
     _refuse_links(path)
     manifest = read_manifest(path)
+    if recipe is not None:
+        check_recipe(path, manifest, recipe)
     check_listing(path, manifest)
     _check_sizes(path, manifest)
-    if verify != "none":
-        check_small_files(path, manifest)
-    _check_metadata(path, manifest)
-    _check_root(path, manifest)
+    small_files = _read_small_files(path, manifest, is_checked=verify != "none")
+    _check_metadata(path, manifest, small_files)
     raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
     _check_indices(path, manifest, raw)
     if verify != "none":
-        check_chunks(path, manifest, raw)
+        _check_chunks(path, manifest, raw)
     if verify == "full":
         check_everything(path, manifest, raw)
     arrays = {name: _view(manifest, name, values) for name, values in raw.items()}
-    recipe = _read_recipe(path, manifest)
-    _check_spec(path, manifest, recipe, widths=widths)
-    table = _read_table(path, manifest, recipe, arrays)
-    return StoredDataset(path, manifest, recipe, arrays, table)
+    origin = _read_origin(path, manifest, small_files[RECIPE], recipe)
+    _check_spec(path, manifest, origin, widths=widths)
+    table = _read_table(path, manifest, origin, arrays)
+    return StoredDataset(path, manifest, origin, arrays, table)
 
 
 def _is_mapped(array: NDArray[Any]) -> bool:
@@ -185,9 +195,10 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
     absent = sorted(set(FIELDS) - set(manifest.arrays))
     if absent:
         raise _disagrees(path, manifest, f"arrays {absent} are not listed")
-    for name, entry in manifest.arrays.items():
-        if len(entry.checksums) != entry.shard.n_chunks:
-            problem = f"{len(entry.checksums)} checksums for {entry.shard.n_chunks} chunks"
+    for name, (shard, *_) in manifest.plan.items():
+        n_checksums = len(manifest.arrays[name].checksums)
+        if n_checksums != shard.n_chunks:
+            problem = f"{n_checksums} checksums for {shard.n_chunks} chunks"
             raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
     for name, field in ALL_FIELDS.items():
         if name not in manifest.arrays:
@@ -202,14 +213,13 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
 
 def _check_files(path: Path, manifest: Manifest) -> None:
     """Checks that exactly the files of the arrays are listed, with the sizes of the arrays."""
-    shards = {name: entry.shard for name, entry in manifest.arrays.items()}
+    shards = {name: plan.shard for name, plan in manifest.plan.items()}
     differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
     if differing:
         raise _disagrees(
             path, manifest, f"files {differing} are listed without their array or absent"
         )
-    for name, shard in shards.items():
-        file = array_file(name, len(shard.shape))
+    for shard, file, *_ in manifest.plan.values():
         if shard.n_chunks and manifest.files[file].size != shard.file_bytes:
             raise _disagrees(
                 path,
@@ -236,32 +246,56 @@ def _check_sizes(path: Path, manifest: Manifest) -> None:
             )
 
 
-def _check_metadata(path: Path, manifest: Manifest) -> None:
-    """Checks that Zarr's own metadata says what the manifest says."""
-    for name in manifest.arrays:
-        file = path / metadata_file(name)
+def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> dict[str, bytes]:
+    """Reads every file that is no array's data, once for all who look at it.
+
+    Args:
+        path: the dataset's folder.
+        manifest: that lists the files.
+        is_checked: whether their SHA-256 is compared.
+    """
+    shard_files = {plan.file for plan in manifest.plan.values()}
+    contents = {}
+    for name in sorted(manifest.files.keys() - shard_files):
+        size = manifest.files[name].size
+        if size > MAX_JSON_BYTES:
+            problem = f"{name} is listed with {size} bytes, at most {MAX_JSON_BYTES} are allowed"
+            raise _disagrees(path, manifest, problem)
+        with open(os.path.join(path, name), "rb") as file:  # noqa: PTH118, PTH123 (a part of every load)
+            contents[name] = file.read(size + 1)
+        if is_checked and hashlib.sha256(contents[name]).hexdigest() != manifest.files[name].sha256:
+            raise file_changed(path, manifest, name)
+    return contents
+
+
+def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, bytes]) -> None:
+    """Checks that Zarr's own metadata says what the manifest says of arrays and identity.
+
+    Datasets written before there was a `recipe_hash` beside the arrays are read all the same.
+    """
+    for plan in manifest.plan.values():
+        file = plan.metadata_file
         try:
-            found = json.loads(file.read_bytes())
+            found = json.loads(small_files[file])
         except (ValueError, RecursionError) as error:
             raise ManifestError(
-                f"{file} is not valid JSON: {error}. {rebuild_hint(path, manifest.id)}"
+                f"{path / file} is not valid JSON: {error}. {rebuild_hint(path, manifest.id)}"
             ) from error
-        for key, expected in expected_metadata(manifest.arrays[name].shard).items():
+        for key, expected in plan.metadata.items():
             got = found.get(key) if isinstance(found, dict) else None
             if got != expected:
-                raise _disagrees(path, manifest, f"{file} has {key} {got}, expected {expected}")
-
-
-def _check_root(path: Path, manifest: Manifest) -> None:
-    """Checks what is written of the dataset's identity beside its arrays.
-
-    Datasets written before there was a `recipe_hash` there are read all the same.
-    """
-    file, attributes = path / GROUP_FILES[0], root_attributes(path)
-    for key, expected in {"id": manifest.id, "recipe_hash": manifest.recipe_hash}.items():
+                problem = f"{path / file} has {key} {got}, expected {expected}"
+                raise _disagrees(path, manifest, problem)
+    try:
+        root = json.loads(small_files[GROUP_FILES[0]])
+    except (ValueError, RecursionError):
+        root = None
+    found = root.get("attributes") if isinstance(root, dict) else None
+    attributes = found if isinstance(found, dict) else {}
+    for key, expected in (("id", manifest.id), ("recipe_hash", manifest.recipe_hash)):
         got = attributes.get(key, expected)
         if got != expected:
-            problem = f"{file} says {key} {got!r}, the manifest says {expected!r}"
+            problem = f"{path / GROUP_FILES[0]} says {key} {got!r}, the manifest says {expected!r}"
             raise _disagrees(path, manifest, problem)
 
 
@@ -278,42 +312,126 @@ def _check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool)
     """Checks that the spec in the recipe can be that of these arrays."""
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     try:
-        problems = contradictions(recipe, shapes, widths=widths)
+        problems = shape_contradictions(recipe, shapes, widths=widths)
     except (SpecError, SpawnError) as error:
         problems = (f"its spec is of no task: {error}",)
     if problems:
         raise _disagrees(path, manifest, "; ".join(problems))
 
 
+def shape_contradictions(
+    origin: Origin, shapes: Mapping[str, tuple[int, ...]], *, widths: bool = True
+) -> tuple[str, ...]:
+    """A sentence for each array whose shape contradicts the dataset's spec.
+
+    Args:
+        origin: of the dataset. What is not a recipe may lack some arrays.
+        shapes: whole shapes by the name of the array.
+        widths: as of `task_row_shapes`.
+    """
+    problems, world = [], origin.spec.world
+    if world is None:
+        rows = recorded_row_shapes(origin.spec)
+    else:
+        rows = task_row_shapes(world, widths=widths)
+    for name, expected in rows.items():
+        if name not in shapes:
+            continue
+        got = shapes[name][1:]
+        is_absent = origin.recipe is None and name in MAY_BE_EMPTY and not math.prod(got)
+        if not is_absent and not _fits(got, expected):
+            shown = ", ".join("any" if size is None else str(size) for size in expected)
+            problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
+    return tuple(problems)
+
+
+def _fits(got: tuple[int, ...], expected: Shape) -> bool:
+    pairs = zip(got, expected, strict=False)
+    return len(got) == len(expected) and all(size in (None, found) for found, size in pairs)
+
+
+def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the array's whole file, index included; empty for an array without elements."""
+    shard, file, *_ = manifest.plan[name]
+    if not shard.n_chunks:
+        return np.zeros(0, dtype=np.uint8)
+    with (path / file).open("rb") as stream:
+        mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    return np.frombuffer(mapped, dtype=np.uint8)
+
+
 def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:
-    shard = manifest.arrays[name].shard
+    shard = manifest.plan[name].shard
     return raw[: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
 
 
-def _check_indices(path: Path, manifest: Manifest, raw: dict[str, NDArray[np.uint8]]) -> None:
+def _check_indices(path: Path, manifest: Manifest, raw: Raw) -> None:
     """Checks that the chunks lie in order and without gaps, as a memory map assumes."""
     for name, values in raw.items():
-        shard = manifest.arrays[name].shard
-        if shard.n_chunks and values[shard.data_bytes :].tobytes() != shard.index():
-            file = path / array_file(name, len(shard.shape))
+        shard, file, *_ = manifest.plan[name]
+        if not shard.n_chunks:
+            continue
+        if values[shard.data_bytes :].tobytes() != shard_index(shard.n_chunks, shard.chunk_bytes):
             hint = rebuild_hint(path, manifest.id)
-            raise ChecksumError(f"the shard index at the end of {file} was changed. {hint}")
+            raise ChecksumError(f"the shard index at the end of {path / file} was changed. {hint}")
 
 
-def _read_recipe(path: Path, manifest: Manifest) -> Origin:
-    file = path / RECIPE
-    try:
-        content = read_regular(file, MAX_JSON_BYTES)
-        recipe = parse_origin(parse_json(content, str(file)), str(file))
-    except (OSError, SpecError) as error:
-        raise ManifestError(
-            f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
-        ) from error
+def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
+    """Checks the xxh3_64 of every chunk, in as many threads as there are cores.
+
+    Raises:
+        ChecksumError: naming the file, the first changed chunk and its rows.
+    """
+    jobs = [
+        (name, index, checksum)
+        for name, entry in manifest.arrays.items()
+        for index, checksum in enumerate(entry.checksums)
+    ]
+    n_threads = min(8, os.cpu_count() or 1)
+
+    def changed(first: int) -> list[int]:
+        """The changed chunks among every `n_threads`-th one."""
+        found = []
+        for k in range(first, len(jobs), n_threads):
+            name, index, checksum = jobs[k]
+            size = manifest.plan[name].shard.chunk_bytes
+            chunk = raw[name][index * size : (index + 1) * size]
+            if xxhash.xxh3_64_hexdigest(chunk.data) != checksum:
+                found.append(k)
+        return found
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        bad = [k for found in pool.map(changed, range(n_threads)) for k in found]
+    if bad:
+        name, index, _ = jobs[min(bad)]
+        shard, file, *_ = manifest.plan[name]
+        first = index * shard.chunk_rows
+        last = min(first + shard.chunk_rows, shard.shape[0]) - 1
+        raise ChecksumError(
+            f"{path / file} was changed after it was written: chunk {index} of {shard.n_chunks} "
+            f"(rows {first} to {last} of {name!r}) does not have the checksum in the manifest. "
+            f"{rebuild_hint(path, manifest.id)}"
+        )
+
+
+def _read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | None) -> Origin:
+    """Reads `recipe.json`; where it is the text of a recipe that is known, nothing is parsed."""
     # of the file, as written: what later versions add to a recipe does not change it
     written = hashlib.sha256(content).hexdigest()
-    if (recipe.id, written) != (manifest.id, manifest.recipe_hash):
-        raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {recipe.id}")
-    return recipe
+    file = path / RECIPE
+    origin: Origin
+    if known is not None and written == recipe_hash(known):
+        origin = known
+    else:
+        try:
+            origin = parse_origin(parse_json(content, str(file)), str(file))
+        except SpecError as error:
+            raise ManifestError(
+                f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
+            ) from error
+    if (origin.id, written) != (manifest.id, manifest.recipe_hash):
+        raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {origin.id}")
+    return origin
 
 
 def _read_table(

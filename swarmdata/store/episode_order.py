@@ -1,6 +1,6 @@
-"""Which episodes a dataset takes from its policies' streams, in which order, and their splits.
+"""Which episodes a dataset takes from its policies' streams, and in which order.
 
-Pure functions of the recipe and of episode lengths, in exact integer arithmetic.
+A pure function of the recipe and of episode lengths, in exact integer arithmetic.
 """
 
 import math
@@ -8,14 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-import numpy as np
-
-from swarmdata.errors import SchemaError, SpecError
-from swarmdata.numerics.random import STREAMS, derive
-from swarmdata.specs.origins import Origin
-from swarmdata.specs.recipe import Recipe, Splits
-from swarmdata.store.table import SPLITS
-from swarmdata.types import Counts, Int
+from swarmdata.errors import SchemaError
+from swarmdata.specs.recipe import Recipe
+from swarmdata.types import Int
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,36 +67,3 @@ def _weights(recipe: Recipe) -> list[int]:
     shares = [Fraction(policy.share) for policy in recipe.policies]
     common = math.lcm(*(share.denominator for share in shares))
     return [int(share * common) for share in shares]
-
-
-def split_codes(origin: Origin, order: Sequence[tuple[int, int]]) -> Counts:
-    """Returns the split of each episode, as index into `SPLITS`, [len(order)].
-
-    In each block of `splits.block` consecutive episodes of one policy's stream, random positions
-    are validation and test. So splits are stratified by policy, and an episode keeps its split when
-    the dataset grows.
-
-    Raises:
-        SpecError: the origin has no rule.
-    """
-    if origin.split_rule is None:
-        raise SpecError(f"{origin.id} has no split rule: its episodes keep the splits they had")
-    splits, seed = origin.split_rule
-    block = splits.block
-    codes = {key: _block_codes(seed, splits, *key) for key in {(p, e // block) for p, e in order}}
-    return np.array([codes[p, e // block][e % block] for p, e in order], dtype=np.uint8)
-
-
-def _block_codes(seed: int, rule: Splits, policy: int, block: int) -> Counts:
-    """Splits of one block: the held-out positions are the head of a Fisher-Yates shuffle."""
-    held_out = rule.validation + rule.test
-    key = derive(seed, STREAMS["split"], policy, block)
-    draws = derive(key, np.arange(held_out, dtype=np.uint64))
-    positions = list(range(rule.block))
-    for k in range(held_out):
-        other = k + int(draws[k]) % (rule.block - k)
-        positions[k], positions[other] = positions[other], positions[k]
-    codes = np.full(rule.block, SPLITS.index("train"), dtype=np.uint8)
-    codes[positions[: rule.validation]] = SPLITS.index("validation")
-    codes[positions[rule.validation : held_out]] = SPLITS.index("test")
-    return codes
