@@ -15,7 +15,7 @@ from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
-from swarmdata.rollouts.metrics import Reference, normalized_score
+from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.specs.model_choice import Source, describe, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -21,7 +21,7 @@ from swarmdata.datasets.reobservation import (
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.rollouts.metrics import Reference
+from swarmdata.registry.published import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits

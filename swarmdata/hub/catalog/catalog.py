@@ -25,11 +25,11 @@ from swarmdata.hub.remotes.addresses import configured_remotes, is_address
 from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.registry.published import (
     Published,
+    Reference,
     TaskReferences,
     published,
     references_of,
 )
-from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
@@ -245,6 +245,4 @@ def find_folder(name: str | Path) -> Path:
 def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found: TaskReferences | None = references_of(spec.hash())
-    if found is None or found.no_skill is None or found.expert is None:
-        return None
-    return Reference(no_skill=found.no_skill, expert=found.expert)
+    return None if found is None else found.reference
