@@ -39,7 +39,7 @@ from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS
 
-SHOWN = (
+REFERENCE_METRICS = (
     "return",
     "success",
     "clean_success",
@@ -120,7 +120,7 @@ def _references(data: CardData) -> str:
     if known is None:
         return "\n## Reference scores\n\nNone measured for this spec.\n"
     rows = [
-        (policy, *(_interval(metrics.get(name)) for name in SHOWN))
+        (policy, *(_interval(metrics.get(name)) for name in REFERENCE_METRICS))
         for policy, metrics in known.policies.items()
     ]
     score = known.score(float(data.table.team_return.mean()))
@@ -130,7 +130,7 @@ def _references(data: CardData) -> str:
             f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f});"
             f" this dataset's own mean return scores {score:.1f}.\n"
         )
-    labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
+    labels = tuple(EPISODE_METRICS[name].label for name in REFERENCE_METRICS)
     return (
         "\n## Reference scores\n\n"
         + markdown.table(("policy", *labels), rows)

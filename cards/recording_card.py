@@ -17,7 +17,7 @@ from swarmdata.cards.sections.origin import (
     splits_section,
     tier_section,
 )
-from swarmdata.cards.sections.problem import OFFSETS
+from swarmdata.cards.sections.problem import ROW_OFFSETS
 from swarmdata.cards.sections.statistics import HISTOGRAM_TITLE, histogram, percent
 from swarmdata.drawing import markdown
 from swarmdata.errors import SpecError
@@ -36,7 +36,7 @@ from swarmdata.specs.spaces import (
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import END_REASONS
 
-LIMITS = (
+FOREIGN_LIMITS = (
     "This package cannot simulate the environment: rewards and observations cannot be recomputed, "
     "and episodes cannot be observed again with other sensors.",
     "Nobody has verified that the episodes come from the policies named here.",
@@ -74,7 +74,7 @@ def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
         _statistics(table, origin, picture),
         splits_section(table, origin),
         bullets("Checks passed", holds),
-        bullets("Known limits", (*LIMITS, *spec.limits, *_own_limits(stored), *broken)),
+        bullets("Known limits", (*FOREIGN_LIMITS, *spec.limits, *_own_limits(stored), *broken)),
         origin_section(origin, stored.manifest),
     )
     return "".join(sections)
@@ -135,7 +135,7 @@ def _arrays(stored: StoredDataset) -> str:
         for name, entry in sorted(stored.manifest.arrays.items())
     ]
     text = "\n## Arrays\n\n" + markdown.table(("array", "dtype", "shape"), rows)
-    text += f"\n{OFFSETS}\n\nArrays with an axis of length 0 were not recorded."
+    text += f"\n{ROW_OFFSETS}\n\nArrays with an axis of length 0 were not recorded."
     if "alive" in stored.arrays:
         text += (
             " Agents can leave before the episode ends: `alive` marks the agents that act next. "

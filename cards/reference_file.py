@@ -10,7 +10,7 @@ from swarmdata.registry.published import references_of
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import Spec
 
-FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
+SCORE_FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
 """The score of a mean team return R."""
 
 
@@ -32,7 +32,7 @@ def reference_bytes(spec: Spec) -> bytes | None:
         "n_episodes": known.n_episodes,
         "made_with": known.made_with,
         "score": {
-            "formula": FORMULA,
+            "formula": SCORE_FORMULA,
             "R": "mean over episodes of the team return (episodes/team_return), the undiscounted "
             "sum over steps of the mean reward over agents",
             "no_skill": known.no_skill,

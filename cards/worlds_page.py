@@ -8,10 +8,10 @@ from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
 from swarmdata.types import Metric
 
-SHARED = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
+SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Metrics that every row has; those of the task follow."""
 
-HEAD = """# Worlds
+PAGE_HEAD = """# Worlds
 
 What an idle, a random, a straight driving and the scripted team achieve in every preset: means over
 {n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
@@ -24,7 +24,7 @@ random team and 100 for the expert.
 """
 
 
-ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
+POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Rows of a table."""
 
 
@@ -38,7 +38,7 @@ def worlds_page(known: Mapping[str, TaskReferences]) -> str:
     for name in preset_names():
         tasks.setdefault(preset(name).task, []).append(name)
     n_episodes = sorted({entry.n_episodes for entry in known.values()})
-    text = HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
+    text = PAGE_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
     for task, names in tasks.items():
         text += f"\n## {task}\n"
         for name in names:
@@ -57,7 +57,7 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
         return f"{head}Not measured on this version of the preset.\n"
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
-    columns = [*SHARED, "time_to_goal", *own]
+    columns = [*SHARED_METRICS, "time_to_goal", *own]
     titles = ["policy", "score", *(_title(metrics[column]) for column in columns)]
     rows = [
         [policy, _score(entry, policy), *(_cell(values.get(column), column) for column in columns)]
@@ -69,7 +69,7 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
 def _rank(policy: str) -> tuple[int, str]:
     """Policies in the order of `ORDER`, the checkpoints of a tier after it."""
     tier = policy.rstrip("0123456789").removesuffix("-")
-    return ORDER.index(tier) if tier in ORDER else len(ORDER), policy
+    return POLICY_ORDER.index(tier) if tier in POLICY_ORDER else len(POLICY_ORDER), policy
 
 
 def _score(entry: TaskReferences, policy: str) -> str:

@@ -11,13 +11,13 @@ import numpy as np
 from swarmdata.drawing import markdown
 from swarmdata.rollouts.metrics import bootstrap, iqm
 
-STUDIES = ("studies/coop_nav", "studies/formation")
+STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
 """Folders of the committed studies, in `cards`."""
 
-RESULTS = "results.csv"
+RESULTS_FILE = "results.csv"
 """Of a study: one row per run, as `swarmdata study` writes it."""
 
-SHOWN = (
+BASELINE_COLUMNS = (
     ("score", "score", 1.0, 1),
     ("return", "return", 1.0, 2),
     ("success", "success (%)", 100.0, 1),
@@ -33,7 +33,7 @@ Run = Mapping[str, str]
 @cache
 def study_runs() -> tuple[Run, ...]:
     """All runs of the committed studies that are there."""
-    found = (files("swarmdata.cards").joinpath(study, RESULTS) for study in STUDIES)
+    found = (files("swarmdata.cards").joinpath(study, RESULTS_FILE) for study in STUDY_FOLDERS)
     texts = [file.read_text(encoding="utf-8") for file in found if file.is_file()]
     return tuple(run for text in texts for run in read_runs(text))
 
@@ -59,7 +59,13 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
         return f"{title}None measured on this dataset.{stale}\n"
     labels = sorted({run["label"] for run in same}, key=lambda label: -_mean(same, label))
     rows = [_row(label, [run for run in same if run["label"] == label]) for label in labels]
-    head = ("algorithm", "family", "seeds", "updates", *(header for _, header, *_ in SHOWN))
+    head = (
+        "algorithm",
+        "family",
+        "seeds",
+        "updates",
+        *(header for _, header, *_ in BASELINE_COLUMNS),
+    )
     episodes = ", ".join(sorted({f"{int(run['episodes']):,}" for run in same}))
     return (
         f"{title}{markdown.table(head, rows)}\n"
@@ -81,7 +87,10 @@ def _row(label: str, runs: Sequence[Run]) -> tuple[str, ...]:
         runs[0]["family"],
         str(len(runs)),
         " to ".join(f"{n:,}" for n in updates),
-        *(_cell([run[name] for run in runs], factor, digits) for name, _, factor, digits in SHOWN),
+        *(
+            _cell([run[name] for run in runs], factor, digits)
+            for name, _, factor, digits in BASELINE_COLUMNS
+        ),
     )
 
 

@@ -8,7 +8,12 @@ from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Origin
 from swarmdata.store import Manifest
 
-SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+HUB_SIZES = (
+    (1_000, "n<1K"),
+    (10_000, "1K<n<10K"),
+    (100_000, "10K<n<100K"),
+    (1_000_000, "100K<n<1M"),
+)
 """The Hub's size categories: joint steps below, name."""
 
 PROPERTIES = ("property", "value")
@@ -17,7 +22,7 @@ PROPERTIES = ("property", "value")
 
 def front_matter(manifest: Manifest, origin: Origin) -> str:
     """The YAML that the Hugging Face Hub reads."""
-    size = next((name for below, name in SIZES if manifest.n_steps < below), "1M<n<10M")
+    size = next((name for below, name in HUB_SIZES if manifest.n_steps < below), "1M<n<10M")
     content = {
         "pretty_name": origin.id,
         "license": origin.license,

@@ -10,7 +10,7 @@ from swarmdata.store import StoredDataset
 LOG_PROBS = "log_probs"
 """Log-probabilities of actions under their behavior policies, [T, N]; `density` defines them."""
 
-QUANTILES = (0.01, 0.5, 0.99)
+LOG_PROB_QUANTILES = (0.01, 0.5, 0.99)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,6 @@ def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
             n=len(values),
             undefined=1.0 - len(finite) / len(values),
             mean=float(known.mean()),
-            quantiles=tuple(np.quantile(known, QUANTILES).tolist()),
+            quantiles=tuple(np.quantile(known, LOG_PROB_QUANTILES).tolist()),
         )
     return found

@@ -6,7 +6,7 @@ They ask the protocol `Origin` only, so that a new kind of origin needs nothing 
 import numpy as np
 
 from swarmdata.cards.sections.front_matter import PROPERTIES
-from swarmdata.cards.sections.wording import TIERS, UNKNOWN_TIER
+from swarmdata.cards.sections.wording import TIER_DESCRIPTIONS, UNKNOWN_TIER_DESCRIPTION
 from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Origin, Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
@@ -20,7 +20,7 @@ MOST_NUMBERS = 6
 
 def tier_section(origin: Origin) -> str:
     """What the tier means."""
-    text = origin.about_tier or TIERS.get(origin.tier, UNKNOWN_TIER)
+    text = origin.about_tier or TIER_DESCRIPTIONS.get(origin.tier, UNKNOWN_TIER_DESCRIPTION)
     return f"\n## Tier\n\n{text}\n"
 
 

@@ -73,7 +73,7 @@ def senses_section(spec: TaskSpec) -> str:
     )
 
 
-OFFSETS = (
+ROW_OFFSETS = (
     "Rows over time: those of episode e are `starts[e]` to `starts[e] + lengths[e] - 1` in arrays "
     "with a row for each step (actions, rewards, events, ...), and `starts[e] + e` to "
     "`starts[e] + e + lengths[e]` in arrays with a row for each state (observations, states, "
@@ -105,7 +105,7 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     return (
         "\n## Arrays\n\n"
         + table(("array", "dtype", "shape"), arrays)
-        + f"\n{OFFSETS}\n\nActions are commands in [-1, 1], scaled by the robot's limit. "
+        + f"\n{ROW_OFFSETS}\n\nActions are commands in [-1, 1], scaled by the robot's limit. "
         "`log_probs` are the log-probabilities of the robots' actions under the "
         "policy that made them: sums over components of the log-density of the action noise inside "
         "(-1, 1) and of the log of the mass that was clipped to a bound; 0 without noise.\n"

@@ -19,7 +19,7 @@ from swarmdata.store import EpisodeTable
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
-BINS, BAR = 12, 40
+HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40
 """Rows of the return histogram, and characters of its longest bar."""
 
 HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
@@ -113,12 +113,12 @@ def statistics_section(data: CardData, picture: str | None) -> str:
     return "\n## Statistics\n\n" + markdown.table(("", "per episode"), rows) + shown
 
 
-def histogram(values: Double, bins: int = BINS) -> str:
+def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
     """Returns a histogram as text, one line per bin."""
     counts, edges = np.histogram(values, bins=bins)
-    scale = BAR / counts.max()
+    scale = HISTOGRAM_WIDTH / counts.max()
     lines = [
-        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{BAR}} {n}"
+        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}"
         for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
     ]
     return "\n".join(lines) + "\n"

@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-TIERS = MappingProxyType(
+TIER_DESCRIPTIONS = MappingProxyType(
     {
         "random": (
             "Commands are drawn uniformly and independently, for each robot and step. Robots "
@@ -51,12 +51,12 @@ TIERS = MappingProxyType(
 )
 """Tier -> what its data are; shares and noise of this very set are in the table of policies."""
 
-UNKNOWN_TIER = (
+UNKNOWN_TIER_DESCRIPTION = (
     "This tier is the recipe's own name for its mixture, not one of the package's: what it means "
     "is said by the policies below."
 )
 
-LIMITS = (
+COMMON_LIMITS = (
     "Simulated: planar, circular robots of equal mass, no wheel slip, no sensor noise unless the "
     "observation model says so.",
     "Every episode ends for the whole team at once; no robot leaves or joins.",
@@ -100,17 +100,17 @@ TASK_LIMITS = MappingProxyType(
 )
 """Known limits by task."""
 
-_NOISE = (
+NOISE_LIMIT = (
     "Gaussian noise was added to what the policies chose and the sum clipped to [-1, 1], so that "
     "commands pile up at the bounds."
 )
 
-_FEW_POLICIES = (
+FEW_POLICIES_LIMIT = (
     "Few policies made many episodes, and episodes of one policy are alike: there are fewer "
     "independent examples of behavior than episodes."
 )
 
-_CLONED = (
+CLONED_EXPERTS_LIMIT = (
     "Experts began as clones of the scripted controller: they resemble it, and each other more "
     "than policies that were trained from nothing would."
 )
@@ -122,20 +122,24 @@ TIER_LIMITS = MappingProxyType(
             "The controller has the state at hand; cloning it from observations alone may be "
             "impossible in part.",
         ),
-        "medium": (_NOISE, _FEW_POLICIES),
+        "medium": (NOISE_LIMIT, FEW_POLICIES_LIMIT),
         "medium-replay": (
-            _NOISE,
+            NOISE_LIMIT,
             "Checkpoints sample the training; what happened between them is not in the data.",
         ),
-        "medium-expert": (_NOISE, _FEW_POLICIES, _CLONED),
-        "expert": (_NOISE, _FEW_POLICIES, _CLONED),
+        "medium-expert": (NOISE_LIMIT, FEW_POLICIES_LIMIT, CLONED_EXPERTS_LIMIT),
+        "expert": (NOISE_LIMIT, FEW_POLICIES_LIMIT, CLONED_EXPERTS_LIMIT),
         "mixed-conventions": (
-            _NOISE,
-            _CLONED,
+            NOISE_LIMIT,
+            CLONED_EXPERTS_LIMIT,
             "Conventions concern passing head on; in other situations the experts agree more than "
             "the tier's name says.",
         ),
-        "narrow": (_NOISE, _CLONED, "One policy only: results on it say little about others."),
+        "narrow": (
+            NOISE_LIMIT,
+            CLONED_EXPERTS_LIMIT,
+            "One policy only: results on it say little about others.",
+        ),
     }
 )
 """Known limits by tier."""
@@ -143,4 +147,4 @@ TIER_LIMITS = MappingProxyType(
 
 def limits_of(task: str, tier: str) -> tuple[str, ...]:
     """Everything that is known to limit data of a task and a tier."""
-    return (*LIMITS, *TASK_LIMITS.get(task, ()), *TIER_LIMITS.get(tier, ()))
+    return (*COMMON_LIMITS, *TASK_LIMITS.get(task, ()), *TIER_LIMITS.get(tier, ()))

@@ -11,15 +11,15 @@ from swarmdata.store import SPLITS, assign_splits, merge_order
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
-HORIZON = END_REASONS.index("horizon")
+HORIZON_CODE = END_REASONS.index("horizon")
 
-TIMED_SHARE = 0.9
+TIMEOUT_SHARE = 0.9
 """Share of terminations at one length from which they look like timeouts."""
 
-FEW = 10
+MIN_TERMINATIONS = 10
 """Fewer episodes than this prove no habit."""
 
-CLOSE = 1e-9
+SUM_TOLERANCE = 1e-9
 """Relative difference of sums that another order of adding explains."""
 
 
@@ -44,7 +44,7 @@ def ends(subject: Subject) -> Remarks:
     if len(missing):
         place = subject.place("terminations", int(missing[0]))
         yield problem(f"{len(missing):,} episodes have no end, first {place}")
-    cut = subject.table.end_reason == HORIZON
+    cut = subject.table.end_reason == HORIZON_CODE
     # other environments may report success of an episode that they truncated
     successes = subject.table.success if subject.task is None else np.zeros_like(cut)
     wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & successes))
@@ -66,7 +66,7 @@ def horizon(subject: Subject) -> Remarks:
         late = np.flatnonzero(table.lengths > limit)
         if len(late):
             yield problem(f"episodes {some(late)} are longer than the horizon of {limit} steps")
-    cut = table.end_reason == HORIZON
+    cut = table.end_reason == HORIZON_CODE
     if subject.origin.recipe is not None:
         short = np.flatnonzero(cut & (table.lengths != limit))
         if len(short):
@@ -79,11 +79,11 @@ def horizon(subject: Subject) -> Remarks:
 
 def _disguised(ended: Int, limit: int | None) -> Remarks:
     """Terminations that look like timeouts: nearly all of them at the greatest length."""
-    if len(ended) < FEW or ended.max() == 1:
+    if len(ended) < MIN_TERMINATIONS or ended.max() == 1:
         return
     longest = int(ended.max()) if limit is None else limit
     share = float((ended == longest).mean())
-    if share < TIMED_SHARE:
+    if share < TIMEOUT_SHARE:
         return
     words = (
         f"{share:.0%} of the {len(ended):,} terminations come after exactly {longest} steps: "
@@ -110,7 +110,7 @@ def table(subject: Subject) -> Remarks:
     scale = np.add.reduceat(np.abs(means), starts)
     stored = subject.table.team_return
     wrong = np.flatnonzero(
-        ~(np.abs(np.add.reduceat(means, starts) - stored) <= CLOSE * (scale + 1.0))
+        ~(np.abs(np.add.reduceat(means, starts) - stored) <= SUM_TOLERANCE * (scale + 1.0))
     )
     if len(wrong):
         first = int(wrong[0])
@@ -251,7 +251,7 @@ def statistics(subject: Subject) -> Remarks:
             yield problem("no episode is in the train split, so there are no statistics")
             return
         mean, std = moments
-        scale = CLOSE * (1.0 + np.abs(mean) + std)
+        scale = SUM_TOLERANCE * (1.0 + np.abs(mean) + std)
         for what, got, expected in (
             ("mean", stored[name][0], mean), ("deviation", stored[name][1], std)
         ):  # fmt: skip

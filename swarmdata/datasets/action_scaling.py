@@ -1,4 +1,4 @@
-"""How actions of a recorded environment look to policies: mapped to [-1, 1], or as its choices."""
+"""The actions of recorded environments as policies see them: mapped to [-1, 1], or as choices."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,15 @@ from swarmdata.specs.spaces import (
 )
 from swarmdata.types import Double, Float
 
-TOLERANCE = 1e-5
-"""How far outside [-1, 1] a recorded action may lie, for the rounding of its environment."""
+BOUND_TOLERANCE = 1e-5
+"""How far outside [-1, 1] a recorded action may lie, because environments round."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActionScale:
     """unit = (action - middle) / half, for each agent and column; padding is 0 on both sides.
 
-    A column that can have one value only has that as its middle, and half 1.
+    A column with a single possible value has it as its middle, and half 1.
     """
 
     middle: Double  # [N, A]
@@ -39,14 +39,15 @@ class ActionScale:
             SchemaError: an action lies outside its bounds.
         """
         unit = (actions.astype(np.float64) - self.middle) / self.half
-        beyond = np.abs(unit) > 1 + TOLERANCE
+        beyond = np.abs(unit) > 1 + BOUND_TOLERANCE
         if beyond.any():
             index = np.argwhere(beyond)[0]
             agent, column = index[-2:]
             raise SchemaError(
                 f"column {column} of an action of agent {agent} is {actions[tuple(index)]:g}, "
                 f"outside of {self.middle[agent, column]:g} ± {self.half[agent, column]:g}, the "
-                "bounds of its space. Record what the environment made of it, or clip it first."
+                "bounds of its space. Record the action that the environment executed, or clip it "
+                "first."
             )
         clipped: Float = np.clip(unit, -1, 1).astype(np.float32)
         return clipped
@@ -70,8 +71,8 @@ def action_scale(spec: Spec) -> ActionScale:
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         if not is_continuous(space):
             raise SchemaError(
-                f"actions of {name} in {spec.task} are choices ({space}); only "
-                "continuous ones can be scaled."
+                f"actions of {name} in {spec.task} are choices ({space}), expected "
+                "continuous ones, which alone can be scaled."
             )
         low, high = bounds(space)
         unbounded = ~(np.isfinite(low) & np.isfinite(high))
@@ -83,9 +84,9 @@ def action_scale(spec: Spec) -> ActionScale:
                 "in [-1, 1]. Wrap the environment so that its action space is bounded, then "
                 "record; `transitions()` and episodes have the actions as they are."
             )
-        own = slice(len(low))
-        middle[index, own] = (low + high) / 2
-        half[index, own] = np.where(high > low, (high - low) / 2, 1.0)
+        columns = slice(len(low))
+        middle[index, columns] = (low + high) / 2
+        half[index, columns] = np.where(high > low, (high - low) / 2, 1.0)
     return ActionScale(middle, half)
 
 
@@ -118,7 +119,7 @@ def _ranges(space: Space, name: str, spec: Spec) -> tuple[range, ...]:
             parts = (space.spaces[key] for key in sorted(space.spaces))
             return tuple(each for part in parts for each in _ranges(part, name, spec))
     raise SchemaError(
-        f"actions of {name} in {spec.task} have a part that is no choice ({space}), and others "
-        "are. Algorithms learn either continuous actions or choices: wrap the environment so that "
-        "it has one kind."
+        f"actions of {name} in {spec.task} have a continuous part ({space}) beside choices. "
+        "Algorithms learn either continuous actions or choices: wrap the environment so that it "
+        "has one kind."
     )

@@ -5,13 +5,40 @@ from collections.abc import Mapping
 from functools import cache, cached_property
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
+from swarmdata.errors import SchemaError
 from swarmdata.specs.frozen import Frozen, Probability
+from swarmdata.types import Double
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Reference(NamedTuple):
+    """The two returns between which a score is measured, on the fixed evaluation seeds."""
+
+    no_skill: float  # the better of an idle and a random team
+    expert: float
+
+
+def normalized_score(returns: Double | float, reference: Reference) -> Double:
+    """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
+
+    Same shape as `returns`; neither end is clipped.
+
+    Raises:
+        SchemaError: the expert is not better than no skill.
+    """
+    span = reference.expert - reference.no_skill
+    if not span > 0:
+        raise SchemaError(
+            f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
+            "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
+        )
+    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
 
 
 class Figures(Frozen):
@@ -68,15 +95,21 @@ class TaskReferences(Frozen):
         interval = self.policies.get(policy, {}).get("return")
         return interval.value if interval else None
 
-    def score(self, team_return: float) -> float | None:
-        """100 (R - R0) / (R_expert - R0), None where a reference was not measured."""
+    @property
+    def reference(self) -> Reference | None:
+        """The ends of the score, None where one of them was not measured."""
         if self.no_skill is None or self.expert is None:
             return None
-        return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
+        return Reference(self.no_skill, self.expert)
+
+    def score(self, team_return: float) -> float | None:
+        """The normalized score of a team return, None where a reference was not measured."""
+        reference = self.reference
+        return None if reference is None else float(normalized_score(team_return, reference))
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
-    """What differs from the versions and the platform that something was made with, in words."""
+    """Versions and platforms that differ from those that something was made with, in words."""
     return tuple(
         f"{name} {here.get(name, 'none')} instead of {version}"
         for name, version in sorted(made_with.items())

@@ -107,30 +107,6 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
     return float(gaps.min())
 
 
-class Reference(NamedTuple):
-    """The two returns between which a score is measured, on the fixed evaluation seeds."""
-
-    no_skill: float  # the better of an idle and a random team
-    expert: float
-
-
-def normalized_score(returns: Double | float, reference: Reference) -> Double:
-    """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
-
-    Same shape as `returns`; neither end is clipped.
-
-    Raises:
-        SchemaError: the expert is not better than no skill.
-    """
-    span = reference.expert - reference.no_skill
-    if not span > 0:
-        raise SchemaError(
-            f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
-            "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
-        )
-    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
-
-
 def restricted_mean_time(times: Double, limit: float) -> float:
     """Mean of min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
 

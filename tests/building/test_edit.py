@@ -269,7 +269,7 @@ def test_reobservations_are_refused(tmp_path: Path, record: Callable[..., Path])
     spec = preset("coop_nav").with_updates(horizon=5)
     source = Dataset.open(record(tmp_path / "source", spec, ("random",)))
     view = source.reobserve("lidar", progress=False)
-    with pytest.raises(SpecError, match="re-observation"):
+    with pytest.raises(SpecError, match="reobservation"):
         combine_datasets([view], tmp_path / "out", id="coop_nav-seen-v0")
 
 

@@ -84,5 +84,5 @@ def test_choices_are_whole_numbers_by_column() -> None:
 
 @pytest.mark.parametrize("mixed", [box(0, 1), TupleSpace(spaces=(DiscreteSpace(n=2), box(0, 1)))])
 def test_choices_beside_numbers_are_refused(mixed: Space) -> None:
-    with pytest.raises(SchemaError, match="actions of a1 in t have a part that is no choice"):
+    with pytest.raises(SchemaError, match="actions of a1 in t have a continuous part"):
         choices_of(spec_of(DiscreteSpace(n=2), mixed))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
-from swarmdata.rollouts.metrics import Reference
+from swarmdata.registry.published import Reference
 from swarmdata.store import SPLITS
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import N_FEATURES, M, N, S, make_dataset

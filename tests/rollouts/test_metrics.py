@@ -13,8 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_task
+from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Reference, bootstrap, episode_metrics, metrics_of
+from swarmdata.rollouts.metrics import bootstrap, episode_metrics, metrics_of
 from swarmdata.specs.state_layout import N_COLUMNS, TX
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import END_REASONS, Double, Episode, no_messages
@@ -121,10 +122,10 @@ def test_states_of_another_team_are_refused() -> None:
 
 def test_score_is_0_without_skill_and_100_for_the_expert() -> None:
     reference = Reference(no_skill=-2.0, expert=8.0)
-    scores = metrics.normalized_score(np.array([-2.0, 8.0, 3.0, 13.0, -12.0]), reference)
+    scores = normalized_score(np.array([-2.0, 8.0, 3.0, 13.0, -12.0]), reference)
     assert scores.tolist() == [0, 100, 50, 150, -100]
     with pytest.raises(SchemaError, match="no_skill=1, expert=1"):
-        metrics.normalized_score(0.0, Reference(1.0, 1.0))
+        normalized_score(0.0, Reference(1.0, 1.0))
 
 
 def test_restricted_mean_counts_failures_as_the_limit() -> None:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import is_dataset
-from swarmdata.datasets.reobservation import seen_again
+from swarmdata.datasets.reobservation import reobserved_episode
 from swarmdata.drawing.style import SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.aggregate import complete
@@ -222,7 +222,7 @@ def draw_target(
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
         spec = with_models(dataset.task, observation, communication)
-        episode = seen_again(dataset[index], dataset.task, spec)
+        episode = reobserved_episode(dataset[index], dataset.task, spec)
     else:
         target = find_target(name, task, observation, communication)
         spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]

@@ -14,6 +14,7 @@ import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts import metrics
 from swarmdata.types import Double
 
@@ -71,7 +72,7 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
         values["time_to_goal"] = metrics.censored_times(values["time_to_goal"], case.time_limit)
     if case.reference is not None:
         values = {
-            "score": metrics.normalized_score(values["return"], case.reference),
+            "score": normalized_score(values["return"], case.reference),
             **values,
         }
     return values

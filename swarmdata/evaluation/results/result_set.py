@@ -16,8 +16,14 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.hub.catalog.catalog import find_folder
-from swarmdata.registry.published import Figures, TaskReferences, published, references_of
-from swarmdata.rollouts.metrics import Reference, normalized_score
+from swarmdata.registry.published import (
+    Figures,
+    Reference,
+    TaskReferences,
+    normalized_score,
+    published,
+    references_of,
+)
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
@@ -252,9 +258,7 @@ def reference_of(spec: Spec) -> Reference | None:
     worlds = [known for known in SPECS.values() if is_same_world(known, spec.world)]
     found = (references_of(each.hash()) for each in (spec, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)
-    if known is None or known.no_skill is None or known.expert is None:
-        return None
-    return Reference(known.no_skill, known.expert)
+    return None if known is None else known.reference
 
 
 def _data_figures(

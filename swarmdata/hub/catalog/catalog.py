@@ -19,10 +19,10 @@ from swarmdata.hub.catalog.request import is_offline, parse_request
 from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
 from swarmdata.registry.published import (
     Published,
+    Reference,
     published,
     references_of,
 )
-from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
@@ -165,9 +165,7 @@ def find_folder(name: str | Path) -> Path:
 def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found = None if spec.world is None else references_of(_spec_hash(spec.world))
-    if found is None or found.no_skill is None or found.expert is None:
-        return None
-    return Reference(no_skill=found.no_skill, expert=found.expert)
+    return None if found is None else found.reference
 
 
 @lru_cache(maxsize=256)

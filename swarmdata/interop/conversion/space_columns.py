@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError
 from swarmdata.specs.origins import RecordedAgent, Spec
 from swarmdata.specs.spaces import (
-    LARGEST_WHOLE,
+    LARGEST_EXACT_INTEGER,
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -87,8 +87,8 @@ def join_rows(space: Space, values: Any, where: str) -> Float:
             f"{where} has shape {array.shape} and dtype {array.dtype}, expected {width(space)} "
             f"numbers in each row ({space})"
         )
-    if array.dtype.kind in "iu" and array.size and np.abs(array).max() > LARGEST_WHOLE:
-        raise ConversionError(f"{where} has whole numbers above {LARGEST_WHOLE}")
+    if array.dtype.kind in "iu" and array.size and np.abs(array).max() > LARGEST_EXACT_INTEGER:
+        raise ConversionError(f"{where} has whole numbers above {LARGEST_EXACT_INTEGER}")
     return array.reshape(len(array), -1).astype(np.float32)
 
 

@@ -3,9 +3,22 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.sections.baselines import SHOWN, baselines_section, read_runs, study_runs
+from swarmdata.cards.sections.baselines import (
+    BASELINE_COLUMNS,
+    baselines_section,
+    read_runs,
+    study_runs,
+)
 
-NAMES = ("label", "family", "dataset", "digest", "updates", "episodes", *(n for n, *_ in SHOWN))
+NAMES = (
+    "label",
+    "family",
+    "dataset",
+    "digest",
+    "updates",
+    "episodes",
+    *(n for n, *_ in BASELINE_COLUMNS),
+)
 
 
 def make_run(label: str, team_return: float, **changes: str) -> dict[str, str]:

@@ -27,8 +27,8 @@ from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.training.run_folder import read_run
+from swarmdata.registry.published import Reference
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult

@@ -13,7 +13,8 @@ from swarmdata.evaluation.study.cells.cell_worker import RESULTS
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.run_cells import folder_of
 from swarmdata.evaluation.study.pages.collect_results import Findings, by_id
-from swarmdata.rollouts.metrics import censored_times, normalized_score
+from swarmdata.registry.published import normalized_score
+from swarmdata.rollouts.metrics import censored_times
 
 MEANS = (
     "return",
