@@ -73,7 +73,7 @@ class QMIX:
         """The greedy policy of seed number `index`, as it is now."""
         return self._loop.policy(index)
 
-    def warm_start(self) -> bool:
+    def prepare(self) -> bool:
         """Does nothing: the first rounds fill the replay."""
         return False
 

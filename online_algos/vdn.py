@@ -65,7 +65,7 @@ class VDN:
         """The greedy policy of seed number `index`, as it is now."""
         return self._loop.policy(index)
 
-    def warm_start(self) -> bool:
+    def prepare(self) -> bool:
         """Does nothing: the first rounds fill the replay."""
         return False
 

@@ -10,10 +10,13 @@ import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.learn.training.overrides import (
+    RENAMED_SETTINGS,
     as_texts,
     from_json,
     override,
+    setting_types,
 )
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
 
 @dataclass(frozen=True)
@@ -132,3 +135,12 @@ def test_an_old_name_is_refused_with_the_new_one(read: Callable[[], BCConfig]) -
 def test_an_old_name_of_another_algorithm_is_just_unknown() -> None:
     with pytest.raises(UnknownNameError, match="unknown setting 'polyak'"):
         override(BCConfig(), {"polyak": "1"})
+
+
+def test_new_names_are_settings_of_an_algorithm() -> None:
+    pytest.importorskip("torch", reason="algorithms need the torch extra")
+    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
+    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
+    known = {name for kind in kinds for name in setting_types(kind)}
+    for old, names in RENAMED_SETTINGS.items():
+        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"
