@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -87,7 +87,7 @@ class BC:
         self.n_updates += 1
         return losses
 
-    @fusable
+    @compilable
     def _gradient(self, batch: Batch) -> dict[str, Tensor]:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]

@@ -33,8 +33,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.critics import JointCritics, information
+from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize

@@ -39,7 +39,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.sizes import Sizes
@@ -115,7 +115,7 @@ class MADDPGBC:
             self.parts.follow()
         return losses
 
-    @fusable
+    @compilable
     def _critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
         y = self.targets(batch, noise)  # [K, B]
         q = self.parts.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
@@ -143,7 +143,7 @@ class MADDPGBC:
         q = self.parts.critics.q(x, batch.actions)  # [K, 2, B, 1]
         return (q[..., 0] - y[:, None]).square().mean((1, 2))
 
-    @fusable
+    @compilable
     def _actor_gradient(self, batch: Batch, x: Tensor, alpha: float) -> dict[str, Tensor]:
         parts, actions = self.parts, batch.actions
         pi = parts.actor(batch.observations)  # [K, B, N, A]

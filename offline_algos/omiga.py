@@ -39,9 +39,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.critics import information
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape
@@ -52,7 +52,7 @@ from swarmdata.learn.objectives.in_sample import (
     soft_value_loss,
     weighted_cloning_loss,
 )
-from swarmdata.learn.objectives.td_targets import polyak, td_target, team_reward
+from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
@@ -72,7 +72,7 @@ class OMIGAConfig:
     critic_step_size: float = 1e-3  # see `maddpg_bc`
     final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
     discount: float = 0.95
-    polyak: float = 0.01
+    move_target: float = 0.01
     alpha: float = 0.1  # see the deviations above
     max_weight: float = 100.0  # w*
     max_gradient_norm: float | None = 10.0  # per seed, of each network kind
@@ -142,7 +142,7 @@ class OMIGA:
         self.value_adam.step(value_loss, scale)
         self.actor_adam.step(actor_loss, scale)
         self.critics.follow(self.config.polyak)
-        polyak(self.target_values, self.values.network, self.config.polyak)
+        move_target(self.target_values, self.values.network, self.config.polyak)
         self.n_updates += 1
         losses = (critic_loss, value_loss, actor_loss, q.mean(1))
         spread = (z.std((1, 2)), weights.mean((1, 2)))

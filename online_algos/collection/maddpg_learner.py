@@ -9,13 +9,18 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.critics import JointCritics, JointGradient, information
-from swarmdata.learn.networks.network_inputs import generator_states, generators, restore_generators
+from swarmdata.learn.networks.critics import JointCritics, JointGradient
+from swarmdata.learn.networks.network_inputs import (
+    generator_states,
+    generators,
+    information,
+    restore_generators,
+)
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.td_targets import polyak, td_target
+from swarmdata.learn.objectives.td_targets import move_target, td_target
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import normal_like
 from swarmdata.types import Batch
@@ -49,7 +54,7 @@ class MADDPGConfig:
     final_step_size: float = 0.05  # factor at the end of training, reached linearly
     discount: float = 0.97
     reward_scale: float = 1.0
-    polyak: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
+    move_target: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
     policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
     smoothing: float = 0.1  # half of the paper's; not compared alone
     smoothing_clip: float = 0.5
@@ -114,7 +119,7 @@ class Learner:
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
             losses |= self._update_actors(batch, x, scale)
-            polyak(self.target_actors, self.actors.network, self.config.polyak)
+            move_target(self.target_actors, self.actors.network, self.config.polyak)
             self.critics.follow(self.config.polyak)
         return {name: loss.detach() for name, loss in losses.items()}
 

@@ -10,7 +10,7 @@ from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
@@ -160,7 +160,7 @@ class DelayedActor:
 
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to the policies (Polyak averaging)."""
-        polyak(self.target, self.online.network, rate)
+        move_target(self.target, self.online.network, rate)
 
     def policy(self, index: int) -> TorchPolicy:
         """Returns the policy of seed number `index`, as it is now."""

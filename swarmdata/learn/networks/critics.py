@@ -15,7 +15,7 @@ from swarmdata.learn.networks.actor import CRITIC_STREAM
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp_of_branches
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.training.checkpoint import part
 
 JointGradient = Literal["all", "own"]
@@ -116,7 +116,7 @@ class Critics:
 
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to the critics (Polyak averaging)."""
-        polyak(self.target, self.online, rate)
+        move_target(self.target, self.online, rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""
@@ -188,20 +188,6 @@ class JointCritics(Critics):
             pi = replace_each(actions, pi).flatten(1, 2)
             x = x.repeat_interleave(actions.shape[2], 1)
         return self.first_q(x, pi)
-
-
-def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns what critics see besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
-
-    The state alone does not say where the obstacles are, so a critic of it cannot tell a free way
-    from a blocked one. On `coop_nav-medium` (MADDPG+BC at alpha 2.5) the observations raised the
-    score from 37.5 (20,000 updates) to 45.8 (8,000); collisions stayed as they were.
-
-    Args:
-        states: normalized, [K, B, S].
-        observations: normalized, [K, B, N, O].
-    """
-    return torch.cat([states, observations.flatten(2)], 2)
 
 
 def replace_each(actions: Tensor, others: Tensor) -> Tensor:

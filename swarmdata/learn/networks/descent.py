@@ -7,7 +7,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import StackedMLP, backward
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.training.checkpoint import part
 
 
@@ -51,7 +51,7 @@ class Descent:
     def follow(self, rate: float) -> None:
         """Moves the targets by `rate` of their distance to the networks."""
         for name, target in self.targets.items():
-            polyak(target, self.networks[name], rate)
+            move_target(target, self.networks[name], rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""

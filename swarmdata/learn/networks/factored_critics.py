@@ -14,13 +14,12 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.critics import information
 from swarmdata.learn.networks.mixers import Mixer
-from swarmdata.learn.networks.network_inputs import with_agent_id
+from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.training.checkpoint import part
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
@@ -134,7 +133,7 @@ class FactoredCritics:
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to what is trained (Polyak averaging)."""
         for name, network in self._trained().items():
-            polyak(self._targets()[name], network, rate)
+            move_target(self._targets()[name], network, rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""

@@ -7,8 +7,13 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import DelayedActor
-from swarmdata.learn.networks.critics import JointCritics, information
-from swarmdata.learn.networks.network_inputs import generator_states, generators, restore_generators
+from swarmdata.learn.networks.critics import JointCritics
+from swarmdata.learn.networks.network_inputs import (
+    generator_states,
+    generators,
+    information,
+    restore_generators,
+)
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward

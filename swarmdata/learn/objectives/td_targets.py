@@ -28,6 +28,6 @@ def td_target(
     return rewards + discount * (~terminations) * next_values
 
 
-def polyak(target: StackedMLP, online: StackedMLP, rate: float) -> None:
+def move_target(target: StackedMLP, online: StackedMLP, rate: float) -> None:
     """Moves the target's parameters by `rate` of their distance to the online ones, in place."""
     target.flat.lerp_(online.flat, rate)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.networks.critics import JointCritics, information, replace_each  # noqa: E402
+from swarmdata.learn.networks.critics import JointCritics, replace_each  # noqa: E402
+from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
