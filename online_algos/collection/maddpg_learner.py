@@ -54,7 +54,7 @@ class MADDPGConfig:
     final_step_size: float = 0.05  # factor at the end of training, reached linearly
     discount: float = 0.97
     reward_scale: float = 1.0
-    move_target: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
+    polyak: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
     policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
     smoothing: float = 0.1  # half of the paper's; not compared alone
     smoothing_clip: float = 0.5
@@ -94,7 +94,7 @@ class Learner:
         )
         self.critics = JointCritics(
             sizes, seeds, config.critic_hidden,
-            step_size=config.critic_step_size, max_norm=config.max_gradient_norm,
+            learning_rate=config.critic_step_size, max_norm=config.max_gradient_norm,
             n_critics=config.n_critics, n_values=sizes.n_agents,
         )  # fmt: skip
         self.target_actors = self.actors.network.clone()

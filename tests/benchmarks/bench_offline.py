@@ -69,7 +69,7 @@ def ours(data: Any, statistics: Statistics, hidden: int, n_seeds: int, device: s
     samplers = [data.sampler(256, seed=seed) for seed in range(n_seeds)]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     config = MADDPGBCConfig(
-        actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), warm_start=0
+        actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), bc_warmup_updates=0
     )
     algorithm = MADDPGBC(sizes, range(n_seeds), config, statistics=statistics, device=device)
 

@@ -90,7 +90,7 @@ class DelayedActor:
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers.
         statistics: of the dataset, to normalize observations.
-        step_size: of Adam.
+        learning_rate: of Adam.
         max_norm: largest norm of one seed's gradient; None does not clip.
         device: where to train.
     """
@@ -102,13 +102,13 @@ class DelayedActor:
         hidden: tuple[int, ...],
         statistics: Statistics,
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         device: torch.device | str,
     ) -> None:
         self.online = StackedActor(sizes, seeds, hidden, statistics, squash=True, device=device)
         self.target = self.online.network.clone()
-        self.optimizer = StackedAdam(self.online.network, len(seeds), step_size, max_norm)
+        self.optimizer = StackedAdam(self.online.network, len(seeds), learning_rate, max_norm)
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""

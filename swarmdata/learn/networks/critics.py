@@ -33,7 +33,7 @@ class Critics:
         n_inputs: features that a critic sees, actions included.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        step_size: of Adam.
+        learning_rate: of Adam.
         max_norm: largest norm of the gradient of one seed's critics; None does not clip.
         n_critics: critics of a seed, J.
         n_values: outputs of a critic, V: 1 for the team's value, N for one per agent's reward.
@@ -46,7 +46,7 @@ class Critics:
         seeds: Sequence[int],
         hidden: tuple[int, ...],
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         n_critics: int = 2,
         n_values: int = 1,
@@ -57,7 +57,7 @@ class Critics:
         self.online = StackedMLP(shape, n_critics * len(seeds), device)
         initialize(self.online, seeds, CRITIC_STREAM)
         self.target = self.online.clone()
-        self.optimizer = StackedAdam(self.online, len(seeds), step_size, max_norm)
+        self.optimizer = StackedAdam(self.online, len(seeds), learning_rate, max_norm)
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' values, [K, J, B, V].
@@ -140,7 +140,7 @@ class JointCritics(Critics):
         sizes: numbers of agents and features.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        step_size: of Adam; this and the rest as in `Critics`.
+        learning_rate: of Adam; this and the rest as in `Critics`.
         max_norm: of a seed's gradient.
         n_critics: of a seed.
         n_values: outputs of a critic.
@@ -153,7 +153,7 @@ class JointCritics(Critics):
         seeds: Sequence[int],
         hidden: tuple[int, ...],
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         n_critics: int = 2,
         n_values: int = 1,
@@ -163,7 +163,7 @@ class JointCritics(Critics):
             sizes.state + sizes.n_agents * (sizes.observation + sizes.action),
             seeds,
             hidden,
-            step_size=step_size,
+            learning_rate=learning_rate,
             max_norm=max_norm,
             n_critics=n_critics,
             n_values=n_values,

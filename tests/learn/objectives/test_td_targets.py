@@ -50,7 +50,7 @@ def test_the_team_reward_is_the_mean_over_agents() -> None:
     assert team_reward(torch.tensor([[1.0, 3.0], [0.0, -2.0]])).tolist() == [2.0, -1.0]
 
 
-def test_polyak_moves_by_the_rate_and_leaves_the_online_network_alone() -> None:
+def test_targets_move_by_the_rate_and_leaves_the_online_network_alone() -> None:
     target, online = (StackedMLP(MLPShape(1, (), 1), 1, "cpu") for _ in range(2))
     online.flat.fill_(1.0)
     move_target(target, online, 0.25)

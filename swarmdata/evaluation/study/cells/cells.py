@@ -23,7 +23,7 @@ ONLINE_FAMILY = "online"
 UNDECISIVE = {"family", "source", "run"}
 """Fields that change neither training nor evaluation: what a family is called, where files are."""
 
-LENGTHS = ("n_updates", "warm_start")
+LENGTHS = ("n_updates", "bc_warmup_updates")
 """Settings that are numbers of updates: a study's budget scales them together."""
 
 
