@@ -10,7 +10,7 @@ import numpy as np
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.trainer import Evaluate, Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
@@ -190,8 +190,7 @@ def read_settings(name: str) -> dict[str, str]:
         raise SpecError(f"cannot read settings from {name}: {error}") from error
     if not isinstance(table, dict):
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
-    joined = {k: ",".join(map(str, v)) if isinstance(v, list) else v for k, v in table.items()}
-    return {str(key): str(value) for key, value in joined.items()}
+    return as_texts(table)
 
 
 def _evaluation(spec: TaskSpec) -> Evaluate:

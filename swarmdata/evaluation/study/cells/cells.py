@@ -12,7 +12,7 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
 from swarmdata.evaluation.study.cells.study_data import named, short, sized
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
-from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
@@ -171,7 +171,7 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
         changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}
     names = {field.name for field in dataclasses.fields(config)}
     changes |= {k: v for k, v in study.settings.items() if k in names}
-    return _json(override(config, _texts({**changes, **variant.settings})))
+    return _json(override(config, as_texts({**changes, **variant.settings})))
 
 
 def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
@@ -182,7 +182,7 @@ def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
     assert baseline.task is not None
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
     length = {} if baseline.frames is None else {"n_frames": baseline.frames}
-    config = _json(override(kind.Config(), _texts({**length, **baseline.settings})))
+    config = _json(override(kind.Config(), as_texts({**length, **baseline.settings})))
     return Cell(
         kind="online",
         data=Path(baseline.task).stem,
@@ -219,18 +219,6 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
         seeds=tuple(seed.seed for seed in found),
         **shared,
     )
-
-
-def _texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Settings as `--set` takes them."""
-    return {name: _text(value) for name, value in values.items()}
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ",".join(map(_text, value))
-    words = {True: "true", False: "false", None: "none"}
-    return words[value] if value is None or isinstance(value, bool) else str(value)
 
 
 def _json(config: Any) -> dict[str, Any]:
