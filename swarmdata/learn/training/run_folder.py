@@ -28,6 +28,7 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.overrides import from_json
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
@@ -87,12 +88,15 @@ class Run(Frozen):
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
-        """Makes the algorithm as it is before its first update."""
+        """Makes the algorithm as it is before its first update.
+
+        Raises:
+            SpecError: a setting has another name now, which the message gives.
+        """
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
-        # JSON has no tuples
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
+        config = from_json(kind.Config, self.config)
         algorithm: Algorithm = kind(
-            self.sizes, self.seeds, kind.Config(**values), statistics=statistics, device=device
+            self.sizes, self.seeds, config, statistics=statistics, device=device
         )
         return algorithm
 

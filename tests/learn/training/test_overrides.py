@@ -14,6 +14,7 @@ from swarmdata.learn.training.overrides import (
     from_json,
     override,
 )
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
 
 @dataclass(frozen=True)
@@ -132,3 +133,30 @@ def test_an_old_name_is_refused_with_the_new_one(read: Callable[[], BCConfig]) -
 def test_an_old_name_of_another_algorithm_is_just_unknown() -> None:
     with pytest.raises(UnknownNameError, match="unknown setting 'polyak'"):
         override(BCConfig(), {"polyak": "1"})
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "old", "new"),
+    [
+        ("bc", "step_size", "learning_rate"),
+        ("maddpg_bc", "alpha", "rl_weight"),
+        ("cfcql", "alpha", "cql_weight"),
+        ("omiga", "alpha", "temperature"),
+        ("iql", "beta", "inverse_temperature"),
+        ("vdn", "conservative_weight", "cql_weight"),
+        ("qmix", "n_choices", "n_bins"),
+        ("omar", "warm_start", "bc_warmup_updates"),
+        ("icql_qs", "noise", "smoothing"),
+        ("facmac_bc", "embedding", "mixer_embedding"),
+    ],
+)
+def test_old_names_of_offline_settings_give_the_new_ones(
+    algorithm: str, old: str, new: str
+) -> None:
+    pytest.importorskip("torch", reason="algorithms need torch")
+    config = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config
+    message = f"unknown setting '{old}' of .*; it is called '{new}' now"
+    with pytest.raises(SpecError, match=message):
+        override(config(), {old: "1"})
+    with pytest.raises(SpecError, match=message):
+        from_json(config, {old: 1})

@@ -12,7 +12,7 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
 from swarmdata.evaluation.study.cells.study_data import named, short, sized
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
-from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
@@ -104,8 +104,11 @@ def _check_settings(study: Study) -> None:
     ]
     known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
     if strange := sorted(study.settings.keys() - known):
+        new_names = {new for old in strange for new in RENAMED_SETTINGS.get(old, ())}
+        renamed = f" (called {', '.join(sorted(new_names))} now)" if new_names else ""
         raise SpecError(
-            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has"
+            f"{renamed}; "
             f"expected some of: {', '.join(sorted(known))}"
         )
 
