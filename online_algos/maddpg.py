@@ -36,13 +36,18 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.critics import JointCritics, JointGradient, information
-from swarmdata.learn.networks.network_inputs import generator_states, generators, restore_generators
+from swarmdata.learn.networks.critics import JointCritics, JointGradient
+from swarmdata.learn.networks.network_inputs import (
+    generator_states,
+    generators,
+    information,
+    restore_generators,
+)
 from swarmdata.learn.networks.optimizer import StackedAdam, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.td_targets import polyak, td_target
+from swarmdata.learn.objectives.td_targets import move_target, td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import (
@@ -121,7 +126,7 @@ class Learner:
         )
         self.critics = JointCritics(
             sizes, seeds, config.critic_hidden,
-            step_size=config.critic_learning_rate, max_norm=config.max_grad_norm,
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
             n_critics=config.n_critics, n_values=sizes.n_agents,
         )  # fmt: skip
         self.target_actors = self.actors.network.clone()
@@ -146,7 +151,7 @@ class Learner:
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
             losses |= self._update_actors(batch, x, scale)
-            polyak(self.target_actors, self.actors.network, self.config.tau)
+            move_target(self.target_actors, self.actors.network, self.config.tau)
             self.critics.follow(self.config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
 

@@ -35,7 +35,7 @@ from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, SPEED
-from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, Table, versions
+from swarmdata.learn.training.run_folder import Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve

@@ -31,8 +31,9 @@ class PassingSide:
 def count_oncoming(step: Step) -> tuple[Float, Float]:
     """Returns how many oncoming robots each robot has on its right and on its left, each [E, N].
 
-    Two robots are oncoming while they are closer than `passings.ENCOUNTER_DISTANCE`, both move, their velocities
-    point against each other, and they have not passed. A robot exactly ahead is on neither side.
+    Two robots are oncoming while they are closer than `passings.ENCOUNTER_DISTANCE`, both move,
+    their velocities point against each other, and they have not passed. A robot exactly ahead is on
+    neither side.
     """
     robots = robots_of(step.states, step.rewards.shape[1])
     positions, velocities = robots[..., [X, Y]], robots[..., [VX, VY]]

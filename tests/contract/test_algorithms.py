@@ -20,7 +20,7 @@ BATCH = 16
 ACTOR_CRITIC: dict[str, Any] = {
     "actor_hidden": (32, 32),
     "critic_hidden": (32, 32),
-    "warm_start": 2,
+    "bc_warmup_updates": 2,
     "n_updates": 200,
 }
 SMALL: dict[str, dict[str, Any]] = {

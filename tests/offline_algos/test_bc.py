@@ -45,13 +45,13 @@ def test_it_follows_the_cosine_and_stands_still_at_its_end(good_only: MemoryData
         before = bc.actor.network.flat.clone()
         bc.update(batch)
         moved.append((bc.actor.network.flat - before).abs().max().item())
-    assert moved[0] == pytest.approx(BCConfig().step_size, rel=0.01)
+    assert moved[0] == pytest.approx(BCConfig().learning_rate, rel=0.01)
     assert 0 < moved[9] < 0.1 * moved[0]
     assert moved[10] == 0
 
 
-def test_a_constant_step_size_is_possible(good_only: MemoryDataset) -> None:
-    bc, batches = made(good_only, 1, n_updates=10, final_step_size=1.0)
+def test_a_constant_learning_rate_is_possible(good_only: MemoryDataset) -> None:
+    bc, batches = made(good_only, 1, n_updates=10, final_learning_rate_factor=1.0)
     for batch in batches:
         bc.update(batch)
     before = bc.actor.network.flat.clone()

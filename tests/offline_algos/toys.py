@@ -20,7 +20,7 @@ SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 TINY = {
     "actor_hidden": (16,),
     "critic_hidden": (16,),
-    "warm_start": 0,
+    "bc_warmup_updates": 0,
     "policy_delay": 1,
     "n_samples": 3,
 }
@@ -33,7 +33,8 @@ SMALL = {
     "critic_hidden": (32, 32),
     "discount": 0.9,
     "batch_size": 128,
-    "step_size": 3e-3,
+    "learning_rate": 3e-3,
+    "actor_learning_rate": 3e-3,
     "temperature": 0.1,
     "threshold": 0.3,
 }

@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.learn.networks.critics import information  # noqa: E402
+from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG, Learner, MADDPGConfig  # noqa: E402

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import SchemaError
-from swarmdata.learn.networks.critics import information
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go

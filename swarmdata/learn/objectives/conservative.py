@@ -62,7 +62,7 @@ def noisy_samples(
     return Samples((centers + deviation * noise).clamp(-1, 1), log_density.sum((3, 4)))
 
 
-def together(parts: Sequence[Samples]) -> Samples:
+def join_samples(parts: Sequence[Samples]) -> Samples:
     """Returns several draws of the same rows as one."""
     actions, densities = zip(*parts, strict=True)
     return Samples(torch.cat(actions, 2), torch.cat(densities, 2))
@@ -119,6 +119,18 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
     """
     weighted = values / temperature - log_density[:, None]
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
+
+
+def cql_gap(samples: Samples, values: Tensor, q: Tensor, temperature: float) -> Tensor:
+    """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
+
+    Args:
+        samples: the sampled actions.
+        values: what the critics give for them, [K, J, B, M].
+        q: what they give for the data's actions, [K, J, B].
+        temperature: tau of the soft maximum.
+    """
+    return (soft_maximum(values, samples.log_density, temperature) - q).mean(2)
 
 
 def _repeated(actions: Tensor, n_samples: int) -> Tensor:

@@ -40,6 +40,14 @@ RENAMED_SETTINGS: dict[str, tuple[str, ...]] = {
     "detour": ("shaping.payload_path_weight",),
     "behind": ("shaping.behind_payload_weight",),
     "rewards": ("shaping.reward_weights",),
+    "alpha": ("rl_weight", "cql_weight", "temperature"),
+    "beta": ("inverse_temperature",),
+    "conservative_weight": ("cql_weight",),
+    "n_choices": ("n_bins",),
+    "warm_start": ("bc_warmup_updates",),
+    "noise": ("smoothing",),
+    "noise_clip": ("smoothing_clip",),
+    "embedding": ("mixer_embedding",),
 }
 """Old names of settings and what they are called now, in any algorithm that has the new one."""
 

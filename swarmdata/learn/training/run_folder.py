@@ -72,7 +72,11 @@ class Run(Frozen):
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
-        """Makes the algorithm as it is before its first update."""
+        """Makes the algorithm as it is before its first update.
+
+        Raises:
+            SpecError: a setting has another name now, which the message gives.
+        """
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
         algorithm: Algorithm = kind(

@@ -30,7 +30,7 @@ def statistics() -> Statistics:
 
 def made(n_seeds: int = 2) -> DelayedActor:
     return DelayedActor(
-        SIZES, range(n_seeds), (8,), statistics(), step_size=1e-2, max_norm=None, device="cpu"
+        SIZES, range(n_seeds), (8,), statistics(), learning_rate=1e-2, max_norm=None, device="cpu"
     )
 
 

@@ -144,3 +144,30 @@ def test_new_names_are_settings_of_an_algorithm() -> None:
     known = {name for kind in kinds for name in setting_types(kind)}
     for old, names in RENAMED_SETTINGS.items():
         assert set(names) & known, f"{old} is now called {names}, which no algorithm has"
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "old", "new"),
+    [
+        ("bc", "step_size", "learning_rate"),
+        ("maddpg_bc", "alpha", "rl_weight"),
+        ("cfcql", "alpha", "cql_weight"),
+        ("omiga", "alpha", "temperature"),
+        ("iql", "beta", "inverse_temperature"),
+        ("vdn", "conservative_weight", "cql_weight"),
+        ("qmix", "n_choices", "n_bins"),
+        ("omar", "warm_start", "bc_warmup_updates"),
+        ("icql_qs", "noise", "smoothing"),
+        ("facmac_bc", "embedding", "mixer_embedding"),
+    ],
+)
+def test_old_names_of_offline_settings_give_the_new_ones(
+    algorithm: str, old: str, new: str
+) -> None:
+    pytest.importorskip("torch", reason="algorithms need torch")
+    config = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config
+    message = f"unknown setting '{old}' of .*; it is called '{new}' now"
+    with pytest.raises(SpecError, match=message):
+        override(config(), {old: "1"})
+    with pytest.raises(SpecError, match=message):
+        from_json(config, {old: 1})

@@ -31,7 +31,6 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, POLICIES, run_folders
-from swarmdata.learn.training.run_folder import CHECKPOINT
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import describe_run, train_run

@@ -11,7 +11,7 @@ from swarmdata import __version__
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.cells.study_data import named, short, sized
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
-from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
@@ -23,7 +23,7 @@ ONLINE_FAMILY = "online"
 UNDECISIVE = {"family", "source", "run"}
 """Fields that change neither training nor evaluation: what a family is called, where files are."""
 
-LENGTHS = ("n_updates", "warm_start")
+LENGTHS = ("n_updates", "bc_warmup_updates")
 """Settings that are numbers of updates: a study's budget scales them together."""
 
 
@@ -104,8 +104,11 @@ def _check_settings(study: Study) -> None:
     ]
     known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
     if strange := sorted(study.settings.keys() - known):
+        new_names = {new for old in strange for new in RENAMED_SETTINGS.get(old, ())}
+        renamed = f" (called {', '.join(sorted(new_names))} now)" if new_names else ""
         raise SpecError(
-            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has"
+            f"{renamed}; "
             f"expected some of: {', '.join(sorted(known))}"
         )
 

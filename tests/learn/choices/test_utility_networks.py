@@ -1,4 +1,4 @@
-"""Factored values: targets, twins, masks in the target and when acting, what each loss does."""
+"""VDN and QMIX offline: targets, both networks, masks in the target and when acting, losses."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,11 +11,11 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.choices.factored_values import FactoredConfig, FactoredValues  # noqa: E402
-from swarmdata.learn.networks.mixers import MeanMixer, Mixer, MonotonicMixer  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
+from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import SIZES, two_episodes  # noqa: E402
 
@@ -29,14 +29,7 @@ def made(
     is_monotonic: bool = False,
     return_std: float = 1.0,
     **config: Any,
-) -> FactoredValues:
-    def mixer() -> Mixer:
-        if not is_monotonic:
-            return MeanMixer()
-        return MonotonicMixer(
-            2, 4, range(n_seeds), 1, embedding=4, hidden=4, device="cpu", n_twins=2
-        )  # fmt: skip
-
+) -> VDN | QMIX:
     statistics = Statistics(
         observation_mean=np.zeros(3),
         observation_std=np.ones(3),
@@ -45,10 +38,11 @@ def made(
         return_std=return_std,
         max_return=1.0,
     )
-    small = {"hidden": (8,), "n_choices": 3, "regulariser": "none", "clip_target": False, **config}
-    return FactoredValues(
-        sizes, range(n_seeds), FactoredConfig(**small), mixer, statistics=statistics
-    )
+    small = {"hidden": (8,), "n_bins": 3, "regulariser": "none", "clip_target": False, **config}
+    if is_monotonic:
+        mixing = QMIXConfig(**small, mixer_embedding=4, mixer_hidden=4)
+        return QMIX(sizes, range(n_seeds), mixing, statistics=statistics)
+    return VDN(sizes, range(n_seeds), VDNConfig(**small), statistics=statistics)
 
 
 def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
@@ -80,7 +74,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
     def value(utilities: Tensor, choices: Tensor, states: Tensor, mixer: Any = None) -> Tensor:
         v = 100 * states[..., 0] + 10 * states[..., 1]
-        return torch.stack([v - 1, v + 1], 1)  # the mean of the twins counts
+        return torch.stack([v - 1, v + 1], 1)  # the mean of both networks counts
 
     monkeypatch.setattr(learner, "value", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
@@ -92,15 +86,19 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize("is_monotonic", [False, True])
 def test_the_online_networks_choose_and_the_targets_value(is_monotonic: bool) -> None:
     learner, batch = made(2, is_monotonic=is_monotonic, discount=0.5), random_batch(2)
-    for seed, network in enumerate(learner.descent.targets.values()):
+    for seed, network in enumerate(learner.networks.descent.targets.values()):
         network.flat.normal_(generator=torch.Generator().manual_seed(seed))
-    features, states = learner.normalized(batch.next_observations, batch.next_states)
-    online = learner.utilities(features).mean(1)
-    target = learner.utilities(features, learner.descent.targets["team"])
+    networks, features = learner.networks, batch.next_observations  # moments are 0 and 1
+    online = networks.utilities(features).mean(1)
+    target = networks.utilities(features, learner.networks.descent.targets["team"])
     best = online.argmax(-1)
     assert (target.mean(1).argmax(-1) != best).any()
-    taken = torch.stack([bins.chosen(target[:, twin], best) for twin in range(2)], 1)
-    q_next = learner.mix(taken, states, learner.descent.targets.get("mixer")).mean(1)
+    taken = torch.stack([bins.chosen(target[:, each], best) for each in range(2)], 1)
+    if isinstance(learner, QMIX):
+        slow = learner.networks.descent.targets["mixer"]
+        q_next = learner.mix(taken, batch.next_states, slow).mean(1)
+    else:
+        q_next = taken.mean((1, 3))
     expected = batch.rewards.mean(-1) + 0.5 * ~batch.terminations * q_next
     torch.testing.assert_close(learner.targets(batch), expected.detach())
 
@@ -109,7 +107,7 @@ def test_targets_are_at_most_what_data_return() -> None:
     batch = random_batch()
     clipped, free = made(return_std=0.5, clip_target=True), made(return_std=0.5)
     for values in (clipped, free):
-        values.descent.targets["team"].flat.fill_(3.0)
+        values.networks.descent.targets["team"].flat.fill_(3.0)
     r = batch.rewards.mean(-1) / 0.5
     bound = r + 0.95 * (~batch.terminations) * 2.0  # the largest return-to-go is 1
     torch.testing.assert_close(clipped.targets(batch), bound)
@@ -118,20 +116,22 @@ def test_targets_are_at_most_what_data_return() -> None:
 
 def test_mixing_raises_no_value_by_lowering_a_robots() -> None:
     learner = made(is_monotonic=True)
+    assert isinstance(learner, QMIX)
     values = torch.randn(1, 2, 9, 2, requires_grad=True)
     (slope,) = torch.autograd.grad(learner.mix(values, torch.randn(1, 9, 4)).sum(), values)
     assert (slope >= 0).all()
-    assert not torch.equal(slope[:, 0], slope[:, 1])  # each twin has its own mixer
+    assert not torch.equal(slope[:, 0], slope[:, 1])  # each network has its own mixer
 
 
 @pytest.mark.parametrize("is_monotonic", [False, True])
-def test_twins_differ_and_both_learn(is_monotonic: bool) -> None:
+def test_both_networks_differ_and_both_learn(is_monotonic: bool) -> None:
     learner, batch = made(2, is_monotonic=is_monotonic), random_batch(2)
-    kinds = [learner.descent.networks[name] for name in ("team", *(["mixer"] * is_monotonic))]
+    kinds = list(learner.networks.descent.networks.values())
+    assert len(kinds) == 1 + is_monotonic
     before = [network.flat.clone() for network in kinds]
     learner.update(batch)
     for network, old in zip(kinds, before, strict=True):
-        assert len(old) == 4  # seed 0 twin 0, seed 0 twin 1, seed 1 twin 0, ...
+        assert len(old) == 4  # seed 0 network 0, seed 0 network 1, seed 1 network 0, ...
         assert len({tuple(row.tolist()) for row in old}) == 4
         assert network.gradient.norm(dim=1).min() > 0
         assert not torch.equal(network.gradient[0], network.gradient[1])
@@ -148,23 +148,24 @@ def test_the_mask_holds_in_the_target_and_when_acting(head: Any) -> None:
     batch, observations = random_batch(), np.zeros((4, 2, 3), np.float32)
     for regulariser, best in (("bcq", 0), ("none", 2)):
         learner = made(regulariser=regulariser, behavior_head=head, discount=0.5)
-        make_constant(learner.team.network, [1.0, 2.0, 7.0] * 2, [1.0, 2.0, 7.0] * 2)
-        make_constant(learner.descent.targets["team"], [3.0, 4.0, 5.0] * 2, [3.0, 4.0, 5.0] * 2)
-        if learner.behavior is not None:
-            make_constant(learner.behavior.network, one)
+        online, slow = learner.networks.team.network, learner.networks.descent.targets["team"]
+        make_constant(online, [1.0, 2.0, 7.0] * 2, [1.0, 2.0, 7.0] * 2)
+        make_constant(slow, [3.0, 4.0, 5.0] * 2, [3.0, 4.0, 5.0] * 2)
+        if learner.networks.behavior is not None:
+            make_constant(learner.networks.behavior.network, one)
         q_next = (3.0, 4.0, 5.0)[best]
         expected = batch.rewards.mean(-1) + 0.5 * q_next * ~batch.terminations
         torch.testing.assert_close(learner.targets(batch), expected)
-        assert (learner.policy(0).actions(observations) == best - 1).all()  # knots -1, 0, 1
+        assert (learner.policy(0).actions(observations) == best - 1).all()  # bins -1, 0, 1
 
 
 def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
     learner = made(regulariser="bc", temperature=1.0)
-    assert learner.behavior is not None
-    make_constant(learner.behavior.network, [0.0, 3.0, 0.0, 0.0, 0.0, 3.0])
-    # p = softmax(U + log pi_b) of knots -1, 0, 1 has logits (top, 3, 0) and (top, 0, 3)
+    assert learner.networks.behavior is not None
+    make_constant(learner.networks.behavior.network, [0.0, 3.0, 0.0, 0.0, 0.0, 3.0])
+    # p = softmax(U + log pi_b) of bins -1, 0, 1 has logits (top, 3, 0) and (top, 0, 3)
     for top in (1.0, 4.0):
-        make_constant(learner.team.network, *[[top, 0.0, 0.0] * 2] * 2)
+        make_constant(learner.networks.team.network, *[[top, 0.0, 0.0] * 2] * 2)
         actions = learner.policy(0).actions(np.zeros((1, 2, 3), np.float32))
         total = np.exp([top, 3.0, 0.0]).sum()
         first, second = (1 - np.exp(top)) / total, (np.exp(3.0) - np.exp(top)) / total
@@ -173,10 +174,10 @@ def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
 
 def test_the_conservative_gap_by_hand() -> None:
     learner = made(regulariser="cql")
-    make_constant(learner.team.network, [0.0, 1.0, 2.0] * 2, [0.0] * 6)
+    make_constant(learner.networks.team.network, [0.0, 1.0, 2.0] * 2, [0.0] * 6)
     batch = replace(random_batch(), actions=torch.full((1, 32, 2, 2), 0.5))
     losses = learner.update(batch)
-    first = np.log(1 + np.e + np.e**2) - 1.5  # the action lies between the knots 0 and 1
+    first = np.log(1 + np.e + np.e**2) - 1.5  # the action lies between the bins 0 and 1
     assert losses["conservative_gap"].item() == pytest.approx(first + np.log(3), rel=1e-5)
 
 
@@ -184,10 +185,10 @@ def test_conservatism_lowers_what_the_data_do_not_do() -> None:
     batch = replace(random_batch(), actions=torch.ones(1, 32, 2, 2))
     left: dict[str, float] = {}
     for regulariser in ("none", "cql"):
-        learner = made(regulariser=regulariser, conservative_weight=1.0, step_size=1e-2)
+        learner = made(regulariser=regulariser, cql_weight=1.0, learning_rate=1e-2)
         for _ in range(60):
             losses = learner.update(batch)
-        utilities = learner.utilities(batch.observations).detach().mean((0, 1, 2, 3, 4))
+        utilities = learner.networks.utilities(batch.observations).detach().mean((0, 1, 2, 3, 4))
         left[regulariser] = float(utilities[2] - utilities[0])
     assert left["cql"] > left["none"] + 0.5
     assert losses["q"] > -2  # and the data's own value stays

@@ -10,45 +10,44 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.choices.decomposition import Decomposition, Rates  # noqa: E402
-from swarmdata.learn.networks.mixers import MeanMixer, Mixer, MonotonicMixer  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
-from swarmdata.learn.networks.team_networks import Team  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
+from swarmdata.online_algos.vdn import VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
-N_AGENTS, N_CHOICES, N_DIMENSIONS = 2, 3, 2
-RATES = Rates(
-    discount=0.5, reward_scale=2.0, step_size=1e-2, polyak=0.25, max_gradient_norm=None
-)  # fmt: skip
-
-
-def mixer_of(kind: str, n_seeds: int) -> Mixer:
-    if kind == "mean":
-        return MeanMixer()
-    return MonotonicMixer(
-        N_AGENTS, 4, range(n_seeds), 1, embedding=8, hidden=8, device="cpu"
-    )  # fmt: skip
+N_AGENTS, N_BINS, N_DIMENSIONS = 2, 3, 2
+SETTINGS: dict[str, Any] = {
+    "n_bins": N_BINS,
+    "hidden": (16,),
+    "discount": 0.5,
+    "reward_scale": 2.0,
+    "learning_rate": 1e-2,
+    "tau": 0.25,
+    "max_grad_norm": None,
+}
 
 
 def made(
     kind: str = "mean",
     n_seeds: int = 2,
     *,
-    rates: Rates = RATES,
-    parameters: Any = "shared",
     n_dimensions: int = N_DIMENSIONS,
     n_inputs: int = 5,
-) -> Decomposition:
-    shape = MLPShape(n_inputs, (16,), n_dimensions * N_CHOICES)
-    team = Team(shape, N_AGENTS, range(n_seeds), 0, parameters=parameters, device="cpu")
-    return Decomposition(team, mixer_of(kind, n_seeds), n_seeds, N_CHOICES, rates)
+    **changes: Any,
+) -> VDNLearner | QMIXLearner:
+    sizes = Sizes(N_AGENTS, n_inputs, n_dimensions, 4)
+    settings = {**SETTINGS, **changes}
+    if kind == "mean":
+        return VDNLearner(sizes, range(n_seeds), VDNConfig(**settings))
+    mixing = QMIXConfig(**settings, mixer_embedding=8, mixer_hidden=8)
+    return QMIXLearner(sizes, range(n_seeds), mixing)
 
 
 def random_batch(n_seeds: int = 2, size: int = 12) -> Batch:
     g = torch.Generator().manual_seed(0)
     shape = (n_seeds, size)
     flags = torch.rand(shape, generator=g) < 0.3
-    choices = torch.randint(N_CHOICES, (*shape, N_AGENTS, N_DIMENSIONS), generator=g)
+    choices = torch.randint(N_BINS, (*shape, N_AGENTS, N_DIMENSIONS), generator=g)
     return Batch(
         observations=torch.randn(*shape, N_AGENTS, 5, generator=g),
         actions=choices.float(),
@@ -80,7 +79,10 @@ def test_the_online_networks_choose_and_the_targets_value(kind: str) -> None:
         values.append(torch.stack(picked).mean())
     q = torch.stack(values)[None, None].expand(2, 1, -1)
     state = batch.next_states[:, b : b + 1]
-    mixed = learner.mixer(q, state, learner.descent.targets.get("mixer"))[k, 0]
+    if isinstance(learner, QMIXLearner):
+        mixed = learner.mixer(q, state, learner.descent.targets["mixer"])[k, 0]
+    else:
+        mixed = q.mean(-1)[k, 0]
     alive = 0.0 if batch.terminations[k, b] else 1.0
     expected = 2.0 * batch.rewards[k, b].mean() + 0.5 * alive * mixed
     torch.testing.assert_close(y[k, b], expected)
@@ -104,7 +106,7 @@ def test_a_step_moves_everything_towards_the_targets(kind: str) -> None:
         assert not torch.equal(network.flat, old[name]), name
 
 
-def test_targets_follow_by_the_polyak_rate() -> None:
+def test_targets_follow_by_tau() -> None:
     learner, batch = made("monotonic"), random_batch()
     old = [target.flat.clone() for target in learner.descent.targets.values()]
     learner.update(batch)
@@ -143,13 +145,13 @@ def test_a_state_restores_everything() -> None:
     ours, batch = made("monotonic"), random_batch()
     for _ in range(3):
         ours.update(batch)
-    saved = ours.state_dict()
+    saved = ours.descent.state_dict()
     other = made("monotonic")
-    other.load_state_dict(saved)
+    other.descent.load_state_dict(saved)
     for learner in (ours, other):
         learner.update(batch)
-    for name, value in ours.state_dict().items():
-        assert torch.equal(value, other.state_dict()[name]), name
+    for name, value in ours.descent.state_dict().items():
+        assert torch.equal(value, other.descent.state_dict()[name]), name
 
 
 def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
@@ -157,10 +159,8 @@ def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
 
     A discrete action space is one dimension of choices; the game ends after one step.
     """
-    rates = Rates(
-        discount=0.9, reward_scale=1.0, step_size=1e-2, polyak=0.1, max_gradient_norm=None
-    )
-    learner = made(kind, 1, rates=rates, n_dimensions=1, n_inputs=1)
+    rates = {"discount": 0.9, "reward_scale": 1.0, "tau": 0.1}
+    learner = made(kind, 1, n_dimensions=1, n_inputs=1, **rates)
     cells = torch.cartesian_prod(torch.arange(3), torch.arange(3))[None]  # [1, 9, 2]
     ones = torch.ones(1, 9, dtype=torch.bool)
     batch = Batch(
