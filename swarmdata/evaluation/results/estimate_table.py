@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 UNDEFINED = "–"
 """Stands for what was not measured or is not defined."""

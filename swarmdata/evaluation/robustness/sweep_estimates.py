@@ -9,7 +9,8 @@ from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
-from swarmdata.rollouts.metrics import Estimate, Reference, normalized_score
+from swarmdata.rollouts.metrics import Reference, normalized_score
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from swarmdata.drawing.style import COLORS, FAINT, INK, figure, thousands
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import Curve
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 """Of lines, once colors repeat."""
