@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 
 from swarmdata.drawing import markdown
-from swarmdata.rollouts.metrics import bootstrap, iqm
+from swarmdata.rollouts.score_statistics import bootstrap, iqm
 
 STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
 """Folders of the committed studies, in `cards`."""

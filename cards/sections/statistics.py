@@ -13,7 +13,7 @@ from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, PASSING_DISTANCE
 from swarmdata.cards.sections.card_data import CardData
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.metrics import wilson_interval
+from swarmdata.rollouts.score_statistics import wilson_interval
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import EpisodeTable
 from swarmdata.store.table import clean_successes

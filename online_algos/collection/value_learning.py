@@ -141,7 +141,7 @@ def policy_of(self: ValueLearning, index: int) -> BinPolicy:
     )
 
 
-def skip_warm_start(self: ValueLearning) -> bool:
+def skip_preparation(self: ValueLearning) -> bool:
     """Does nothing: the first rounds fill the replay."""
     return False
 

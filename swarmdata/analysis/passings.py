@@ -33,11 +33,6 @@ class Passings(NamedTuple):
         """Passings of both kinds."""
         return self.n_right + self.n_left
 
-    @property
-    def right_share(self) -> float | None:
-        """Share that kept to the right, None without any passing."""
-        return self.n_right / self.n if self.n else None
-
 
 def passings(
     states: Float,

@@ -40,7 +40,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
-from swarmdata.rollouts import metrics
+from swarmdata.rollouts import score_statistics
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
 
@@ -232,7 +232,9 @@ def _rows(
 def _over_states(values: Double) -> Interval:
     """Mean over fits [M] and initial states [E], and its interval over initial states."""
     table = values.mean(axis=0)[:, None]
-    value, low, high = metrics.bootstrap(metrics.mean, table, generator=np.random.default_rng(0))
+    value, low, high = score_statistics.bootstrap(
+        score_statistics.mean, table, generator=np.random.default_rng(0)
+    )
     return value, low, high
 
 

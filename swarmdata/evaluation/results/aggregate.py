@@ -15,8 +15,8 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.result_set import Case, ResultSet
-from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Estimate, resample
+from swarmdata.rollouts import score_statistics
+from swarmdata.rollouts.score_statistics import Estimate, resample
 from swarmdata.types import Bool, Double
 
 N_RESAMPLES = 2000
@@ -89,16 +89,16 @@ def aggregates(
     """
 
     def estimate(statistic: Callable[..., Double], table: Double) -> Estimate:
-        return metrics.bootstrap(
+        return score_statistics.bootstrap(
             statistic, table, generator=generator_of(), n_resamples=n_resamples
         )
 
     return {
         label: Aggregate(
             len(table),
-            estimate(metrics.iqm, table),
-            estimate(metrics.mean, table),
-            estimate(metrics.optimality_gap, table),
+            estimate(score_statistics.iqm, table),
+            estimate(score_statistics.mean, table),
+            estimate(score_statistics.optimality_gap, table),
         )
         for label, table in tables.items()
     }
@@ -139,7 +139,7 @@ def profile_band(
         level: probability that the interval is to cover at each threshold.
     """
     rng = generator_of() if generator is None else generator
-    size = max(1, metrics.MAX_RESAMPLED_SCORES // (scores.size * len(thresholds)))
+    size = max(1, score_statistics.MAX_RESAMPLED_SCORES // (scores.size * len(thresholds)))
     counts = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
     draws = [performance_profile(resample(scores, rng, n), thresholds) for n in counts]
     tail = (1.0 - level) / 2.0
@@ -175,8 +175,8 @@ def improvements(
         (label, other) -> P(label > other), of all pairs of different labels.
     """
     return {
-        (one, other): metrics.bootstrap(
-            metrics.probability_of_improvement,
+        (one, other): score_statistics.bootstrap(
+            score_statistics.probability_of_improvement,
             tables[one],
             tables[other],
             generator=generator_of(),
@@ -204,10 +204,12 @@ def mean_over_runs(
         statistic: of the table [runs, 1]; the interquartile mean by default.
     """
     if len(values) > 1:
-        table, chosen = values.mean(axis=1)[:, None], statistic or metrics.iqm
+        table, chosen = values.mean(axis=1)[:, None], statistic or score_statistics.iqm
     else:
-        table, chosen = values.T, metrics.mean
-    return metrics.bootstrap(chosen, table, generator=generator_of(), n_resamples=n_resamples)
+        table, chosen = values.T, score_statistics.mean
+    return score_statistics.bootstrap(
+        chosen, table, generator=generator_of(), n_resamples=n_resamples
+    )
 
 
 def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from swarmdata.drawing.style import COLORS, GRAY, colors, draw_grid, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
 
 

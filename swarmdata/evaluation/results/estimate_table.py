@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from swarmdata.drawing import markdown
 from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.errors import UnknownNameError
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 UNDEFINED = "–"
 """Stands for what was not measured or is not defined."""

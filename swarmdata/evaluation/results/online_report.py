@@ -17,7 +17,7 @@ from swarmdata.learn.training.run_folder import read_table
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
-from swarmdata.rollouts.metrics import bootstrap, mean
+from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.runtime.atomic import write_file
 
 GOAL = 0.9

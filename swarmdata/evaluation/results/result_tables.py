@@ -20,8 +20,8 @@ from swarmdata.evaluation.results.aggregate import (
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
-from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts import metrics, score_statistics
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
 from swarmdata.types import Double
 
@@ -114,7 +114,7 @@ def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
     A label with one run gets the mean over episodes; its 95 % interval is Wilson's for shares of
     episodes and a percentile bootstrap over episodes for the rest. A label with several runs, one
     per training seed, gets the interquartile mean over their means, with a stratified bootstrap
-    over runs. Time to goal counts an unsolved episode as the horizon (`restricted_mean_time`).
+    over runs. Time to goal counts an unsolved episode as the horizon (`metrics.censored_times`).
     """
     quantities = quantities_of(case)
     rows = [
@@ -139,7 +139,7 @@ def estimate(
     if np.isnan(values).any():
         return NOTHING
     if len(values) == 1 and quantity.column.is_rate:
-        return metrics.wilson_interval(int(values.sum()), values.size)
+        return score_statistics.wilson_interval(int(values.sum()), values.size)
     return mean_over_runs(values, n_resamples=n_resamples)
 
 
@@ -243,9 +243,9 @@ def aggregate_table(
     if known and len(known) == len(own):
         table = np.array([known])
         values = (
-            metrics.iqm(table),
-            metrics.mean(table),
-            metrics.optimality_gap(table),
+            score_statistics.iqm(table),
+            score_statistics.mean(table),
+            score_statistics.optimality_gap(table),
         )
         rows.insert(0, Row("data", 0, tuple(_plain(float(value)) for value in values)))
     return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")

@@ -10,7 +10,7 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 
 

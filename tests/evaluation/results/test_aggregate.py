@@ -21,7 +21,7 @@ from swarmdata.evaluation.results.aggregate import (
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import gather
-from swarmdata.rollouts import metrics
+from swarmdata.rollouts import score_statistics
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 from tests.support.measured import EXPERT, MEDIUM, grid, result
@@ -35,15 +35,15 @@ def test_values_that_rliable_publishes() -> None:
     """`tests/rliable/metrics_test.py` of google-research/rliable."""
     x = np.array([[1.0, 2.0], [2.0, 2.0], [1.0, 1.0], [2.0, 1.0]])
     y = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    assert metrics.mean(x) == metrics.iqm(x) == 1.5
-    assert metrics.mean(y) == metrics.iqm(y) == 2.0
-    assert metrics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
+    assert score_statistics.mean(x) == score_statistics.iqm(x) == 1.5
+    assert score_statistics.mean(y) == score_statistics.iqm(y) == 2.0
+    assert score_statistics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
 
 
 @given(TABLES, TABLES)
 def test_aggregates_are_those_of_scipy(x: Double, y: Double) -> None:
     stats = pytest.importorskip("scipy.stats")
-    assert metrics.iqm(x) == pytest.approx(stats.trim_mean(x, 0.25, axis=None))
+    assert score_statistics.iqm(x) == pytest.approx(stats.trim_mean(x, 0.25, axis=None))
     tasks = min(x.shape[1], y.shape[1])
     x, y = x[:, :tasks], y[:, :tasks]
     wins = [
@@ -51,7 +51,7 @@ def test_aggregates_are_those_of_scipy(x: Double, y: Double) -> None:
         for a, b in zip(x.T, y.T, strict=True)
     ]
     expected = np.mean(wins) / (len(x) * len(y))
-    assert metrics.probability_of_improvement(x, y) == pytest.approx(expected)
+    assert score_statistics.probability_of_improvement(x, y) == pytest.approx(expected)
     both = improvements({"x": x, "y": y}, n_resamples=5)
     assert both["x", "y"].value + both["y", "x"].value == pytest.approx(1.0)
 
@@ -91,7 +91,7 @@ def test_the_band_is_that_of_every_possible_resample() -> None:
 def test_a_band_does_not_depend_on_its_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     table, thresholds = np.random.default_rng(0).random((5, 2)), np.linspace(0, 1, 7)
     whole = profile_band(table, thresholds, n_resamples=101)
-    monkeypatch.setattr(metrics, "MAX_RESAMPLED_SCORES", 100)
+    monkeypatch.setattr(score_statistics, "MAX_RESAMPLED_SCORES", 100)
     for one, other in zip(whole, profile_band(table, thresholds, n_resamples=101), strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -8,7 +8,7 @@ import pytest
 
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.evaluation.results.curve_plots import Curve, plot_curves, plot_estimates, read_curve
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 pytest.importorskip("matplotlib")
 

@@ -15,8 +15,8 @@ from swarmdata.evaluation.results.result_tables import (
     metric_table,
 )
 from swarmdata.registry.published import published
-from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts import score_statistics
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
@@ -40,8 +40,8 @@ def test_one_run_is_averaged_over_episodes() -> None:
     assert row["score"].value == pytest.approx(case.scores("bc").mean())
     standard_error = returns.std() / math.sqrt(40)
     assert row["return"].high - returns.mean() == pytest.approx(1.96 * standard_error, rel=0.15)
-    assert row["success"] == metrics.wilson_interval(30, 40)
-    assert row["clean_success"] == metrics.wilson_interval(20, 40)
+    assert row["success"] == score_statistics.wilson_interval(30, 40)
+    assert row["clean_success"] == score_statistics.wilson_interval(20, 40)
     assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
 
 
@@ -97,7 +97,7 @@ def test_labels_by_dataset() -> None:
     assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
     assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
     row = cells(table, "bc")
-    expected = metrics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
+    expected = score_statistics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
     assert row[EXPERT].value == pytest.approx(float(expected))
     assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
     assert math.isnan(cells(table, "iql")[EXPERT].value)

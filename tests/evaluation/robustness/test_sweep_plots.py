@@ -12,7 +12,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_plots import PANELS, plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 RATES = ("success", "clean_success")
 

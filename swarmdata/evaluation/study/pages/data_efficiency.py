@@ -10,7 +10,7 @@ from swarmdata.evaluation.study.cells.study_data import Facts, named, sized
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_size
 from swarmdata.evaluation.study.pages.scoreboard import Board, board_of, quantity_of
 from swarmdata.evaluation.study.pages.study_figures import plot_sizes
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 Lines = dict[str, dict[int, Estimate]]
 

@@ -18,7 +18,7 @@ from swarmdata.evaluation.study.cells.study_data import named
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import board_of, quantity_of, short
 from swarmdata.evaluation.study.plan import Study, Sweep
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 FOLDER = "sweeps"
 """Of results in the study's folder of cells, and of tables and figures beside its page."""

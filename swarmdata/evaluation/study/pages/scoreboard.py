@@ -14,7 +14,7 @@ from swarmdata.evaluation.results.result_tables import (
     estimate,
     quantities_of,
 )
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 Estimates = Mapping[str, Estimate]
 

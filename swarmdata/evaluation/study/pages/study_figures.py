@@ -16,7 +16,7 @@ from swarmdata.drawing.style import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import Curve
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 MOST_SHARED = 6
 """Lines in all panels together, up to which they share one legend."""

@@ -9,7 +9,7 @@ from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, qua
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import Board, short
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisions",
                   "obstacle_collisions")  # fmt: skip

@@ -10,7 +10,7 @@ from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.csv_files import to_csv
 from swarmdata.evaluation.study.pages.scoreboard import Board
 from swarmdata.evaluation.study.pages.study_tables import board_table, duration
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 FAMILIES = {"bc": "cloning", "vdn": "values", "qmix": "values", "omar": "critics"}
 SCORE, CLEAN = Column("score", "score", "", 1), Column("clean", "clean success", "%", 1, 100.0)
