@@ -32,7 +32,7 @@ def evaluate(
     """
     from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
     from swarmdata.evaluation.results.report import shown_cases
-    from swarmdata.evaluation.results.result_set import gather
+    from swarmdata.evaluation.results.result_set import group_results
     from swarmdata.evaluation.results.result_tables import case_table
 
     found = [find_target(name, task, observation, communication) for name in targets]
@@ -41,7 +41,7 @@ def evaluate(
     results = [
         result for target in found for result in evaluate_target(target, episodes, out, again=again)
     ]
-    for case in shown_cases(gather(results)).values():
+    for case in shown_cases(group_results(results)).values():
         typer.echo(case_table(case).to_text(), nl=False)
     if kept := sum(result.path is not None for result in results):
         typer.echo(f"\n{kept} of {len(results)} were in {out} already; --again measures them anew.")

@@ -32,16 +32,16 @@ def study(
 
     require("torch", "torch", "running a study")
     require("matplotlib", "plots", "drawing the figures of a study")
-    from swarmdata.evaluation.study import run_study
     from swarmdata.evaluation.study.plan import Study
+    from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
 
     plan = Study.from_file(file)
-    options = run_study.Options(out or file.parent / plan.name, work, workers, only, again)
+    options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
     if check is not None:
-        found = run_study.check(plan, check, options)
+        found = reproduce_study_cell(plan, check, options)
         typer.echo(found.sentence())
         raise typer.Exit(0 if found.is_same else 1)
-    failures, written = run_study.conduct(plan, options, f"swarmdata study {file}")
+    failures, written = run_study(plan, options, f"swarmdata study {file}")
     typer.echo(written[0])
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)

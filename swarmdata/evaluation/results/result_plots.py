@@ -108,9 +108,9 @@ def _name_datasets(axes: Any, names: Sequence[str]) -> None:
 
 
 def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -> None:
-    handles = [_handle(axes, look, label) for label, look in looks.items()]
+    handles = [_legend_handle(axes, look, label) for label, look in looks.items()]
     if extra:
-        handles.append(_handle(axes, DATA_LINE, "the data's mean"))
+        handles.append(_legend_handle(axes, DATA_LINE, "the data's mean"))
     axes.legend(
         handles=handles,
         loc="lower center",
@@ -121,8 +121,8 @@ def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -
     )
 
 
-def _handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
-    """What a legend shows of a look."""
+def _legend_handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
+    """A legend's entry for a label."""
     return axes.plot([], [], **{"ms": 5, "ls": "none", **look}, label=label)[0]
 
 
@@ -221,9 +221,9 @@ def plot_pareto(cases: Collection[Case], path: Path) -> None:
             axes.set_visible(False)
         drawing.supxlabel("collisions per episode", fontsize=10)
         drawing.supylabel("team return", fontsize=10)
-        handles = [_handle(grid[0], look, label) for label, look in looks.items()]
+        handles = [_legend_handle(grid[0], look, label) for label, look in looks.items()]
         if any(case.data is not None for case in cases):
-            handles.append(_handle(grid[0], DATA_LINE, "the data's mean"))
+            handles.append(_legend_handle(grid[0], DATA_LINE, "the data's mean"))
         drawing.legend(handles=handles, loc="outside right center", handletextpad=0.4)
 
 
