@@ -32,7 +32,8 @@ def study(
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.
 
-    Writes tables, figures and text about it. An interrupted study resumes: run the same command again.
+    Writes tables, figures and text about it. An interrupted study resumes: run the same command
+    again.
     """
     from swarmdata.evaluation.results.policy_names import require
 
