@@ -270,7 +270,7 @@ def curves(
     log: Annotated[bool, typer.Option(help="with --by: logarithmic axis of joint steps")] = False,
 ) -> None:
     """Draw learning curves of online runs."""
-    from swarmdata.evaluation.results.report import draw_learning, draw_training
+    from swarmdata.evaluation.results.curve_plots import draw_learning, draw_training
 
     if by is None:
         draw_training(files, metric, out)
@@ -293,7 +293,7 @@ def render(
     communication: Communication = None,
 ) -> None:
     """Draw one episode of a policy or of a dataset."""
-    from swarmdata.evaluation.results.report import draw_target
+    from swarmdata.evaluation.results.clips import draw_target
 
     draw_target(target, out, episode, task, observation, communication)
     typer.echo(out)
@@ -313,7 +313,7 @@ def references(
 
     Their results are the scale of the score; the package has them in cards/references.json.
     """
-    from swarmdata.evaluation.results.policy_names import measure_references
+    from swarmdata.evaluation.results.target_evaluation import measure_references
 
     for task in tasks:
         table = measure_references(task, episodes)

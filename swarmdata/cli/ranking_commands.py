@@ -50,9 +50,9 @@ def rank(
     """
     from swarmdata.errors import UnknownNameError
     from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "ranking policies")
+    require_extra("torch", "torch", "ranking policies")
     from swarmdata.evaluation.policy_selection import rank
     from swarmdata.learn.evaluation.fqe import FQEConfig
     from swarmdata.learn.training.overrides import override

@@ -31,10 +31,11 @@ def evaluate(
     An interrupted evaluation resumes: results in --out of the same policy, task, seeds and version
     are reused.
     """
-    from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+    from swarmdata.evaluation.results.policy_names import find_target
     from swarmdata.evaluation.results.report import shown_cases
     from swarmdata.evaluation.results.result_set import group_results
     from swarmdata.evaluation.results.result_tables import case_table
+    from swarmdata.evaluation.results.target_evaluation import evaluate_target
 
     found = [find_target(name, task, observation, communication) for name in targets]
     if label is not None:

@@ -35,10 +35,10 @@ def study(
     Writes tables, figures and text about it. An interrupted study resumes: run the same command
     again.
     """
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "running a study")
-    require("matplotlib", "plots", "drawing the figures of a study")
+    require_extra("torch", "torch", "running a study")
+    require_extra("matplotlib", "plots", "drawing the figures of a study")
     from swarmdata.evaluation.study.plan import Study
     from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
 

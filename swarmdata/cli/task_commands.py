@@ -90,7 +90,7 @@ def play(
 
     Lidar rays and messages are drawn if the task has them.
     """
-    from swarmdata.evaluation.results.report import draw_target
+    from swarmdata.evaluation.results.clips import draw_target
     from swarmdata.types import END_REASONS
 
     played = draw_target(

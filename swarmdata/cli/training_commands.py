@@ -63,9 +63,9 @@ def train(
     Offline training uses the train split; with --observation or --communication, the dataset is
     re-observed from its states. An interrupted training resumes: run the same command again.
     """
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "training")
+    require_extra("torch", "torch", "training")
     from swarmdata.evaluation.runs.train import train, train_online
 
     _check_arguments(context, algorithm, data, task)
@@ -122,10 +122,10 @@ def ship(
 
     Takes medium policies with their replays from some runs, and experts from others.
     """
-    from swarmdata.evaluation.results.policy_names import require
     from swarmdata.registry.presets import preset
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "reading online runs")
+    require_extra("torch", "torch", "reading online runs")
     from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
     from swarmdata.online_algos.runs.checkpoint_selection import ship as ship_seeds
 
@@ -156,9 +156,9 @@ def learning(
     out: Annotated[Path, typer.Option(help="folder for curves, table and figure")],
 ) -> None:
     """Report the results and the cost of online training."""
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "reading online runs")
+    require_extra("torch", "torch", "reading online runs")
     from swarmdata.evaluation.results.online_report import write_online_report
 
     typer.echo(write_online_report(runs, out), nl=False)

@@ -113,7 +113,7 @@ def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
     files, out = sorted(tmp_path.glob("*/*.csv")), tmp_path / "curves.svg"
     run("curves", *files, "--by", "algorithm/task", "--out", out)
     assert "<!-- vdn (1 run) -->" in out.read_text()
-    assert "does not end as" in run(
+    assert "does not match the pattern" in run(
         "curves", *files, "--by", "task-algorithm", "--out", out, code=1
     )
 

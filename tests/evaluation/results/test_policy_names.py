@@ -10,10 +10,11 @@ from swarmdata import __version__
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target, kept_result
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.hub.catalog import catalog
 from swarmdata.registry.presets import preset

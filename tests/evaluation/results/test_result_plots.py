@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregate import complete
+from swarmdata.evaluation.results.aggregates import complete
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
     plot_improvements,

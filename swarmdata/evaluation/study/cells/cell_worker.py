@@ -9,7 +9,8 @@ from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
-from swarmdata.evaluation.results.policy_names import Target, evaluate_target, find_target
+from swarmdata.evaluation.results.policy_names import Target, find_target
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.evaluation.runs.train import frame_of, measure_curve_point
 from swarmdata.evaluation.study.cells.cell_costs import CostMeter

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.results.curve_plots import Curve
+from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.evaluation.results.result_set import Case, ResultSet, group_results
 from swarmdata.evaluation.study.cells.cell_costs import Cost

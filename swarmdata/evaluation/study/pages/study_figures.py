@@ -15,7 +15,7 @@ from swarmdata.drawing.style import (
     thousands,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import Curve
+from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.rollouts.metrics import Estimate
 
 MAX_LINES_IN_ONE_LEGEND = 6

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata import __version__
-from swarmdata.evaluation.results.aggregate import complete
+from swarmdata.evaluation.results.aggregates import complete
 from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import aggregate_table

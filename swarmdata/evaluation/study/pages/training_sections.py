@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from swarmdata.drawing import markdown
-from swarmdata.evaluation.results.curve_plots import Curve
 from swarmdata.evaluation.results.estimate_table import UNDEFINED
+from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid

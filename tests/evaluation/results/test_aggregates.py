@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     aggregates,
     complete,
     improvements,
