@@ -11,7 +11,8 @@ import numpy as np
 
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.learning_curves import group_files, plot_learning
+from swarmdata.evaluation.results.curve_plots import plot_learning
+from swarmdata.evaluation.results.learning_curves import group_files
 from swarmdata.learn.training.run_files import CURVE, SPEED
 from swarmdata.learn.training.run_folder import read_table
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of

@@ -7,7 +7,7 @@ well; they say less about their policies.
 import json
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -240,12 +240,3 @@ def _check_names(result: Result, where: str) -> None:
             f"{where} has other metrics than this version: missing {missing}, unknown {unknown}. "
             "Evaluate again."
         )
-
-
-def relabel(result: Result, label: str) -> Result:
-    """The same result under another label."""
-    return replace(
-        result,
-        evaluation=replace(result.evaluation, policy=label),
-        provenance=result.provenance.model_copy(update={"label": label}),
-    )

@@ -22,7 +22,7 @@ from swarmdata.drawing.style import (
     line_style,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     Point,
     improvements,
     mean_over_runs,
@@ -31,6 +31,7 @@ from swarmdata.evaluation.results.aggregate import (
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
 
 BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
@@ -108,9 +109,9 @@ def _name_datasets(axes: Any, names: Sequence[str]) -> None:
 
 
 def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -> None:
-    handles = [_handle(axes, look, label) for label, look in looks.items()]
+    handles = [_legend_handle(axes, look, label) for label, look in looks.items()]
     if extra:
-        handles.append(_handle(axes, DATA_LINE, "the data's mean"))
+        handles.append(_legend_handle(axes, DATA_LINE, "the data's mean"))
     axes.legend(
         handles=handles,
         loc="lower center",
@@ -121,8 +122,8 @@ def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -
     )
 
 
-def _handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
-    """What a legend shows of a look."""
+def _legend_handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
+    """A legend's entry for a label."""
     return axes.plot([], [], **{"ms": 5, "ls": "none", **look}, label=label)[0]
 
 
@@ -221,9 +222,9 @@ def plot_pareto(cases: Collection[Case], path: Path) -> None:
             axes.set_visible(False)
         drawing.supxlabel("collisions per episode", fontsize=10)
         drawing.supylabel("team return", fontsize=10)
-        handles = [_handle(grid[0], look, label) for label, look in looks.items()]
+        handles = [_legend_handle(grid[0], look, label) for label, look in looks.items()]
         if any(case.data is not None for case in cases):
-            handles.append(_handle(grid[0], DATA_LINE, "the data's mean"))
+            handles.append(_legend_handle(grid[0], DATA_LINE, "the data's mean"))
         drawing.legend(handles=handles, loc="outside right center", handletextpad=0.4)
 
 
@@ -271,3 +272,42 @@ def _draw_point(axes: Any, point: Point, look: Mapping[str, Any]) -> None:
     axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], alpha=0.5, lw=1.4)
     face = look["color"] if point.is_best else "white"
     axes.plot([x.value], [y.value], **look, ms=6, mfc=face, ls="none")
+
+
+def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
+    """Draws estimates as points with intervals: one panel per quantity, one row per policy.
+
+    Args:
+        panels: axis label with unit -> policy -> estimate in that unit, the same policies in every
+            panel, first on top; `report.Table.panels` gives it.
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: nothing to draw, panels of different policies, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    rows = [list(estimates) for estimates in panels.values()]
+    if not rows or not rows[0] or any(labels != rows[0] for labels in rows):
+        raise SchemaError(
+            f"panels {list(panels)} have the rows {rows}, expected at least one panel and row, and "
+            "the same rows in every panel."
+        )
+    labels = rows[0]
+    with figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as drawing:
+        axes = drawing.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
+            _points(panel, list(estimates.values()))
+            panel.set_xlabel(xlabel)
+        axes[0].set_yticks(range(len(labels)), labels)
+        axes[0].set_ylim(len(labels) - 0.5, -0.5)  # first row on top
+
+
+def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
+    for y, (value, low, high) in enumerate(estimates):
+        panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
+        face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
+        panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
+    draw_grid(panel, "x")
+    panel.margins(x=0.08)
+    panel.spines["left"].set_visible(False)
+    panel.tick_params(axis="y", length=0)

@@ -192,10 +192,10 @@ def read_results(
         ResultsError: results are stale, or do not belong together.
     """
     files = [file for folder in folders for file in _files(Path(folder))]
-    return gather([load_result(file) for file in files], data=data, is_checked=is_checked)
+    return group_results([load_result(file) for file in files], data=data, is_checked=is_checked)
 
 
-def gather(
+def group_results(
     results: Sequence[Result], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
     """Puts results together that were read or just measured; arguments and errors as `read`."""

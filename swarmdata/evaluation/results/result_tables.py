@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     N_RESAMPLES,
     Complete,
     aggregates,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.evaluation.results.aggregate import mean_over_runs
+from swarmdata.evaluation.results.aggregates import mean_over_runs
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of

@@ -10,10 +10,11 @@ from swarmdata import __version__
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target, kept_result
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.hub.catalog import request
 from swarmdata.registry.presets import preset
@@ -80,7 +81,7 @@ def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> 
         spec = with_models(task, "lidar", "lossy-30")
         monkeypatch.setattr(policy_names, "find_spec", lambda _, spec=spec: spec)
         target = find_target("idle")
-        (case,) = gather(evaluate_target(target, 2, progress=False)).baselines
+        (case,) = group_results(evaluate_target(target, 2, progress=False)).baselines
         table = case_table(case, n_resamples=10)
         assert ("score" in [column.key for column in table.columns]) == has_score
 

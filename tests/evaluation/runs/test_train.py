@@ -15,8 +15,9 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.run_files import run_hash

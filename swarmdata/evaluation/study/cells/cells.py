@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.study.cells.study_data import named, short, sized
+from swarmdata.evaluation.study.cells.study_data import dataset_of_size, short_count, short_name
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
@@ -85,7 +85,7 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     ]
     if study.sizes is not None:
         for dataset in study.sizes.datasets:
-            found = (sized(dataset, size) for size in study.sizes.sizes)
+            found = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
             parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in found]
     cells: dict[str, Cell] = {}
     for dataset, n_steps, labels in parts:
@@ -134,7 +134,7 @@ def offline_cell(
     """The cell of a variant on a dataset, or on its first joint steps, or seen otherwise."""
     variant = study.algorithms[label]
     config = config_of(study, variant)
-    data = named(dataset) + ("" if n_steps is None else f"-{short(n_steps)}")
+    data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
     for model in (observation, communication):
         data += "" if model is None else f"~{model}"
     curves = study.curves

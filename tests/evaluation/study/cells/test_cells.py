@@ -8,7 +8,12 @@ import pytest
 
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.study.cells.cells import UNDECISIVE, Cell, cells_of
-from swarmdata.evaluation.study.cells.study_data import digest_of, named, short, sized
+from swarmdata.evaluation.study.cells.study_data import (
+    dataset_of_size,
+    digest_of,
+    short_count,
+    short_name,
+)
 from swarmdata.evaluation.study.plan import Study
 from tests.evaluation.study.conftest import BC, MADDPG
 
@@ -117,10 +122,10 @@ def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
 
 
 def test_names_and_sizes_of_datasets(data: Path) -> None:
-    assert named("coop_nav-medium") == "coop_nav-medium"
-    assert named(str(data)) == "coop_nav-tiny-v0"
-    assert sized("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
-    assert (short(200_000), short(1500)) == ("200k", "1500")
+    assert short_name("coop_nav-medium") == "coop_nav-medium"
+    assert short_name(str(data)) == "coop_nav-tiny-v0"
+    assert dataset_of_size("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
+    assert (short_count(200_000), short_count(1500)) == ("200k", "1500")
     with pytest.raises(SchemaError, match="has no mini"):
-        sized(str(data), "mini")
+        dataset_of_size(str(data), "mini")
     assert len(digest_of("coop_nav-medium")) == 64

@@ -1,22 +1,22 @@
-"""The tidy tables of a study: a row for each run, dataset, cell, and point of a learning curve."""
+"""The CSV tables of a study: a row for each run, dataset, cell, and point of a learning curve."""
 
+import csv
+import io
 import math
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.runs.train import CURVE_METRICS
-from swarmdata.evaluation.study.cells.cell_worker import RESULTS
+from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.evaluation.study.cells.run_cells import folder_of
-from swarmdata.evaluation.study.pages.collect_results import Findings, by_id
+from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.metrics import censored_times
 
-MEANS = (
+RUN_METRICS = (
     "return",
     "success",
     "clean_success",
@@ -24,40 +24,54 @@ MEANS = (
     "obstacle_collisions",
     "time_to_goal",
 )
-"""Metrics of the tidy table, as means over the episodes of a run."""
+"""Metrics of the table of runs, as means over the episodes of a run."""
 
 Row = Mapping[str, str | float | int | None]
 
 
-def tidy_rows(found: Findings) -> list[Row]:
-    """One row per run and dataset, of everything that was measured but sweeps."""
-    keys = {(cell.label, folder): cell for cell, folder in _folders(found)}
+def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """The rows as CSV, with numbers rounded alike on every machine; undefined values are empty."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([[_format_cell(row.get(name)) for name in names] for row in rows])
+    return out.getvalue()
+
+
+def _format_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return format(value, ".8g") if isinstance(value, float) else str(value)
+
+
+def run_rows(found: Findings) -> list[Row]:
+    """One row per run and dataset, without sweeps."""
+    keys = {
+        (cell.label, cell_folder(found.work, cell) / RESULTS_FOLDER): cell for cell in found.cells
+    }
     rows = []
     for case in _cases(found):
         for label, runs in case.runs.items():
             for result in runs:
-                assert result.path is not None  # all were read from files
+                assert result.path is not None  # all results were read from files
                 cell = keys[label, result.path.parent]
-                rows.append(_tidy(found, case, cell, result))
+                rows.append(_run_row(found, case, cell, result))
     return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"]), str(row["seed"])))
 
 
-def _folders(found: Findings) -> list[tuple[Cell, Path]]:
-    return [(cell, folder_of(found.work, cell) / RESULTS) for cell in found.cells]
-
-
 def _cases(found: Findings) -> list[Case]:
-    """Of all datasets, each once: a full size is the study's own."""
-    main = [*found.results.cases, *found.results.baselines]
-    known = {case.name for case in main}
-    more = found.sizes.cases if found.sizes else ()
-    return main + [case for case in more if case.name not in known]
+    """The cases of all datasets, each once: a full size is a dataset of the grid."""
+    grid = [*found.results.cases, *found.results.baselines]
+    names = {case.name for case in grid}
+    sized = found.sizes.cases if found.sizes else ()
+    return grid + [case for case in sized if case.name not in names]
 
 
-def _tidy(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
+def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     origin, metrics = result.provenance, result.evaluation.metrics
     times = {"time_to_goal": censored_times(metrics["time_to_goal"], case.time_limit)}
-    means = {name: float(np.mean({**metrics, **times}[name])) for name in MEANS}
+    means = {name: float(np.mean({**metrics, **times}[name])) for name in RUN_METRICS}
     score = math.nan
     if case.reference is not None:
         score = float(normalized_score(means["return"], case.reference))
@@ -80,11 +94,11 @@ def _tidy(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     }
 
 
-def data_rows(found: Findings) -> list[Row]:
+def dataset_rows(found: Findings) -> list[Row]:
     """One row per dataset: what its own episodes achieved."""
     scores = {case.dataset: case.data_score for case in _cases(found)}
     rows: list[Row] = []
-    for key, facts in sorted(by_id(found.facts).items()):
+    for key, facts in sorted(facts_by_dataset(found.facts).items()):
         figures, score = facts.figures, scores.get(key)
         rows.append(
             {
@@ -104,7 +118,7 @@ def data_rows(found: Findings) -> list[Row]:
 
 
 def cost_rows(found: Findings) -> list[Row]:
-    """One row per cell: what it took, and where."""
+    """One row per cell: its cost, and the machine."""
     rows: list[Row] = []
     for cell in sorted(found.cells, key=lambda cell: cell.name):
         cost = found.costs[cell.name]
@@ -124,12 +138,12 @@ def cost_rows(found: Findings) -> list[Row]:
     return rows
 
 
-def track_rows(found: Findings) -> list[Row]:
-    """The learning curves, as means over seeds with the lowest and the highest."""
+def curve_rows(found: Findings) -> list[Row]:
+    """One row per point of a learning curve: the mean over seeds, the lowest and the highest."""
     rows: list[Row] = []
     for cell in sorted(found.cells, key=lambda cell: cell.name):
         for metric in CURVE_METRICS:
-            curve = found.learning(cell, metric)
+            curve = found.learning_curve(cell, metric)
             if curve is None:
                 continue
             parts: dict[str, Callable[..., object]] = {

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     aggregates,
     complete,
     improvements,
@@ -20,7 +20,7 @@ from swarmdata.evaluation.results.aggregate import (
     profile_band,
     thresholds_of,
 )
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.rollouts import score_statistics
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
@@ -101,7 +101,7 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     short = [r for r in grid({"few": means["bc"]}) if r.provenance.dataset == MEDIUM or
              r.provenance.index == 0]  # fmt: skip
     lone = result("iql", "coop_nav-random-v0", spec=TaskSpec(horizon=9))
-    found = complete(gather([*grid(means), *grid({"vdn": {MEDIUM: 1.0}}), *short, lone]))
+    found = complete(group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}}), *short, lone]))
     assert found.datasets == (MEDIUM, EXPERT)
     assert list(found.tables) == ["bc", "omar"]
     assert found.tables["bc"].shape == (3, 2)
@@ -117,8 +117,8 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
         assert each.n_runs == 3
         assert each.iqm.low <= each.iqm.value <= each.iqm.high
         assert each.optimality_gap.value >= 100 - each.mean.value - 1e-9
-    assert complete(gather([lone])).tables == {}
-    results = gather([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
+    assert complete(group_results([lone])).tables == {}
+    results = group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
     assert list(complete(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
     with pytest.raises(UnknownNameError, match="unknown dataset with results"):
         complete(results, ["coop_nav-medum-v0"])
@@ -152,7 +152,7 @@ def test_pareto_view_of_a_case() -> None:
     for each, hits in ((good, 0.0), (bold, 3.0), (bad, 3.0)):
         each.evaluation.metrics["robot_collisions"][:] = hits
         each.evaluation.metrics["obstacle_collisions"][:] = 1.0
-    (case,) = gather([good, bold, bad]).cases
+    (case,) = group_results([good, bold, bad]).cases
     points = {point.label: point for point in pareto(case)}
     assert {label for label, point in points.items() if point.is_best} == {"good", "bold"}
     assert points["bold"].collisions.value == 4.0

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import Options, conduct
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -26,8 +26,8 @@ def test_the_best_of_each_family_is_swept(
                       "families": ["cloning"]},
         },
     )  # fmt: skip
-    options = Options(tmp_path / "out", tmp_path / "work", progress=False)
-    failures, files = conduct(study, options, "x")
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
     loss, noise = (
@@ -36,7 +36,7 @@ def test_the_best_of_each_family_is_swept(
     )
     assert loss.count("at drop 0.5: change of return") == 2
     assert noise.count("at noise 0.2: change of return") == 1
-    assert "seen through communication `perfect`" in loss
+    assert "re-observed with communication `perfect`" in loss
     assert "`maddpg` at" in loss
     assert "`maddpg` at" not in noise
     for label, picture in (("loss", "communication-drop"), ("noise", "observation-noise")):
@@ -46,5 +46,5 @@ def test_the_best_of_each_family_is_swept(
     assert "maddpg" in trained
     assert len(trained) == 2
     assert "~" not in (tmp_path / "out" / "results.csv").read_text()
-    _, again = conduct(study, options, "x")
+    _, again = run_study(study, options, "x")
     assert again[0].read_text() == page
