@@ -13,7 +13,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
-from swarmdata.store.arrays.attributes import FRAMES
+from swarmdata.store.arrays.attributes import FRAME_MEANINGS
 
 
 def task_section(task: Task) -> str:
@@ -114,7 +114,7 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
         + "\n### State\n\n"
         + _fieldtable(state_rows(task))
         + f"\nRobots i in order: {', '.join(spec.agent_names)}. All vectors are in the world's "
-        f"frame: {FRAMES['world']}.\n"
+        f"frame: {FRAME_MEANINGS['world']}.\n"
     )
 
 

@@ -3,7 +3,7 @@
 from swarmdata.drawing.markdown import table
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import reward_terms
-from swarmdata.store.arrays.attributes import PRECISION, REWARD
+from swarmdata.store.arrays.attributes import PRECISION_NOTE, REWARD_FORMULA
 from swarmdata.types import EVENT_COLUMNS
 
 
@@ -17,7 +17,7 @@ def reward_section(task: Task) -> str:
     return (
         "\n## Reward\n\n"
         + table(("term", "weight", "formula", "where"), terms)
-        + f"\n{REWARD} Here team_share is {share:g}. {PRECISION}\n\n"
+        + f"\n{REWARD_FORMULA} Here team_share is {share:g}. {PRECISION_NOTE}\n\n"
         + table(("column of `events`", "meaning"), events)
         + f"\n{_counting(task)}\n"
     )

@@ -32,7 +32,7 @@ from swarmdata.store.arrays.layout import (
 )
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 
-MAX_BYTES = 64 << 20
+MAX_MANIFEST_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
 
 _CHECKSUM = re.compile(rb'"checksum": "([0-9a-f]{64})"')
@@ -162,7 +162,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST
     try:
-        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
+        content = path.read_bytes() if path.stat().st_size <= MAX_MANIFEST_BYTES else None
     except (FileNotFoundError, NotADirectoryError) as error:
         if not is_dataset(folder):
             raise DatasetNotFoundError(no_dataset(folder)) from error
@@ -173,7 +173,9 @@ def read_manifest(folder: Path) -> Manifest:
     except OSError as error:  # such as a folder of this name
         raise ManifestError(f"{path} cannot be read: {error.strerror}.") from error
     if content is None:
-        raise ManifestError(f"{path} has more than {MAX_BYTES} bytes. {rebuild_hint(folder)}")
+        raise ManifestError(
+            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {rebuild_hint(folder)}"
+        )
     return parse_manifest(content, path)
 
 

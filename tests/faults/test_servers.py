@@ -209,7 +209,7 @@ def test_a_silent_hub_is_left(
     on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 22: so is one that takes a question and says nothing."""
-    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT", 2.0)
+    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT_SECONDS", 2.0)
     server, _, release = on_a_hub
     server.faults = [Fault("GET .*/revision/", stall=9.0, times=1)]
     assert HubRemote("hf://org", backoff=backoff).find(ID) == release

@@ -23,7 +23,7 @@ from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.integrity.recognition import root_attributes
-from swarmdata.store.manifest import MAX_BYTES, parse_manifest
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
 
 MADE_AGAIN = "made again from the recipe"
 """How a repaired file came to be, in words."""
@@ -56,7 +56,7 @@ class Sources:
             raise DatasetError(f"{dataset} is not there")
         copy = self.fetched / MANIFEST
         copy.parent.mkdir(parents=True, exist_ok=True)
-        remote.read(release, MANIFEST, copy, MAX_BYTES)
+        remote.read(release, MANIFEST, copy, MAX_MANIFEST_BYTES)
         return remote, release, parse_manifest(copy.read_bytes(), copy)
 
     def rebuild(self, origin: Recipe | Edit) -> Path:

@@ -15,7 +15,7 @@ from swarmdata.hub.remotes.outside_names import is_folder, is_id
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.cache import cache_folder
 
-OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
+OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 """Variables of the environment that keep `load` from asking remotes."""
 
 
@@ -117,7 +117,9 @@ def is_offline(wanted: bool | None = None) -> bool:
     """Whether remotes are left alone: what the caller wants, else what the environment says."""
     if wanted is not None:
         return wanted
-    return any(os.environ.get(name, "").upper() in ("1", "ON", "YES", "TRUE") for name in OFFLINE)
+    return any(
+        os.environ.get(name, "").upper() in ("1", "ON", "YES", "TRUE") for name in OFFLINE_VARIABLES
+    )
 
 
 def _pinned(address: Address) -> str | None:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.building.build import build_under_lock, is_finished, remove_parts
-from swarmdata.building.edit import rebuild_edit
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
@@ -25,7 +24,7 @@ from swarmdata.errors import (
 )
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import (
-    OFFLINE,
+    OFFLINE_VARIABLES,
     Request,
     request_of_id,
     request_of_recipe,
@@ -162,7 +161,7 @@ class Remotes:
             if cached is None or request.folder is not None:
                 raise DatasetNotFoundError(
                     f"{request.text} is not in the cache, and no remote was asked: this is offline."
-                    f" With a network, and without {' and '.join(OFFLINE)}, run: "
+                    f" With a network, and without {' and '.join(OFFLINE_VARIABLES)}, run: "
                     f"swarmdata pull {request.text}"
                 )
             return replace(request, folder=request.place / cached)
@@ -241,6 +240,8 @@ class Rebuild:
             SpecError: a parent is made from the edit.
             DatasetError: a parent cannot be used.
         """
+        from swarmdata.building.edit import rebuild_edit  # noqa: PLC0415  (rarely needed)
+
         again = replace(self, held=(*self.held, folder.resolve()))
         parents = []
         for parent in {each.id: each for each in edit.parents}.values():
@@ -295,7 +296,7 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
     if remotes.offline:
         hint = (
             "It is not in the cache, and no remote was asked. If it is on one, run with a network, "
-            f"and without {' and '.join(OFFLINE)}: {command}"
+            f"and without {' and '.join(OFFLINE_VARIABLES)}: {command}"
         )
     else:
         asked = ", ".join(remotes.asked) or "none is configured"

@@ -13,7 +13,7 @@ from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.remotes import Remote
 from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 
 
 def find_blockers(folder: Path, remote: Remote) -> tuple[str, ...]:
@@ -48,7 +48,7 @@ def _of_version(stored: StoredDataset, remote: Remote) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as scratch:
         there = Path(scratch, MANIFEST)
         try:
-            remote.read(release, MANIFEST, there, MAX_BYTES)
+            remote.read(release, MANIFEST, there, MAX_MANIFEST_BYTES)
         except HubError as error:
             return (f"the version is taken at {release.address}, and cannot be compared: {error}",)
         if there.read_bytes() == (stored.path / MANIFEST).read_bytes():

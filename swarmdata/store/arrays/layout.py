@@ -49,7 +49,7 @@ class Field:
     high: float | None = None
 
 
-ROWS = {
+ROW_MEANINGS = {
     "steps": (
         "one for each joint step: those of episode e are episodes/starts[e] to "
         "episodes/starts[e] + episodes/lengths[e] - 1"
