@@ -41,8 +41,8 @@ def task_section(task: Task) -> str:
                 f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
             )
         )
-    rows += _settings("rules", spec.rules)
-    rows += _settings("obstacles", spec.obstacles)
+    rows += [row for row in _settings("", spec.rules) if row[0] != "task"]
+    rows += _settings("obstacles: ", spec.obstacles)
     return "\n## Task\n\n" + table(SETTINGS, rows) + _task_notes(task)
 
 
@@ -50,8 +50,9 @@ def _settings(prefix: str, model: Frozen) -> list[tuple[str, str]]:
     """One row for each value of a part of the spec; nested parts are named by their path."""
     rows = []
     for name, value in model:
-        path = f"{prefix}: {name.replace('_', ' ')}"
-        rows += _settings(path, value) if isinstance(value, Frozen) else [(path, plain(value))]
+        path = f"{prefix}{name.replace('_', ' ')}"
+        is_nested = isinstance(value, Frozen)
+        rows += _settings(f"{path}: ", value) if is_nested else [(path, plain(value))]
     return rows
 
 
@@ -59,6 +60,7 @@ def _task_notes(task: Task) -> str:
     rules = inspect.getdoc(sys.modules[type(task).__module__]) or ""
     spec = task.spec
     return (
+        "\nLengths are in m, times in s, masses in kg and angles in rad.\n"
         f"\nThe rules, as documented in the code of the task:\n\n```text\n{rules}\n```\n"
         "\nEach robot has a reward of its own. The team return of an episode is the sum over time "
         "of the mean reward over robots. An episode terminates on success"
@@ -69,8 +71,9 @@ def _task_notes(task: Task) -> str:
 
 def senses_section(spec: TaskSpec) -> str:
     """What robots sensed and received."""
-    rows = [*_settings("observation", spec.observation)]
-    rows += _settings("communication", spec.communication)
+    rows = _settings("observation: ", spec.observation)
+    rows += _settings("communication: ", spec.communication)
+    rows.sort(key=lambda row: (not row[0].startswith("observation"), not row[0].endswith("kind")))
     return (
         "\n## Observations and communication\n\n"
         "The stored observations follow the models below. Learned policies acted on them; scripted "
