@@ -47,7 +47,7 @@ REFERENCE_METRICS = (
     "robot_collisions",
     "obstacle_collisions",
 )
-"""Metrics of the reference table."""
+"""Columns of the table of reference policies."""
 
 
 def write_card(folder: Path) -> None:
@@ -57,7 +57,7 @@ def write_card(folder: Path) -> None:
 
 
 def side_files(folder: Path) -> dict[str, bytes]:
-    """What belongs beside the files of a finished dataset: its card, and references if there are.
+    """The card of a finished dataset, and its references if there are any, by file name.
 
     Errors are those of `card_of`.
     """
@@ -85,7 +85,7 @@ def card_of(folder: Path, picture: str | None = None) -> str:
 
 
 def render(data: CardData, picture: str | None = None) -> str:
-    """Returns the card's text; with a picture in the place of the histogram in text.
+    """Returns the card's text; a picture replaces the histogram in text.
 
     Raises:
         SchemaError: a check that the card reports did not pass.
@@ -97,19 +97,19 @@ def render(data: CardData, picture: str | None = None) -> str:
         identity_section(data.manifest, data.origin),
         tier_section(data.origin),
         about_section(data.origin),
+        statistics_section(data, picture),
+        policies_section(data),
+        _references(data),
+        baselines_section(data.origin.id, data.manifest.digest, study_runs()),
+        coverage_section(data),
+        log_probs_section(data),
+        splits_section(data.table, data.origin),
+        bullets("Known limits", _limits(data)),
         task_section(task),
         reward_section(task),
         senses_section(spec),
         arrays_section(task, data.manifest),
-        policies_section(data),
-        statistics_section(data, picture),
-        coverage_section(data),
-        log_probs_section(data),
-        splits_section(data.table, data.origin),
-        _references(data),
-        baselines_section(data.origin.id, data.manifest.digest, study_runs()),
         bullets("Checks passed", check(data)),
-        bullets("Known limits", _limits(data)),
         origin_section(data.origin, data.manifest),
     )
     return "".join([front_matter(data.manifest, data.origin), *sections])
@@ -118,33 +118,34 @@ def render(data: CardData, picture: str | None = None) -> str:
 def _references(data: CardData) -> str:
     known = data.references
     if known is None:
-        return "\n## Reference scores\n\nNone measured for this spec.\n"
+        return "\n## Reference scores\n\nNo reference policies were measured for this spec.\n"
     rows = [
         (policy, *(_interval(metrics.get(name)) for name in REFERENCE_METRICS))
         for policy, metrics in known.policies.items()
     ]
     score = known.score(float(data.table.team_return.mean()))
-    anchors = "The score needs an expert, which is not measured yet.\n"
+    anchors = "There is no score yet, because no expert was measured.\n"
     if score is not None:
         anchors = (
-            f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f});"
-            f" this dataset's own mean return scores {score:.1f}.\n"
+            f"Score = 100 (R - R0) / (R1 - R0) with R0 = {known.no_skill:.3f}, the better of the "
+            f"idle and the random team, and R1 = {known.expert:.3f}, the expert. The mean return "
+            f"of this dataset scores {score:.1f}.\n"
         )
     labels = tuple(EPISODE_METRICS[name].label for name in REFERENCE_METRICS)
     return (
         "\n## Reference scores\n\n"
         + markdown.table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
-        f"intervals, policies without noise. {anchors}"
-        f"`{REFERENCES}` beside this card has all digits, and every metric.\n"
+        f"intervals; the policies act without noise. {anchors}"
+        f"`{REFERENCES}` beside this card has all metrics at full precision.\n"
     )
 
 
 def check(data: CardData) -> tuple[str, ...]:
-    """Returns what holds of this dataset.
+    """Returns the claims that hold for this dataset.
 
     Raises:
-        SchemaError: naming what does not hold, which must not happen to what a recipe makes.
+        SchemaError: names the claims that fail for a dataset that a recipe generated.
     """
     holds, broken = checked(data)
     if broken and data.origin.recipe is not None:
@@ -153,20 +154,20 @@ def check(data: CardData) -> tuple[str, ...]:
 
 
 def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Claims about this dataset that hold, and those that do not."""
+    """Claims about this dataset: those that hold, and those that do not."""
     table, spec = data.table, task_of(data.origin, "checking")
     claims = {
         "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
         "No seed occurs twice.": len(np.unique(table.seeds)) == len(table),
         "No episode is longer than the horizon.": (table.lengths <= spec.horizon).all(),
-        "Every episode that was not solved or failed has the horizon's length.": (
+        "Every truncated episode has the length of the horizon.": (
             table.lengths[table.end_reason == END_REASONS.index("horizon")] == spec.horizon
         ).all(),
         "Every return is finite.": np.isfinite(table.team_return).all(),
     }
     if data.origin.recipe is not None:
         is_whole = data.manifest.n_steps >= data.origin.recipe.n_steps
-        claims["The dataset has the steps of its recipe."] = is_whole
+        claims["The dataset has at least the joint steps of its recipe."] = is_whole
     return (
         tuple(claim for claim, holds in claims.items() if holds),
         tuple(claim for claim, holds in claims.items() if not holds),
@@ -175,7 +176,7 @@ def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _limits(data: CardData) -> tuple[str, ...]:
     known = limits_of(data.origin.spec.task, data.origin.tier)
-    return (*known, *(f"This does not hold: {claim}" for claim in checked(data)[1]))
+    return (*known, *(f"This claim does not hold: {claim}" for claim in checked(data)[1]))
 
 
 def _interval(interval: Interval | None) -> str:

@@ -68,13 +68,13 @@ def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
         identity_section(stored.manifest, origin),
         tier_section(origin),
         about_section(origin),
+        _statistics(table, origin, picture),
+        _policies(table, origin),
+        splits_section(table, origin),
+        bullets("Known limits", (*FOREIGN_LIMITS, *spec.limits, *_own_limits(stored), *broken)),
         _environment(spec, stored.manifest.arrays["observations"].shape[2]),
         _arrays(stored),
-        _policies(table, origin),
-        _statistics(table, origin, picture),
-        splits_section(table, origin),
         bullets("Checks passed", holds),
-        bullets("Known limits", (*FOREIGN_LIMITS, *spec.limits, *_own_limits(stored), *broken)),
         origin_section(origin, stored.manifest),
     )
     return "".join(sections)

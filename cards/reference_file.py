@@ -1,7 +1,7 @@
-"""What the reference policies reach, for programs: `references.json` beside a dataset's card.
+"""`references.json` beside a dataset's card: the performance of reference policies, for programs.
 
-It has the numbers of the card in full. It is in no digest, as the card is not: references may be
-measured again when the data stay what they are.
+It has the numbers of the card at full precision. Like the card it is in no digest, because
+references may be measured again while the data stay the same.
 """
 
 import json
@@ -15,7 +15,7 @@ SCORE_FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
 
 
 def reference_bytes(spec: Spec) -> bytes | None:
-    """Returns the file's content: the score's anchors, metrics and what each policy reaches.
+    """Returns the file's content: the anchors of the score, and every metric of each policy.
 
     None where no references were measured on exactly this spec.
     """
@@ -24,9 +24,9 @@ def reference_bytes(spec: Spec) -> bytes | None:
         return None
     content = {
         "about": (
-            f"What reference policies reach in this task: means over {known.n_episodes} reserved "
-            "evaluation episodes, policies without noise, with the low and high ends of their "
-            "95 % bootstrap intervals over episodes. null: no episode defines it."
+            f"The performance of reference policies in this task: means over {known.n_episodes} "
+            "reserved evaluation episodes, policies without noise, with the low and high ends of "
+            "their 95 % bootstrap intervals over episodes. null: no episode defines the metric."
         ),
         "spec_hash": known.spec_hash,
         "n_episodes": known.n_episodes,

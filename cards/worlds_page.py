@@ -1,4 +1,4 @@
-"""The page of all worlds: what reference policies achieve in every preset."""
+"""The page of all worlds: how reference policies perform in every preset."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,14 +13,15 @@ SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obs
 
 PAGE_HEAD = """# Worlds
 
-What an idle, a random, a straight driving and the scripted team achieve in every preset: means over
-{n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
-`swarmdata references PRESET --out cards/references.json` measures a preset again, and
-`swarmdata task table --out docs/worlds.md` writes this page. Times are those of solved episodes.
+The performance of four teams in every preset: idle, random, driving straight to the targets, and
+scripted. Values are means over {n} reserved evaluation seeds, with 95 % bootstrap intervals of
+return and success; times are those of solved episodes. `swarmdata references PRESET --out
+cards/references.json` measures a preset again, and `swarmdata task table --out docs/worlds.md`
+writes this page.
 
-Where policies were trained for a preset, `medium` and `expert` are the means of their checkpoints,
-which follow one by one, greedy and without noise. The score is 0 for the better of the idle and the
-random team and 100 for the expert.
+Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
+and a row for each checkpoint follows; these policies act greedily, without noise. The score is 0
+for the better of the idle and the random team and 100 for the expert.
 """
 
 
@@ -54,7 +55,7 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
         f"{spec.horizon * spec.control_dt:g} s.\n\n"
     )
     if entry is None or entry.spec_hash != spec.hash():
-        return f"{head}Not measured on this version of the preset.\n"
+        return f"{head}This version of the preset was not measured.\n"
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
     columns = [*SHARED_METRICS, "time_to_goal", *own]
@@ -67,7 +68,7 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
 
 
 def _rank(policy: str) -> tuple[int, str]:
-    """Policies in the order of `ORDER`, the checkpoints of a tier after it."""
+    """Sorts policies as in `POLICY_ORDER`, the checkpoints of a tier after it."""
     tier = policy.rstrip("0123456789").removesuffix("-")
     return POLICY_ORDER.index(tier) if tier in POLICY_ORDER else len(POLICY_ORDER), policy
 

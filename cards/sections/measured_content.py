@@ -1,4 +1,4 @@
-"""What a card measures in the arrays of a dataset, from fixed samples of them."""
+"""Statistics of a dataset's arrays, measured for its card on fixed samples."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class LogProbabilities:
 
     n: int
     undefined: float  # share that is not finite: actions that the policy could not have taken
-    mean: float  # of the finite ones; NaN if there are none
+    mean: float  # of the finite values; NaN if there are none
     quantiles: tuple[float, ...]  # at QUANTILES, the same
 
 
@@ -28,7 +28,7 @@ class MeasuredContent:
     """Statistics of the arrays over time; the rest of a card comes from the episode table."""
 
     coverage: Coverage
-    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: none there
+    log_probs: dict[int, LogProbabilities] | None  # by policy index; None: not recorded
 
 
 def measure(stored: StoredDataset) -> MeasuredContent:

@@ -49,8 +49,8 @@ def splits_section(table: EpisodeTable, origin: Origin) -> str:
         splits = origin.split_rule.splits
         rule = (
             f"Episodes are split by policy: of every {splits.block} consecutive episodes of a "
-            f"policy, {splits.validation} go to validation and {splits.test} to test, chosen at "
-            "random."
+            f"policy, chosen at random, validation gets {splits.validation} and test "
+            f"{splits.test}."
         )
     rule += " The normalization statistics are those of the train split."
     if origin.recipe is not None:

@@ -187,11 +187,13 @@ def test_numbers_are_those_of_the_table() -> None:
     assert "| success | 75.0 % |" in text
     assert "| train | 36 |" in text
     score = 100 * (table.team_return.mean() + 4.0) / 10.0
-    assert f"mean return scores {score:.1f}." in text
+    assert f"of this dataset scores {score:.1f}." in text
 
 
 def test_without_references_the_card_says_so() -> None:
-    assert "None measured for this spec." in render(replace(make_card_data(), references=None))
+    assert "No reference policies were measured" in render(
+        replace(make_card_data(), references=None)
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,7 +202,7 @@ def test_without_references_the_card_says_so() -> None:
         ("seeds", lambda v: v + np.uint64(EVALUATION_BASE), "reserved evaluation seed"),
         ("seeds", lambda v: v // np.uint64(2), "occurs twice"),
         ("lengths", lambda v: v + 1, "longer than the horizon"),
-        ("end_reason", lambda v: np.full_like(v, 2), "horizon's length"),
+        ("end_reason", lambda v: np.full_like(v, 2), "length of the horizon"),
         ("team_return", lambda v: v * np.nan, "finite"),
         ("lengths", lambda v: v // 10, "steps of its recipe"),
     ],
@@ -265,7 +267,7 @@ def test_coverage_and_sides_are_read_from_the_findings() -> None:
     data = make_card_data()
     covered = replace(data.measured.coverage, passings={0: Passings(0, 0)}, dependence=None)
     text = render(replace(data, measured=MeasuredContent(covered, None)))
-    assert "No two robots passed each other head on" in text
+    assert "No two robots passed each other head-on" in text
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
 

@@ -68,4 +68,4 @@ def test_a_task_without_references_has_no_such_file(
 
 
 def test_what_the_card_says_is_in_the_references(made: Path) -> None:
-    assert f"`{REFERENCES}` beside this card has all digits" in Dataset.open(made).card
+    assert f"`{REFERENCES}` beside this card has all metrics" in Dataset.open(made).card
