@@ -1,4 +1,4 @@
-"""Where online runs keep the policies of their seeds."""
+"""Paths of the policies that online runs save."""
 
 from pathlib import Path
 
@@ -6,16 +6,16 @@ from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 
-POLICIES = "policies"
+POLICIES_FOLDER = "policies"
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:
-    """Where a run keeps the policy of a seed at a checkpoint."""
-    return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
+    """Returns the path of a seed's policy after some joint steps."""
+    return folder / POLICIES_FOLDER / f"seed-{seed}" / f"{frames:010d}.safetensors"
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
+    """Returns the path of the newest policy of a seed.
 
     Raises:
         BuildError: the run has not reached a checkpoint yet.
@@ -29,17 +29,17 @@ def last_policy_path(folder: Path, seed: int) -> Path:
 
 
 def saved_frames(folder: Path, seed: int) -> list[int]:
-    """Frames at which a run kept policies of a seed, in order."""
-    files = (folder / POLICIES / f"seed-{seed}").glob("*.safetensors")
+    """Returns the joint steps after which a run saved policies of a seed, in order."""
+    files = (folder / POLICIES_FOLDER / f"seed-{seed}").glob("*.safetensors")
     return sorted(int(file.stem) for file in files)
 
 
 def last_policy(run: Path, seed: int) -> Policy:
-    """The newest policy of a seed of a run, or of one of the runs inside a folder.
+    """Returns the newest policy of a seed of a run, or of one of the runs in a folder.
 
     Raises:
         BuildError: there is none.
     """
-    inside = sorted(run.glob(f"seeds-*/{POLICIES}/seed-{seed}"))
+    inside = sorted(run.glob(f"seeds-*/{POLICIES_FOLDER}/seed-{seed}"))
     folder = inside[0].parent.parent if inside else run
     return load_policy(last_policy_path(folder, seed))
