@@ -223,42 +223,35 @@ class MAPPO:
 
     def _descend(self, r: Rollout, advantages: Float, returns: Float) -> dict[str, Tensor]:
         """Epochs of minibatches; the actors and the critic draw their own."""
-        c, n_rows = self.config, self.actors.n_rows
+        c, n_seeds = self.config, len(self.seeds)
         inputs, actions, log_probs, advantage = (
             sample_rows(torch.from_numpy(x), c.parameters)
             for x in (r.actor_inputs, r.actions, r.log_probs, normalized(advantages))
         )  # [K, T E N, ...] or [K N, T E, ...]
-        critic_inputs = np.concatenate([r.actor_inputs, r.states], -1)
-        critic_rows = sample_rows(torch.from_numpy(critic_inputs), "shared")
-        targets = sample_rows(torch.from_numpy(returns), "shared")
-        losses = {name: torch.full((len(self.seeds),), torch.nan) for name in ("policy", "kl")}
+        critic_inputs, targets = (
+            sample_rows(torch.from_numpy(x), "shared")
+            for x in (np.concatenate([r.actor_inputs, r.states], -1), returns)
+        )  # [K, T E N, ...]
+        losses = {name: torch.full((n_seeds,), torch.nan) for name in ("policy", "kl")}
         for _ in range(c.n_epochs):
             if self.progress > c.critic_warmup_fraction:
-                for rows in minibatches(self.generators, inputs.shape[1], n_rows, c.minibatch):
-                    batch = (pick(x, rows) for x in (inputs, actions, log_probs, advantage))
-                    losses |= self._actor_step(*batch)
-            for rows in minibatches(self.generators, critic_rows.shape[1], 1, c.minibatch):
-                losses |= self._critic_step(pick(critic_rows, rows), pick(targets, rows))
+                n_samples, n_rows = inputs.shape[1], self.actors.n_rows
+                for rows in minibatches(self.generators, n_samples, n_rows, c.minibatch):
+                    means = self.actors.network(pick(inputs, rows))  # [K n_rows, B, A]
+                    objective, kl = clipped_losses(
+                        means, pick(actions, rows), pick(log_probs, rows), pick(advantage, rows),
+                        std=self.innovation_std, clip=c.clip,
+                    )  # fmt: skip
+                    loss = seed_means(objective, n_seeds)
+                    excess = seed_means((means.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
+                    self.actor_adam.step(loss + c.mean_penalty * excess, self.learning_rate)
+                    losses |= {"policy": loss.detach(), "kl": seed_means(kl, n_seeds)}
+            for rows in minibatches(self.generators, critic_inputs.shape[1], 1, c.minibatch):
+                values = self.critic.network(pick(critic_inputs, rows))[..., 0]  # [K, B]
+                loss = smooth_l1_loss(values, pick(targets, rows), reduction="none").mean(1)  # (6)
+                self.critic_adam.step(c.value_weight * loss, self.learning_rate)
+                losses["value"] = loss.detach()
         return losses
-
-    def _actor_step(
-        self, inputs: Tensor, actions: Tensor, old_log_probs: Tensor, advantages: Tensor
-    ) -> dict[str, Tensor]:
-        c, n_seeds = self.config, len(self.seeds)
-        means = self.actors.network(inputs)  # [K n_rows, B, A]
-        losses, kl = clipped_losses(
-            means, actions, old_log_probs, advantages, std=self.innovation_std, clip=c.clip
-        )
-        loss = seed_means(losses, n_seeds)
-        excess = seed_means((means.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
-        self.actor_adam.step(loss + c.mean_penalty * excess, self.learning_rate)
-        return {"policy": loss.detach(), "kl": seed_means(kl, n_seeds)}
-
-    def _critic_step(self, inputs: Tensor, targets: Tensor) -> dict[str, Tensor]:
-        values = self.critic.network(inputs)[..., 0]  # [K, B]
-        loss = smooth_l1_loss(values, targets, reduction="none").mean(1)  # (6)
-        self.critic_adam.step(self.config.value_weight * loss, self.learning_rate)
-        return {"value": loss.detach()}
 
     def policy(self, index: int) -> TorchPolicy:
         """The greedy policy of seed number `index`, a copy of its parameters as they are now."""

@@ -132,11 +132,11 @@ def coverage_section(data: CardData) -> str:
         + markdown.table(("quantity", "measured", "reading"), _coverage_rows(found))
         + f"\nPlaces are counted in {found.n_states:,} states of whole episodes. Entropies are "
         f"nearest-neighbor estimates from {found.n_steps:,} joint steps at a resolution of "
-        f"{ENTROPY_RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
-        "bound, are spread over that width, so the least possible entropy is about "
-        f"{np.log(ENTROPY_RESOLUTION):.2f} nats per dimension. In the high-dimensional space of a team, "
-        "the entropies of states are overestimated; compare them only between datasets of the "
-        "same task. Mutual information and correlation also include common causes, such as the "
+        f"{ENTROPY_RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands "
+        "at a bound, are spread over that width, so the least possible entropy is about "
+        f"{np.log(ENTROPY_RESOLUTION):.2f} nats per dimension. In the high-dimensional space of a "
+        "team, the entropies of states are overestimated; compare them only between datasets of "
+        "the same task. Mutual information and correlation also include common causes, such as the "
         "remaining time.\n" + _passings_table(data)
     )
 
@@ -210,9 +210,9 @@ def _passings_table(data: CardData) -> str:
     return (
         "\nThe side on which robots pass each other when they meet head-on:\n\n"
         + markdown.table(("id", "passings", "kept to the right"), rows)
-        + f"\nCounted {sampled}: two robots come within {ENCOUNTER_DISTANCE:g} m of each other with opposing "
-        f"velocities, then within {PASSING_DISTANCE:g} m, and separate behind each other. Brackets are 95 % "
-        "Wilson intervals.\n"
+        + f"\nCounted {sampled}: two robots come within {ENCOUNTER_DISTANCE:g} m of each other "
+        f"with opposing velocities, then within {PASSING_DISTANCE:g} m, and separate behind each "
+        "other. Brackets are 95 % Wilson intervals.\n"
     )
 
 

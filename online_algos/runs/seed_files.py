@@ -1,11 +1,11 @@
-"""Where online runs keep the policies of their seeds."""
+"""Paths of the policies that online runs save."""
 
 from pathlib import Path
 
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_files import POLICIES, policy_folder, saved_policies
+from swarmdata.learn.training.run_files import policy_folder, saved_policies
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:
@@ -14,7 +14,7 @@ def policy_path(folder: Path, seed: int, frames: int) -> Path:
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
+    """Returns the path of the newest policy of a seed.
 
     Raises:
         BuildError: the run has not reached a checkpoint yet.
@@ -33,7 +33,7 @@ def saved_frames(folder: Path, seed: int) -> list[int]:
 
 
 def last_policy(run: Path, seed: int) -> Policy:
-    """The newest policy of a seed of a run, or of one of the runs inside a folder.
+    """Returns the newest policy of a seed of a run, or of one of the runs in a folder.
 
     Raises:
         BuildError: there is none.

@@ -28,8 +28,8 @@ from swarmdata.store import (
     write_part,
 )
 from swarmdata.testing.synthetic import (
+    N_AGENTS,
     N_FEATURES,
-    N,
     make_episode,
     make_recipe,
     make_streams,
@@ -85,7 +85,7 @@ def test_a_truncated_part_is_named(tmp_path: Path, name: str) -> None:
     ("change", "message"),
     [
         ({"actions": np.zeros((3, 2, 2))}, "dtype float32"),
-        ({"observations": np.full((4, N, N_FEATURES), np.nan, np.float32)}, "not finite"),
+        ({"observations": np.full((4, N_AGENTS, N_FEATURES), np.nan, np.float32)}, "not finite"),
         ({"policy": 1}, "mixes policies"),
         ({"rewards": np.zeros((3, 7), np.float32)}, "one kind"),
     ],

@@ -193,6 +193,20 @@ def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_a_run_shorter_than_a_rollout_is_refused(tmp_path: Path) -> None:
+    """Such as one whose n_steps is meant to be the length of a rollout."""
+    run = describe_run("mappo", replace(SMALL, n_steps=8), SPEC, (0,))
+    with pytest.raises(SpecError, match="expected at least the 32 of one rollout"):
+        train_run(run, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_length_of_runs_of_earlier_versions_is_known() -> None:
+    old = {"n_frames": 500, "n_copies": 4, "n_steps": 64}
+    assert RUN.model_copy(update={"config": old}).n_steps == 500
+    assert RUN.n_steps == SMALL.n_steps
+
+
 def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> None:
     config = VDNConfig(
         n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)

@@ -38,7 +38,7 @@ from swarmdata.learn.training.run_files import (
 )
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
-from swarmdata.online_algos.runs.online_training import REPLAY, describe_run, train_run
+from swarmdata.online_algos.runs.online_training import REPLAY_FOLDER, describe_run, train_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, saved_frames
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
@@ -149,7 +149,7 @@ def _train_online(cell: Cell, run: Path, meter: CostMeter, report: Report) -> No
         train_run(description, run, progress=False)
         meter.add_updates(cell.n_updates)
         report(cell.n_updates)
-    for name in (CHECKPOINT, REPLAY, "tensorboard"):
+    for name in (CHECKPOINT, REPLAY_FOLDER, "tensorboard"):
         path = run / name
         if path.is_dir():
             shutil.rmtree(path)
