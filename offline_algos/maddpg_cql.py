@@ -28,16 +28,13 @@ Deviations:
 - `bc_weight` w: the papers have none; it is 0.4 for the reason that `cfcql` gives.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.conservative import (
     Samples,
     cql_gap,
@@ -58,7 +55,7 @@ from swarmdata.learn.training.actor_critic import (
     smoothed_actions,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -76,15 +73,7 @@ class MADDPGCQLConfig(DelayedConfig):
 
 
 class MADDPGCQL:
-    """K seeds of actors and two critics with penalties on joint actions, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
@@ -93,20 +82,12 @@ class MADDPGCQL:
     state_dict, load_state_dict = state_of, restore_state
     bc_loss = staticmethod(team_cloning_loss)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: MADDPGCQLConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
-        self.critics = joint_critics(sizes, seeds, config, device)
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
+        self.actor = delayed_actor(setup, config)
+        self.critics = joint_critics(setup, config)
+        self.generators = setup.generators()
+        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> Tensor:
         """Returns x, [K, B, S + N O]."""

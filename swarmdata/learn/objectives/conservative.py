@@ -19,6 +19,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.training.exploration import normal_like, uniform_like
 
 
@@ -131,6 +132,35 @@ def cql_gap(samples: Samples, values: Tensor, q: Tensor, temperature: float) -> 
         temperature: tau of the soft maximum.
     """
     return (soft_maximum(values, samples.log_density, temperature) - q).mean(2)
+
+
+def counterfactual_gap(
+    critics: JointCritics,
+    generators: Sequence[torch.Generator],
+    x: Tensor,
+    actions: Tensor,
+    q: Tensor,
+    *,
+    n_samples: int,
+    temperature: float,
+) -> Tensor:
+    """Returns sum_i 1/N [tau log integral exp(Q_j(x, (b, a_-i)) / tau) db - Q_j(x, a)], [K, J].
+
+    (Shao et al. 2023, equations 5 and 6 with even weights.) The sum is estimated by one agent i,
+    drawn evenly for each row.
+
+    Args:
+        critics: whose values are penalized.
+        generators: of agents and their actions, one per seed, [K].
+        x: what the critics see, [K, B, S + N O].
+        actions: of the data, [K, B, N, A].
+        q: what the critics give for them, [K, J, B].
+        n_samples: of actions for each row, M.
+        temperature: tau of the soft maximum.
+    """
+    agents = draw_agents(generators, actions)  # [K, B, N]
+    samples = counterfactual_samples(generators, actions, agents, n_samples)
+    return cql_gap(samples, critics.sampled_q(x, samples.actions)[..., 0], q, temperature)
 
 
 def _repeated(actions: Tensor, n_samples: int) -> Tensor:
