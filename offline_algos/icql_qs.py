@@ -33,7 +33,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.objectives.conservative import (
     counterfactual_gap,
     draw_agents,
@@ -43,9 +42,9 @@ from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
     Loss,
-    delayed_actor,
     delayed_update,
-    joint_critics,
+    joint_inputs,
+    joint_parts,
     policy_of,
     restore_state,
     smoothed_actions,
@@ -69,18 +68,13 @@ class ICQLQS:
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    bc_loss = staticmethod(team_cloning_loss)
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
 
     def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(setup, config)
-        self.critics = joint_critics(setup, config)
-        self.generators = setup.generators()
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
-
-    def critic_inputs(self, batch: Batch) -> Tensor:
-        """Returns x, [K, B, S + N O]."""
-        return self.normalizer.information(batch.states, batch.observations)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
@@ -115,15 +109,7 @@ class ICQLQS:
 
     def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2]; draws an agent for each row, and its actions."""
-        return counterfactual_gap(
-            self.critics,
-            self.generators,
-            x,
-            batch.actions,
-            q,
-            n_samples=self.config.n_samples,
-            temperature=self.config.temperature,
-        )
+        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
 
     def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi); the critics' parameters are constants here."""

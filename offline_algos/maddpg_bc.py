@@ -40,14 +40,12 @@ from torch import Tensor
 
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
     DelayedConfig,
-    delayed_actor,
-    joint_critics,
+    joint_parts,
     policy_of,
     restore_state,
     state_of,
@@ -76,10 +74,9 @@ class MADDPGBC:
 
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(setup, config)
-        self.critics = joint_critics(setup, config)
-        self.generators = setup.generators()
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.

@@ -96,14 +96,7 @@ class QMIXLearner:
 
 
 class QMIX:
-    """K seeds of QMIX.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+    """K seeds of QMIX in K E copies of a task, with their replay in a folder."""
 
     Config = QMIXConfig
     LOSSES = (*LOSSES, "reward")

@@ -84,14 +84,7 @@ class VDNLearner:
 
 
 class VDN:
-    """K seeds of VDN.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+    """K seeds of VDN in K E copies of a task, with their replay in a folder."""
 
     Config = VDNConfig
     LOSSES = (*LOSSES, "reward")

@@ -14,7 +14,7 @@ lower its own (the second critic of og-marl's torch `maddpg_cql` is, at commit f
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -134,15 +134,22 @@ def cql_gap(samples: Samples, values: Tensor, q: Tensor, temperature: float) -> 
     return (soft_maximum(values, samples.log_density, temperature) - q).mean(2)
 
 
+class PenaltyConfig(Protocol):
+    """Settings of a sampled penalty."""
+
+    @property
+    def n_samples(self) -> int: ...  # for each row, M
+    @property
+    def temperature(self) -> float: ...  # tau of the soft maximum
+
+
 def counterfactual_gap(
     critics: JointCritics,
     generators: Sequence[torch.Generator],
+    config: PenaltyConfig,
     x: Tensor,
     actions: Tensor,
     q: Tensor,
-    *,
-    n_samples: int,
-    temperature: float,
 ) -> Tensor:
     """Returns sum_i 1/N [tau log integral exp(Q_j(x, (b, a_-i)) / tau) db - Q_j(x, a)], [K, J].
 
@@ -152,15 +159,15 @@ def counterfactual_gap(
     Args:
         critics: whose values are penalized.
         generators: of agents and their actions, one per seed, [K].
+        config: settings of the penalty.
         x: what the critics see, [K, B, S + N O].
         actions: of the data, [K, B, N, A].
         q: what the critics give for them, [K, J, B].
-        n_samples: of actions for each row, M.
-        temperature: tau of the soft maximum.
     """
     agents = draw_agents(generators, actions)  # [K, B, N]
-    samples = counterfactual_samples(generators, actions, agents, n_samples)
-    return cql_gap(samples, critics.sampled_q(x, samples.actions)[..., 0], q, temperature)
+    samples = counterfactual_samples(generators, actions, agents, config.n_samples)
+    values = critics.sampled_q(x, samples.actions)[..., 0]  # [K, J, B, M]
+    return cql_gap(samples, values, q, config.temperature)
 
 
 def _repeated(actions: Tensor, n_samples: int) -> Tensor:

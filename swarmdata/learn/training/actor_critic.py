@@ -16,6 +16,7 @@ from torch import Tensor
 from swarmdata.learn.networks.actor import DelayedActor, StackedActor
 from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
+from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.setup import Setup
@@ -75,6 +76,19 @@ def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
         learning_rate=config.critic_learning_rate,
         max_norm=config.max_grad_norm,
         device=setup.device,
+    )
+
+
+JointParts = tuple[DelayedActor, JointCritics, list[torch.Generator], Normalizer]
+
+
+def joint_parts(setup: Setup, config: ActorCriticConfig, *, clip_target: bool) -> JointParts:
+    """Makes actors, joint critics, generators of noise, and the normalizer with its bound R*."""
+    return (
+        delayed_actor(setup, config),
+        joint_critics(setup, config),
+        setup.generators(),
+        Normalizer(setup.statistics, setup.device, clip_target=clip_target),
     )
 
 
@@ -164,6 +178,17 @@ def delayed_update(self: DelayedActorCritic, batch: Batch) -> dict[str, Any]:
         self.actor.follow(config.tau)
         self.critics.follow(config.tau)
     return {name: loss.detach() for name, loss in reported.items()}
+
+
+class HasNormalizer(Protocol):
+    """An algorithm that normalizes what its networks see."""
+
+    normalizer: Normalizer
+
+
+def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
+    """Returns what joint critics see besides actions: x, [K, B, S + N O]."""
+    return self.normalizer.information(batch.states, batch.observations)
 
 
 def smoothed_actions(self: DelayedActorCritic, observations: Tensor) -> Tensor:
