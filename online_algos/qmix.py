@@ -103,7 +103,7 @@ class QMIX:
 
     update = value_learning.update_round
     policy = value_learning.policy_of
-    warm_start = value_learning.skip_warm_start
+    prepare = value_learning.skip_preparation
     restart_worlds = value_learning.restart_worlds
     state_dict = value_learning.state_of
     load_state_dict = value_learning.restore_state

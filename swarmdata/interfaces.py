@@ -152,7 +152,7 @@ class OnlineAlgorithm(Protocol):
 
     Built as `Kind(env, seeds, config, folder)`: K E copies of a task, the seeds [K], a `Config`,
     and a folder for what is too large for a checkpoint. `Kind.Config` is a frozen dataclass with
-    `n_frames` and `n_copies`, `Kind.LOSSES` names what `update` returns.
+    `n_steps` and `n_copies`, `Kind.LOSSES` names what `update` returns.
     """
 
     @property
@@ -160,12 +160,11 @@ class OnlineAlgorithm(Protocol):
         """Joint steps that each seed has taken."""
         ...
 
-    def warm_start(self) -> bool:
-        """What comes before the first update of a new run, such as cloning a teacher.
+    def prepare(self) -> bool:
+        """Does what comes before the first update of a new run, such as cloning a teacher.
 
         Returns:
-            Whether it took long: its result is then worth a checkpoint, after which new episodes
-            have to begin.
+            Whether it took long enough for a checkpoint, after which new episodes have to begin.
         """
         ...
 

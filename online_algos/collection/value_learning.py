@@ -31,16 +31,16 @@ UTILITY_STREAM, MIXER_STREAM = 0, 1
 
 @dataclass(frozen=True)
 class ValueLearningConfig:
-    """Settings that VDN and QMIX share; counts of frames are joint steps of one seed."""
+    """Settings that VDN and QMIX share; counts of steps are joint steps of one seed."""
 
-    n_frames: int = 2_000_000
+    n_steps: int = 2_000_000
     n_copies: int = 64
-    n_steps: int = 64  # of every copy in one round
+    rollout_steps: int = 64  # of every copy in one round
     n_gradient_steps: int = 1  # after each of them
     batch_size: int = 512  # joint transitions
     capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most frames between two checkpoints of a run that can be resumed
-    warm_up: int = 8_192  # frames before the first gradient step
+    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # joint steps before the first gradient step
     n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
     parameters: Parameters = "shared"
@@ -156,7 +156,7 @@ def utility_team(sizes: Sizes, seeds: Sequence[int], config: ValueLearningConfig
     )
 
 
-def skip_warm_start(self: ValueLearning) -> bool:
+def skip_preparation(self: ValueLearning) -> bool:
     """Does nothing: the first rounds fill the replay."""
     return False
 

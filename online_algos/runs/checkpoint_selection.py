@@ -124,7 +124,7 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
         BuildError: the run is not finished.
     """
     path = last_policy_path(*seed)
-    wanted = read_online_run(seed.folder).config["n_frames"]
+    wanted = read_online_run(seed.folder).n_steps
     if int(path.stem) < wanted:
         raise BuildError(
             f"seed {seed.seed} of {seed.folder} has {int(path.stem)} of {wanted} frames; run its "

@@ -33,6 +33,7 @@ from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.divergence import check_finite
+from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.runs.seed_files import policy_path
@@ -79,12 +80,15 @@ class OnlineRun(Frozen):
     n_episodes: Count = 128  # selection episodes of each seed and checkpoint
     versions: dict[str, str]
 
+    @property
+    def n_steps(self) -> int:
+        """Joint steps that each seed takes; runs of earlier versions call it `n_frames`."""
+        return int(self.config.get("n_frames", self.config["n_steps"]))
+
     def build(self, folder: Path) -> OnlineAlgorithm:
         """Makes the algorithm as it is before its first update."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        # JSON has no tuples
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
-        config = kind.Config(**values)
+        config = from_json(kind.Config, self.config)
         env = make_env(self.spec, config.n_copies * len(self.seeds))
         algorithm: OnlineAlgorithm = kind(env, self.seeds, config, folder)
         return algorithm
@@ -157,14 +161,14 @@ def read_online_run(folder: Path) -> OnlineRun:
 
 def _is_finished(run: OnlineRun, folder: Path) -> bool:
     path = folder / CHECKPOINT
-    return path.exists() and load_checkpoint(path)[1]["frames"] >= run.config["n_frames"]
+    return path.exists() and load_checkpoint(path)[1]["frames"] >= run.n_steps
 
 
 def _check_margin(run: OnlineRun) -> None:
     """A replay must keep what a checkpoint draws from until the next one, `learn.replay`."""
     margin = run.config.get("margin")
-    between = run.config["n_frames"] / run.n_checkpoints
-    needed = math.ceil(between + run.config["n_copies"] * run.config.get("n_steps", 1))
+    between = run.n_steps / run.n_checkpoints
+    needed = math.ceil(between + run.config["n_copies"] * run.config.get("rollout_steps", 1))
     if margin is not None and margin < needed:
         raise SpecError(
             f"margin is {margin}, expected at least {needed} joint steps, as many as lie between "
@@ -213,7 +217,7 @@ class _Training:
         self.algorithm = run.build(folder / REPLAY)
         if (folder / CHECKPOINT).exists():
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
-        elif self.algorithm.warm_start():
+        elif self.algorithm.prepare():
             self._keep_state()
         self.first = self.algorithm.frames
         losses = resolve("algorithm", ONLINE_ALGORITHMS, run.algorithm).LOSSES
@@ -228,7 +232,7 @@ class _Training:
         ]
 
     def finish(self, progress: bool) -> None:
-        n_frames, algorithm = int(self.run.config["n_frames"]), self.algorithm
+        n_frames, algorithm = self.run.n_steps, self.algorithm
         every = n_frames / self.run.n_checkpoints
         started, since = time.perf_counter(), self.first
         with tqdm(

@@ -59,7 +59,7 @@ def train(
     from swarmdata.evaluation.runs.train import train, train_online
 
     _check_subject(context, algorithm, data, task)
-    lengths = {"n_frames": None if steps is None else round(steps), "n_updates": updates}
+    lengths = {"n_steps": None if steps is None else round(steps), "n_updates": updates}
     changes = _changes(config, {**lengths, "regulariser": regulariser}, settings or [])
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}

@@ -12,13 +12,13 @@ from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.qmix import QMIX, QMIXConfig, QMIXLearner  # noqa: E402
 
 SMALL: dict[str, Any] = {
-    "n_frames": 800,
+    "n_steps": 800,
     "n_copies": 4,
-    "n_steps": 10,
+    "rollout_steps": 10,
     "batch_size": 64,
     "capacity": 200,
     "margin": 80,
-    "warm_up": 0,
+    "warmup_transitions": 0,
     "hidden": (16,),
     "mixer_hidden": 16,
     "mixer_embedding": 8,
@@ -64,4 +64,4 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
 @pytest.mark.learns
 def test_it_learns_to_reach_goals(easy_success: Callable[[Any, Any], float]) -> None:
     """Within 15 s of one core."""
-    assert easy_success(QMIX, QMIXConfig(n_frames=130_000)) > 0.7
+    assert easy_success(QMIX, QMIXConfig(n_steps=130_000)) > 0.7

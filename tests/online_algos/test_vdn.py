@@ -18,13 +18,13 @@ from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 SMALL: dict[str, Any] = {
-    "n_frames": 400,
+    "n_steps": 400,
     "n_copies": 4,
-    "n_steps": 10,
+    "rollout_steps": 10,
     "batch_size": 64,
     "capacity": 200,
     "margin": 80,
-    "warm_up": 0,
+    "warmup_transitions": 0,
     "hidden": (8,),
     "frame": "world",
     "n_bins": 3,
@@ -65,7 +65,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     episode would make both larger.
     """
     changes = {"discount": 0.5, "hidden": (32,), "learning_rate": 1e-2, "tau": 0.1}
-    run = made(two_episodes, tmp_path, n_gradient_steps=12, n_frames=800, **changes)
+    run = made(two_episodes, tmp_path, n_gradient_steps=12, n_steps=800, **changes)
     for _ in range(8):
         run.update()
     batch = run.collector._draw()
@@ -117,5 +117,5 @@ def test_it_learns_to_reach_goals(
     easy_success: Callable[[Any, Any], float], parameters: Any
 ) -> None:
     """Within 15 s of one core."""
-    config = VDNConfig(n_frames=130_000, parameters=parameters)
+    config = VDNConfig(n_steps=130_000, parameters=parameters)
     assert easy_success(VDN, config) > 0.7

@@ -35,6 +35,19 @@ RENAMED_SETTINGS: dict[str, tuple[str, ...]] = {
     "noise": ("smoothing",),
     "noise_clip": ("smoothing_clip",),
     "embedding": ("mixer_embedding",),
+    "start": ("start.policies",),
+    "teacher": ("start.teacher",),
+    "teacher_remembers": ("start.teacher_remembers",),
+    "clone_rounds": ("start.clone_rounds",),
+    "clone_noise": ("start.clone_noise",),
+    "contact_cost": ("shaping.contact_cost",),
+    "contact_ramp": ("shaping.contact_ramp",),
+    "keep_right": ("shaping.keep_right",),
+    "keep_left": ("shaping.keep_left",),
+    "team_share": ("shaping.team_share",),
+    "detour": ("shaping.payload_path_weight",),
+    "behind": ("shaping.behind_payload_weight",),
+    "rewards": ("shaping.reward_weights",),
 }
 """Old names of settings and what they are called now, in any algorithm that has the new one."""
 

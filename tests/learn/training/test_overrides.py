@@ -10,11 +10,13 @@ import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.learn.training.overrides import (
+    RENAMED_SETTINGS,
     as_texts,
     from_json,
     override,
+    setting_types,
 )
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
 
 @dataclass(frozen=True)
@@ -160,3 +162,12 @@ def test_old_names_of_offline_settings_give_the_new_ones(
         override(config(), {old: "1"})
     with pytest.raises(SpecError, match=message):
         from_json(config, {old: 1})
+
+
+def test_new_names_are_settings_of_an_algorithm() -> None:
+    pytest.importorskip("torch", reason="algorithms need the torch extra")
+    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
+    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
+    known = {name for kind in kinds for name in setting_types(kind)}
+    for old, names in RENAMED_SETTINGS.items():
+        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"

@@ -32,6 +32,7 @@ from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import Facts, open_data
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
+from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_folder import CHECKPOINT
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
@@ -164,10 +165,7 @@ def schedule_of(cell: Cell) -> Schedule:
 
 
 def _config(table: Any, cell: Cell) -> Any:
-    kind = resolve("algorithm", table, cell.algorithm)
-    # JSON has no tuples
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in cell.config.items()}
-    return kind.Config(**values)
+    return from_json(resolve("algorithm", table, cell.algorithm).Config, cell.config)
 
 
 def _train_online(cell: Cell, run: Path, meter: Meter, report: Report) -> None:

@@ -64,7 +64,7 @@ class Cell(Frozen):
     @property
     def n_updates(self) -> int:
         """Length of training in the algorithm's own unit, 0 of a finished run."""
-        return int(self.config.get("n_updates", self.config.get("n_frames", 0)))
+        return int(self.config.get("n_updates", self.config.get("n_steps", 0)))
 
 
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
@@ -184,7 +184,7 @@ def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
     assert baseline.algorithm is not None  # checked by Baseline
     assert baseline.task is not None
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
-    length = {} if baseline.frames is None else {"n_frames": baseline.frames}
+    length = {} if baseline.frames is None else {"n_steps": baseline.frames}
     config = _json(override(kind.Config(), as_texts({**length, **baseline.settings})))
     return Cell(
         kind="online",

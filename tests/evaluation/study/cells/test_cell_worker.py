@@ -112,7 +112,7 @@ def test_other_content_under_the_same_name_is_refused(make_study: Make, tmp_path
 def test_failures_are_written_beside_the_cell(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study()).model_copy(update={"config": {"n_updates": 5, "hiden": [8]}})
     payload = {"cell": json.loads(cell.to_json()), "folder": str(tmp_path / "c")}
-    with pytest.raises(BuildError, match=r"TypeError: .*'hiden'"):
+    with pytest.raises(BuildError, match=r"UnknownNameError: .*'hiden'"):
         _handle(payload, lambda amount: None)
     assert "Traceback" in (tmp_path / "c" / ERROR).read_text()
 

@@ -1,4 +1,4 @@
-"""Ways of a payload around obstacles: at least as long as the straight line, and no dead ends."""
+"""Paths of a payload around obstacles: at least as long as the straight line, and no dead ends."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.shaping.payload_potentials import Detours
+from swarmdata.online_algos.shaping.payload_potential import PayloadPaths, PayloadPotential
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
@@ -23,6 +22,12 @@ BODY = N_COLUMNS * SPEC.n_agents
 
 def begin(first: int = 0) -> Step:
     return make_env(SPEC, 16).reset(np.arange(first, first + 16, dtype=np.uint64))
+
+
+def mapped(step: Step) -> PayloadPaths:
+    paths = PayloadPaths(SPEC, len(step.seeds))
+    paths.update(step)
+    return paths
 
 
 def moved(step: Step, points: Double) -> Step:
@@ -40,7 +45,7 @@ def straight(step: Step) -> Double:
 @given(st.integers(0, 1 << 40))
 def test_a_way_is_at_least_as_long_as_the_straight_line(first: int) -> None:
     step = begin(first)
-    lengths = Detours(SPEC, step).lengths(step)
+    lengths = mapped(step).lengths(step)
     assert np.isfinite(lengths).all()
     # goal and point lie up to half a node's diagonal from a node; diagonals cost 7/5, not sqrt(2)
     assert (lengths >= 0.98 * straight(step) - 0.08).all()
@@ -49,7 +54,7 @@ def test_a_way_is_at_least_as_long_as_the_straight_line(first: int) -> None:
 def test_at_the_goal_nothing_is_left() -> None:
     step = begin()
     there = moved(step, step.states[:, TX : TX + 2].astype(np.float64))
-    assert (Detours(SPEC, step).lengths(there) < 0.08).all()
+    assert (mapped(step).lengths(there) < 0.08).all()
 
 
 def test_behind_an_obstacle_the_way_leads_around() -> None:
@@ -61,24 +66,24 @@ def test_behind_an_obstacle_the_way_leads_around() -> None:
     away = centre - goals
     away /= np.hypot(*away.T)[:, None]
     stuck = moved(step, centre + (radius + SPEC.rules.payload.half_length)[:, None] * away)  # type: ignore[union-attr]
-    detours = Detours(SPEC, step)
-    lengths = detours.lengths(stuck)
+    paths = mapped(step)
+    lengths = paths.lengths(stuck)
     known = np.isfinite(lengths)  # it may lie in a wall
     assert known.sum() > 8
     assert (lengths[known] > straight(stuck)[known] + 0.1).all()
     aside = np.stack([-away[:, 1], away[:, 0]], 1)
-    sides = [detours.progress(stuck, moved(stuck, stuck.states[:, BODY : BODY + 2] + 0.3 * s))
+    sides = [paths.progress(stuck, moved(stuck, stuck.states[:, BODY : BODY + 2] + 0.3 * s))
              for s in (aside, -aside)]  # fmt: skip
     assert (np.maximum(*sides)[known] > 0).mean() > 0.8
 
 
 def test_directions_point_along_the_way() -> None:
     step = begin()
-    detours = Detours(SPEC, step)
-    directions = detours.directions(step)
+    paths = mapped(step)
+    directions = paths.directions(step)
     np.testing.assert_allclose(np.hypot(*directions.T), 1.0)
     ahead = moved(step, step.states[:, BODY : BODY + 2] + 0.1 * directions)
-    assert (detours.progress(step, ahead) > 0.08).mean() > 0.9
+    assert (paths.progress(step, ahead) > 0.08).mean() > 0.9
 
 
 def test_a_payload_in_contact_is_led_along_the_surface() -> None:
@@ -91,63 +96,55 @@ def test_a_payload_in_contact_is_led_along_the_surface() -> None:
     normal = np.stack([np.cos(angle), np.sin(angle)], 1)
     distance = circle[:, 5] + SPEC.rules.payload.half_length  # type: ignore[union-attr]
     touching = moved(step, circle[:, 1:3] + distance[:, None] * normal)
-    directions = Detours(SPEC, touching).directions(touching)
+    directions = mapped(touching).directions(touching)
     along = np.abs(directions[:, 0] * normal[:, 1] - directions[:, 1] * normal[:, 0])
     assert np.median(along) > 0.9
 
 
 def test_robots_are_behind_a_payload_that_they_push_along_its_way() -> None:
     step = begin()
-    detours = Detours(SPEC, step)
-    directions = detours.directions(step)
+    paths = mapped(step)
+    directions = paths.directions(step)
     states = step.states.copy()
     robots = robots_of(states, SPEC.n_agents)  # a view
     for number, sign in enumerate((-1, 1)):  # behind, before
         robots[:, number, : Y + 1] = states[:, BODY : BODY + 2] + sign * 0.5 * directions
-    behind = detours.behind(step._replace(states=states))
+    behind = paths.cosines_behind(step._replace(states=states))
     np.testing.assert_allclose(behind[:, 0], 1.0, atol=1e-5)
     np.testing.assert_allclose(behind[:, 1], -1.0, atol=1e-5)
     assert (np.abs(behind) <= 1 + 1e-9).all()
 
 
-def test_ways_are_those_of_the_running_episode() -> None:
+def test_paths_are_those_of_the_running_episode() -> None:
     step, other = begin(), begin(100)
-    detours = Detours(SPEC, step)
     copies = np.array([1, 5])
     is_new = np.isin(np.arange(16), copies)
     mixed = step._replace(
+        seeds=np.where(is_new, other.seeds, step.seeds),
         states=np.where(is_new[:, None], other.states, step.states),
-        layouts=np.where(
-            np.isin(np.arange(16), copies)[:, None, None], other.layouts, step.layouts
-        ),
+        layouts=np.where(is_new[:, None, None], other.layouts, step.layouts),
     )
-    detours.begin(mixed, copies)
-    expected = Detours(SPEC, step).lengths(step)
-    expected[copies] = Detours(SPEC, other).lengths(other)[copies]
-    np.testing.assert_array_equal(detours.lengths(mixed), expected)
+    paths = mapped(step)
+    paths.update(mixed)
+    expected = mapped(step).lengths(step)
+    expected[copies] = mapped(other).lengths(other)[copies]
+    np.testing.assert_array_equal(paths.lengths(mixed), expected)
 
 
 def test_rewards_of_an_episode_depend_on_its_ends_only() -> None:
-    config = MAPPOConfig(
-        n_copies=4, n_steps=8, hidden=8, minibatch=64, frame="payload_goal", detour=2.0, behind=3.0,
-        contact_cost=0.0, team_share=0.0,
-    )  # fmt: skip
-    run = MAPPO(make_env(SPEC, 4), (0,), config)
-    weights = SPEC.rules.rewards
-    start = run.worlds.present
-    ways = Detours(SPEC, start)
+    env, term = make_env(SPEC, 4), PayloadPotential(SPEC, 4, path_weight=2.0, behind_weight=3.0)
+    start = before = env.reset(np.arange(4, dtype=np.uint64))
     extra = np.zeros((4, 4))
     for _ in range(20):
-        before = run.worlds.present
-        reached = run.worlds.advance(np.ones((1, 4, 4, 2), np.float32))
-        plain = run._shaping.rewards(reached, weights, 0.0)
-        extra += run.rewards(before, reached)[0] - plain
-    ways_gone = ways.lengths(start) - ways.lengths(reached)
-    turned = ways.behind(reached) - ways.behind(start)
-    np.testing.assert_allclose(extra, 2.0 * ways_gone[:, None] + 3.0 * turned, atol=1e-4)
+        after = env.step(np.ones((4, 4, 2)))
+        extra += term.apply(after.rewards, before, after, 0.0) - after.rewards
+        before = after
+    paths = mapped(start)
+    shorter = paths.lengths(start) - paths.lengths(after)
+    turned = paths.cosines_behind(after) - paths.cosines_behind(start)
+    np.testing.assert_allclose(extra, 2.0 * shorter[:, None] + 3.0 * turned, atol=1e-4)
 
 
 def test_a_task_without_payload_is_refused() -> None:
-    step = make_env(TaskSpec(), 1).reset(np.zeros(1, dtype=np.uint64))
     with pytest.raises(SpecError, match="coop_nav has none"):
-        Detours(TaskSpec(), step)
+        PayloadPaths(TaskSpec(), 1)

@@ -1,54 +1,16 @@
-"""Generalized advantage estimation, and the running scale of what a critic learns."""
+"""ValueScale, the running scale of what a critic learns."""
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Double, Float
 
 
-def generalized_advantages(
-    rewards: Float,
-    values: Float,
-    next_values: Float,
-    terminations: Bool,
-    ended: Bool,
-    discount: float,
-    lam: float,
-) -> Float:
-    """Advantages by GAE, bootstrapped through truncation and cut at every episode end.
-
-    Schulman et al. 2016, equation 16. C stands for any axes of copies.
-
-    Args:
-        rewards: [T, C, N].
-        values: of the state acted in, [T, C, N].
-        next_values: of the state reached, before any reset, [T, C, N].
-        terminations: the task ended, so nothing follows, [T, C].
-        ended: the episode ended, by termination or truncation, [T, C].
-        discount: gamma.
-        lam: lambda.
-    """
-    deltas = rewards + discount * ~terminations[..., None] * next_values - values
-    advantages = np.zeros_like(deltas)
-    running = np.zeros_like(deltas[0])
-    for t in reversed(range(len(deltas))):
-        running = deltas[t] + discount * lam * ~ended[t][..., None] * running
-        advantages[t] = running
-    return advantages
-
-
-def normalized(advantages: Float) -> Float:
-    """Returns advantages [T, K, E, N] with mean 0 and standard deviation 1 for each seed."""
-    mean = advantages.mean(axis=(0, 2, 3), keepdims=True, dtype=np.float64)
-    std = advantages.std(axis=(0, 2, 3), keepdims=True, dtype=np.float64)
-    return ((advantages - mean) / (std + 1e-6)).astype(np.float32)
-
-
-class TargetScale:
+class ValueScale:
     """Mean and standard deviation of the value targets of each seed, averaged over updates.
 
-    Yu et al. 2022, section 5.1. The first K axis of targets is their second one, after time.
+    Yu et al. 2022, section 5.1, value normalization.
 
     Args:
         n_seeds: K.
