@@ -12,7 +12,7 @@ with the statistics of the dataset; the learning rate decays along a cosine. It 
 4,000 updates from 1e-3 scored 48 in the world's frame, and 3,000 from 3e-3 in the target's 99.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,10 +22,9 @@ from torch import Tensor
 from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -48,35 +47,20 @@ class BCConfig:
 
 
 class BC:
-    """K actors, one per seed, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        statistics: of the dataset, to normalize observations.
-        device: where to train.
-    """
+    """K actors, one per seed, trained at once."""
 
     Config = BCConfig
     LOSSES = ("bc_loss",)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: BCConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
         self.n_updates = 0
         self.actor = StackedActor(
-            sizes, seeds, config.hidden, statistics, squash=config.output == "tanh", device=device
-        )
+            setup.sizes, setup.seeds, config.hidden, setup.statistics,
+            squash=config.output == "tanh", device=setup.device,
+        )  # fmt: skip
         self.optimizer = StackedAdam(
-            self.actor.network, len(seeds), config.learning_rate, config.max_grad_norm
+            self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
         )
 
     def update(self, batch: Batch) -> dict[str, Any]:

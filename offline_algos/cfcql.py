@@ -29,31 +29,27 @@ Deviations:
   weight that MADDPG+BC at alpha 2.5 has.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.network_inputs import generators
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.conservative import counterfactual_samples, cql_gap, draw_agents
+from swarmdata.learn.objectives.conservative import counterfactual_gap
 from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
     DelayedConfig,
     Loss,
-    delayed_actor,
     delayed_update,
-    joint_critics,
+    joint_inputs,
+    joint_parts,
     policy_of,
     restore_state,
     smoothed_actions,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -70,41 +66,20 @@ class CFCQLConfig(DelayedConfig):
 
 
 class CFCQL:
-    """K seeds of actors and two critics with counterfactual penalties, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two critics with counterfactual penalties, trained at once."""
 
     Config = CFCQLConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    bc_loss = staticmethod(team_cloning_loss)
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: CFCQLConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: CFCQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
-        self.critics = joint_critics(sizes, seeds, config, device)
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
-
-    def critic_inputs(self, batch: Batch) -> Tensor:
-        """Returns x, [K, B, S + N O]."""
-        return self.normalizer.information(batch.states, batch.observations)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
@@ -125,19 +100,8 @@ class CFCQL:
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2]; draws an agent for each row, and its actions.
-
-        Args:
-            batch: tensors [K, B, ...].
-            x: what the critics see, [K, B, S + N O].
-            q: their values of the data's actions, [K, 2, B].
-        """
-        agents = draw_agents(self.generators, batch.actions)  # [K, B, N]
-        samples = counterfactual_samples(
-            self.generators, batch.actions, agents, self.config.n_samples
-        )
-        values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B, M]
-        return cql_gap(samples, values, q, self.config.temperature)
+        """Returns gap_j, [K, 2]; draws an agent for each row, and its actions."""
+        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
 
     def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi); the critics' parameters are constants here."""

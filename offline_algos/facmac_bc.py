@@ -35,7 +35,6 @@ Those of `maddpg_bc`, for the reasons given there:
 - Step sizes decay along a cosine, from 1e-3 for critics and 3e-3 for actors; the discount is 0.95.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -44,9 +43,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
-from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
@@ -59,7 +56,7 @@ from swarmdata.learn.training.actor_critic import (
     smoothed_actions,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 MIXERS: dict[str, type[HyperMixer] | None] = {
@@ -81,15 +78,7 @@ class FACMACBCConfig(DelayedConfig):
 
 
 class FACMACBC:
-    """K seeds of actors and two factored critics, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two factored critics, trained at once."""
 
     Config = FACMACBCConfig
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
@@ -98,29 +87,22 @@ class FACMACBC:
     state_dict, load_state_dict = state_of, restore_state
     bc_loss = staticmethod(team_cloning_loss)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: FACMACBCConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
+        self.actor = delayed_actor(setup, config)
+        sizes, seeds = setup.sizes, setup.seeds
         learned = MIXERS[config.mixer]
         mixer: Mixer = MeanMixer() if learned is None else learned(
-            sizes.n_agents, sizes.state + sizes.n_agents * sizes.observation, seeds, MIXER_STREAM,
-            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=device,
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
+            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
             n_critics=2,
         )  # fmt: skip
         self.critics = FactoredCritics(
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=device,
+            max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
+        self.generators = setup.generators()
+        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""

@@ -25,14 +25,13 @@ Deviations:
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import (
@@ -42,15 +41,19 @@ from swarmdata.learn.networks.optimizer import (
     state_of_networks,
 )
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.in_sample import (
     expectile_loss,
     exponential_weights,
     weighted_cloning_loss,
 )
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, joint_critics, policy_of
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.actor_critic import (
+    ActorCriticConfig,
+    joint_critics,
+    policy_of,
+    squashed_actor,
+)
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -64,46 +67,27 @@ class IQLConfig(ActorCriticConfig):
 
 
 class IQL:
-    """K seeds of actors, twin critics and value networks, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors, twin critics and value networks, trained at once."""
 
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
     policy = policy_of
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: IQLConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = StackedActor(
-            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
+        self.actor = squashed_actor(setup, config)
+        self.critics = joint_critics(setup, config)
+        shape = MLPShape(setup.sizes.information, config.critic_hidden, 1, layer_norm=True)
+        self.value = StackedMLP(shape, setup.n_seeds, setup.device)
+        initialize(self.value, setup.seeds, VALUE_STREAM)
+        self.actor_adam = StackedAdam(
+            self.actor.network, setup.n_seeds, config.actor_learning_rate, config.max_grad_norm
         )
-        self.critics = joint_critics(sizes, seeds, config, device)
-        inputs = sizes.state + sizes.n_agents * sizes.observation
-        shape = MLPShape(inputs, config.critic_hidden, 1, layer_norm=True)
-        self.value = StackedMLP(shape, len(seeds), device)
-        initialize(self.value, seeds, VALUE_STREAM)
-        norm, rates = (
-            config.max_grad_norm,
-            (config.actor_learning_rate, config.critic_learning_rate),
+        self.value_adam = StackedAdam(
+            self.value, setup.n_seeds, config.critic_learning_rate, config.max_grad_norm
         )
-        self.actor_adam = StackedAdam(self.actor.network, len(seeds), rates[0], norm)
-        self.value_adam = StackedAdam(self.value, len(seeds), rates[1], norm)
-        self.normalizer = Normalizer(statistics, device)
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""

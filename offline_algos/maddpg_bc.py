@@ -32,7 +32,6 @@ Deviations:
   dense, so that 20 steps (2 s) hold the consequences of an action. Its effect was not isolated.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,22 +40,18 @@ from torch import Tensor
 
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.network_inputs import generators
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
     DelayedConfig,
-    delayed_actor,
-    joint_critics,
+    joint_parts,
     policy_of,
     restore_state,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -70,35 +65,18 @@ class MADDPGBCConfig(DelayedConfig):
 
 
 class MADDPGBC:
-    """K seeds of actors and two critics, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two critics, trained at once."""
 
     Config = MADDPGBCConfig
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
 
     policy, state_dict, load_state_dict = policy_of, state_of, restore_state
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: MADDPGBCConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
-        self.critics = joint_critics(sizes, seeds, config, device)
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.

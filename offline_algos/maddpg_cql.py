@@ -28,16 +28,12 @@ Deviations:
 - `bc_weight` w: the papers have none; it is 0.4 for the reason that `cfcql` gives.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.network_inputs import generators
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.conservative import (
     Samples,
     cql_gap,
@@ -50,15 +46,15 @@ from swarmdata.learn.objectives.td_targets import td_error, td_target, team_rewa
 from swarmdata.learn.training.actor_critic import (
     DelayedConfig,
     Loss,
-    delayed_actor,
     delayed_update,
-    joint_critics,
+    joint_inputs,
+    joint_parts,
     policy_of,
     restore_state,
     smoothed_actions,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -76,41 +72,20 @@ class MADDPGCQLConfig(DelayedConfig):
 
 
 class MADDPGCQL:
-    """K seeds of actors and two critics with penalties on joint actions, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    bc_loss = staticmethod(team_cloning_loss)
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: MADDPGCQLConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
-        self.critics = joint_critics(sizes, seeds, config, device)
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
-
-    def critic_inputs(self, batch: Batch) -> Tensor:
-        """Returns x, [K, B, S + N O]."""
-        return self.normalizer.information(batch.states, batch.observations)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""

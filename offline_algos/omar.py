@@ -36,16 +36,14 @@ Deviations:
   LayerNorm, normalization and step sizes are those of `maddpg_bc`, which has their sources.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import Critics
-from swarmdata.learn.networks.network_inputs import generators, with_agent_id
+from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
 from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.training.actor_critic import (
@@ -58,8 +56,8 @@ from swarmdata.learn.training.actor_critic import (
     smoothed_actions,
     state_of,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -78,15 +76,7 @@ class OMARConfig(DelayedConfig):
 
 
 class OMAR:
-    """K seeds of actors and two critics that see one agent, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors and two critics that see one agent, trained at once."""
 
     Config = OMARConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss")
@@ -94,23 +84,17 @@ class OMAR:
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: OMARConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: OMARConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(sizes, seeds, config, statistics, device)
+        self.actor = delayed_actor(setup, config)
+        n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
         self.critics = Critics(
-            sizes.observation + sizes.n_agents + sizes.action, seeds, config.critic_hidden,
-            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm, device=device,
+            n_inputs, setup.seeds, config.critic_hidden,
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
+            device=setup.device,
         )  # fmt: skip
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device)
+        self.generators = setup.generators()
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def critic_inputs(self, batch: Batch) -> Tensor:
         """Returns what the critics see besides actions, [K, B N, O + N]."""

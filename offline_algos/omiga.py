@@ -31,21 +31,19 @@ Deviations:
 - Step sizes decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
 from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.in_sample import (
     exponential_weights,
@@ -53,9 +51,9 @@ from swarmdata.learn.objectives.in_sample import (
     weighted_cloning_loss,
 )
 from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, policy_of
+from swarmdata.learn.training.actor_critic import ActorCriticConfig, policy_of, squashed_actor
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -69,50 +67,38 @@ class OMIGAConfig(ActorCriticConfig):
 
 
 class OMIGA:
-    """K seeds of actors, factored critics and local value networks, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors, factored critics and local value networks, trained at once."""
 
     Config = OMIGAConfig
     LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
 
     policy = policy_of
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: OMIGAConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
         self.config, self.n_updates = config, 0
-        n_agents, norm = sizes.n_agents, config.max_grad_norm
-        self.actor = StackedActor(
-            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
-        )
+        sizes, seeds, norm = setup.sizes, setup.seeds, config.max_grad_norm
+        self.actor = squashed_actor(setup, config)
         self.mixer = LinearMixer(
-            n_agents, sizes.state + n_agents * sizes.observation, seeds, MIXER_STREAM,
-            hidden=config.mixer_hidden, device=device,
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
+            hidden=config.mixer_hidden, device=setup.device,
         )  # fmt: skip
         self.critics = FactoredCritics(
             sizes, seeds, config.critic_hidden, self.mixer,
-            learning_rate=config.critic_learning_rate, max_norm=norm, n_critics=1, device=device,
+            learning_rate=config.critic_learning_rate, max_norm=norm, n_critics=1,
+            device=setup.device,
         )  # fmt: skip
         shape = MLPShape(sizes.observation, config.critic_hidden, 1, layer_norm=True)
-        self.values = Team(shape, n_agents, seeds, VALUE_STREAM, parameters="shared", device=device)
+        self.values = Team(
+            shape, sizes.n_agents, seeds, VALUE_STREAM, parameters="shared", device=setup.device
+        )
         self.target_values = self.values.network.clone()
-        rates = config.actor_learning_rate, config.critic_learning_rate
-        self.actor_adam = StackedAdam(self.actor.network, len(seeds), rates[0], norm)
-        self.value_adam = StackedAdam(self.values.network, len(seeds), rates[1], norm)
-        self.normalizer = Normalizer(statistics, device)
+        self.actor_adam = StackedAdam(
+            self.actor.network, setup.n_seeds, config.actor_learning_rate, norm
+        )
+        self.value_adam = StackedAdam(
+            self.values.network, setup.n_seeds, config.critic_learning_rate, norm
+        )
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""

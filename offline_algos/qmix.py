@@ -18,7 +18,6 @@ Deviations: those of `offline_algos.vdn` but the first, and
 - Each of the two utility networks has a mixing network of its own.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -39,11 +38,10 @@ from swarmdata.learn.choices.utility_networks import (
 )
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -56,15 +54,7 @@ class QMIXConfig(DecompositionConfig):
 
 
 class QMIX:
-    """K seeds of offline QMIX, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of offline QMIX, trained at once."""
 
     Config = QMIXConfig
     LOSSES = LOSSES
@@ -72,24 +62,14 @@ class QMIX:
     update, policy = regularised_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: QMIXConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: QMIXConfig) -> None:
         self.config, self.n_updates = config, 0
         self.mixer = MonotonicMixer(
-            sizes.n_agents, sizes.state, seeds, MIXER_STREAM,
-            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=device,
+            setup.sizes.n_agents, setup.sizes.state, setup.seeds, MIXER_STREAM,
+            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
             n_critics=N_CRITICS,
         )  # fmt: skip
-        self.networks = UtilityNetworks(
-            sizes, seeds, config, statistics, device, self.mixer.network
-        )
+        self.networks = UtilityNetworks(setup, config, self.mixer.network)
 
     def value(
         self, utilities: Tensor, weights: Tensor, states: Tensor, mixer: StackedMLP | None = None

@@ -49,7 +49,6 @@ Deviations:
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -65,11 +64,10 @@ from swarmdata.learn.choices.utility_networks import (
     restore_state,
     state_of,
 )
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -79,15 +77,7 @@ class VDNConfig(DecompositionConfig):
 
 
 class VDN:
-    """K seeds of offline VDN, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of offline VDN, trained at once."""
 
     Config = VDNConfig
     LOSSES = LOSSES
@@ -95,17 +85,9 @@ class VDN:
     update, policy = regularised_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: VDNConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: VDNConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.networks = UtilityNetworks(sizes, seeds, config, statistics, device)
+        self.networks = UtilityNetworks(setup, config)
 
     def value(self, utilities: Tensor, weights: Tensor, states: Tensor) -> Tensor:
         """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for states.

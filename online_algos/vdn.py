@@ -27,20 +27,17 @@ from torch import Tensor
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.descent import Descent
-from swarmdata.learn.networks.perceptrons import MLPShape
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import huber_error
 from swarmdata.learn.training.exploration import LinearSchedule
 from swarmdata.online_algos.collection import value_learning
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
 from swarmdata.online_algos.collection.value_learning import (
     LOSSES,
-    UTILITY_STREAM,
     ValueLearningConfig,
-    descend,
+    td_update,
     utilities_of,
+    utility_team,
 )
 from swarmdata.types import Batch
 
@@ -62,14 +59,11 @@ class VDNLearner:
         config: settings.
     """
 
-    utilities = utilities_of
+    utilities, update = utilities_of, td_update
 
     def __init__(self, sizes: Sizes, seeds: Sequence[int], config: VDNConfig) -> None:
         self.config = config
-        self.team = Team(
-            MLPShape(sizes.observation, config.hidden, sizes.action * config.n_bins),
-            sizes.n_agents, seeds, UTILITY_STREAM, parameters=config.parameters, device="cpu",
-        )  # fmt: skip
+        self.team = utility_team(sizes, seeds, config)
         self.descent = Descent(
             {"team": self.team.network}, len(seeds), config.learning_rate, config.max_grad_norm,
             followed=("team",),
@@ -88,27 +82,9 @@ class VDNLearner:
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
-    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
-        """One step on tensors [K, B, ...]; returns losses, each [K].
-
-        Args:
-            batch: normalized observations and states, bins as actions.
-            scale: factor on the learning rate.
-        """
-        y = self.targets(batch)
-        q = self.value(batch.observations, batch.states, batch.actions.long())
-        return descend(self, huber_error(q[:, None], y), q, y, scale)
-
 
 class VDN:
-    """K seeds of VDN.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+    """K seeds of VDN in K E copies of a task, with their replay in a folder."""
 
     Config = VDNConfig
     LOSSES = (*LOSSES, "reward")

@@ -3,7 +3,7 @@
 The maths is in `online_algos.vdn` and `online_algos.qmix`, which take these functions as methods.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -14,8 +14,10 @@ from swarmdata.learn.choices import bins
 from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.optimizer import linear
-from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.value_losses import huber_error
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
 from swarmdata.online_algos.collection.replay_collection import Collector
@@ -29,7 +31,7 @@ UTILITY_STREAM, MIXER_STREAM = 0, 1
 
 @dataclass(frozen=True)
 class ValueLearningConfig:
-    """Settings that VDN and QMIX share; counts of frames are joint steps of one seed."""
+    """Settings that VDN and QMIX share; counts of steps are joint steps of one seed."""
 
     n_steps: int = 2_000_000
     n_copies: int = 64
@@ -37,7 +39,7 @@ class ValueLearningConfig:
     n_gradient_steps: int = 1  # after each of them
     batch_size: int = 512  # joint transitions
     capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most frames between two checkpoints of a run that can be resumed
+    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
     warmup_transitions: int = 8_192  # joint steps before the first gradient step
     n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
@@ -63,6 +65,8 @@ class Learner(Protocol):
     @property
     def config(self) -> ValueLearningConfig: ...
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor: ...
+    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor: ...
+    def targets(self, batch: Batch) -> Tensor: ...
     def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]: ...
 
 
@@ -87,21 +91,20 @@ def utilities_of(self: Learner, features: Tensor, network: StackedMLP | None = N
     return bins.by_dimension(self.team(features, network), self.config.n_bins)
 
 
-def descend(
-    learner: Learner, loss: Tensor, q: Tensor, y: Tensor, scale: float
-) -> dict[str, Tensor]:
-    """Moves the networks down a loss [K] and the targets after them; returns what to report.
+def td_update(self: Learner, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
+    """One step on tensors [K, B, ...] down Huber(Q_tot - y); returns losses, each [K].
 
     Args:
-        learner: whose networks.
-        loss: one value per seed, [K].
-        q: values of the replay's actions, [K, B].
-        y: targets, [K, B].
+        self: whose networks.
+        batch: normalized observations and states, bins as actions.
         scale: factor on the learning rate.
     """
-    learner.descent.step(loss, scale)
-    learner.descent.follow(learner.config.tau)
-    return {"td_loss": loss.detach(), "q": q.detach().mean(1), "target": y.mean(1)}
+    y = self.targets(batch)  # [K, B], without a gradient
+    q = self.value(batch.observations, batch.states, batch.actions.long())  # [K, B]
+    td_loss = huber_error(q[:, None], y)  # [K]
+    self.descent.step(td_loss, scale)
+    self.descent.follow(self.config.tau)
+    return {"td_loss": td_loss.detach(), "q": q.detach().mean(1), "target": y.mean(1)}
 
 
 def update_round(self: ValueLearning) -> dict[str, Tensor]:
@@ -138,6 +141,18 @@ def policy_of(self: ValueLearning, index: int) -> BinPolicy:
         n_bins=self.learner.config.n_bins,
         frame=self.collector.frame,
         parameters=self.learner.config.parameters,
+    )
+
+
+def utility_team(sizes: Sizes, seeds: Sequence[int], config: ValueLearningConfig) -> Team:
+    """Makes the utility networks of K seeds, whose outputs are D C utilities."""
+    return Team(
+        MLPShape(sizes.observation, config.hidden, sizes.action * config.n_bins),
+        sizes.n_agents,
+        seeds,
+        UTILITY_STREAM,
+        parameters=config.parameters,
+        device="cpu",
     )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_files import policy_folder, saved_policies
+from swarmdata.learn.training.run_files import POLICIES, policy_folder, saved_policies
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:

@@ -25,6 +25,7 @@ from swarmdata.learn.networks.compilation import compiling, uncompiled
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
@@ -71,7 +72,7 @@ def ours(data: Any, statistics: Statistics, hidden: int, n_seeds: int, device: s
     config = MADDPGBCConfig(
         actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), bc_warmup_updates=0
     )
-    algorithm = MADDPGBC(sizes, range(n_seeds), config, statistics=statistics, device=device)
+    algorithm = MADDPGBC(Setup(sizes, range(n_seeds), statistics, device), config)
 
     def update() -> object:
         index = np.stack([sampler.draw() for sampler in samplers])

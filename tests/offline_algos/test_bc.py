@@ -10,6 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
@@ -21,7 +22,7 @@ def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list
     config = BCConfig(**{"hidden": (32, 32), "n_updates": 400, "batch_size": 64, **changes})
     drawn = list(islice(batches(dataset, config.batch_size, range(n_seeds)), config.n_updates))
     statistics = Statistics.measure(dataset, config.discount)
-    return BC(Sizes.of(drawn[0]), range(n_seeds), config, statistics=statistics), drawn
+    return BC(Setup(Sizes.of(drawn[0]), range(n_seeds), statistics), config), drawn
 
 
 @pytest.mark.parametrize("output", ["tanh", "clip"])

@@ -9,6 +9,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.bc import BC  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -210,7 +211,7 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone() -> None:
     for _ in range(50):
         stack.update(batch)
     for seed in range(3):
-        alone = MADDPGBC(SIZES, [seed], stack.config, statistics=statistics())
+        alone = MADDPGBC(Setup(SIZES, [seed], statistics()), stack.config)
         row = {f.name: getattr(batch, f.name)[seed : seed + 1] for f in fields(batch)}
         for _ in range(50):
             alone.update(Batch(**row))

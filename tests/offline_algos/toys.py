@@ -11,6 +11,7 @@ import torch
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, no_messages
 
@@ -51,7 +52,7 @@ def made(
     """Returns an untrained algorithm of `SIZES`, with `changes` to its statistics."""
     build: Any = kind
     settings = configured(build, TINY, config)
-    return build(SIZES, range(n_seeds), settings, statistics=statistics(**(changes or {})))
+    return build(Setup(SIZES, range(n_seeds), statistics(**(changes or {}))), settings)
 
 
 def trained(
@@ -67,7 +68,7 @@ def trained(
     settings = configured(build, SMALL, {"n_updates": n_updates, **config})
     stream = batches(data, settings.batch_size, seeds)
     measured = Statistics.measure(data, settings.discount)
-    algorithm = build(Sizes.of(next(stream)), seeds, settings, statistics=measured)
+    algorithm = build(Setup(Sizes.of(next(stream)), seeds, measured), settings)
     losses = [
         {name: loss.mean().item() for name, loss in algorithm.update(batch).items()}
         for batch in islice(stream, n_updates)

@@ -6,7 +6,7 @@ The maths is in `offline_algos.vdn` and `offline_algos.qmix`, which take these f
     state_dict, load_state_dict = state_of, restore_state
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -26,13 +26,12 @@ from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.value_losses import behavior_loss, conservative_gap
 from swarmdata.learn.policies.choice_policy import ChoicePolicy
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
@@ -80,27 +79,19 @@ class UtilityNetworks:
     """K seeds of two utility networks, their targets, and a behavior head where it is needed.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
+        setup: sizes, seeds and the dataset's statistics.
         config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
         mixer: networks of a mixer to train along; None if nothing of it is learned.
     """
 
     def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: DecompositionConfig,
-        statistics: Statistics,
-        device: torch.device | str,
-        mixer: StackedMLP | None = None,
+        self, setup: Setup, config: DecompositionConfig, mixer: StackedMLP | None = None
     ) -> None:
         self.config, self.rule = config, config.rule
+        sizes, seeds, device = setup.sizes, setup.seeds, setup.device
         self.choices = Choices.of(sizes, config.n_bins, device)
-        self.normalizer = Normalizer(statistics, device, clip_target=config.clip_target)
-        self._sizes, self._statistics = sizes, statistics
+        self.normalizer = Normalizer(setup.statistics, device, clip_target=config.clip_target)
+        self._sizes, self._statistics = sizes, setup.statistics
         n_utilities = self.choices.n_columns * self.choices.n_choices
         # networks that bootstrap have LayerNorm, cloning needs none
         self.team = Team(

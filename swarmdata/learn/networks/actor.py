@@ -86,29 +86,22 @@ class DelayedActor:
         target: parameters of their slow copies.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        hidden: sizes of the hidden layers.
-        statistics: of the dataset, to normalize observations.
+        online: the policies; their outputs pass through tanh.
+        n_seeds: number of seeds, K.
         learning_rate: of Adam.
         max_norm: largest norm of one seed's gradient; None does not clip.
-        device: where to train.
     """
 
     def __init__(
         self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        hidden: tuple[int, ...],
-        statistics: Statistics,
+        online: StackedActor,
+        n_seeds: int,
         *,
         learning_rate: float,
         max_norm: float | None,
-        device: torch.device | str,
     ) -> None:
-        self.online = StackedActor(sizes, seeds, hidden, statistics, squash=True, device=device)
-        self.target = self.online.network.clone()
-        self.optimizer = StackedAdam(self.online.network, len(seeds), learning_rate, max_norm)
+        self.online, self.target = online, online.network.clone()
+        self.optimizer = StackedAdam(online.network, n_seeds, learning_rate, max_norm)
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""

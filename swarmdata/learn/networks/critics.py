@@ -6,7 +6,7 @@ with parameters of their own.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Required, TypedDict, Unpack
 
 import torch
 from torch import Tensor
@@ -20,6 +20,16 @@ from swarmdata.learn.training.checkpoint import part
 
 JointGradient = Literal["all", "own"]
 """Whose actions come from the policy in the policy's loss: everybody's, or one agent's a time."""
+
+
+class CriticOptions(TypedDict, total=False):
+    """What `Critics` are told by keyword."""
+
+    learning_rate: Required[float]
+    max_norm: Required[float | None]
+    n_critics: int
+    n_values: int
+    device: torch.device | str
 
 
 class Critics:
@@ -140,11 +150,7 @@ class JointCritics(Critics):
         sizes: numbers of agents and features.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        learning_rate: of Adam; this and the rest as in `Critics`.
-        max_norm: of a seed's gradient.
-        n_critics: of a seed.
-        n_values: outputs of a critic.
-        device: where to train.
+        **options: of `Critics`.
     """
 
     def __init__(
@@ -152,22 +158,10 @@ class JointCritics(Critics):
         sizes: Sizes,
         seeds: Sequence[int],
         hidden: tuple[int, ...],
-        *,
-        learning_rate: float,
-        max_norm: float | None,
-        n_critics: int = 2,
-        n_values: int = 1,
-        device: torch.device | str = "cpu",
+        **options: Unpack[CriticOptions],
     ) -> None:
         super().__init__(
-            sizes.state + sizes.n_agents * (sizes.observation + sizes.action),
-            seeds,
-            hidden,
-            learning_rate=learning_rate,
-            max_norm=max_norm,
-            n_critics=n_critics,
-            n_values=n_values,
-            device=device,
+            sizes.information + sizes.n_agents * sizes.action, seeds, hidden, **options
         )
 
     def policy_values(

@@ -6,20 +6,20 @@ The losses are in the files of the algorithms. An algorithm takes these function
     state_dict, load_state_dict = state_of, restore_state
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import DelayedActor
+from swarmdata.learn.networks.actor import DelayedActor, StackedActor
 from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
+from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -49,36 +49,46 @@ class DelayedConfig(ActorCriticConfig):
     bc_warmup_updates: int = 4_000  # in which the actors clone the data
 
 
-def delayed_actor(
-    sizes: Sizes,
-    seeds: Sequence[int],
-    config: ActorCriticConfig,
-    statistics: Statistics,
-    device: torch.device | str,
-) -> DelayedActor:
-    """Makes the actors of K seeds with their slow copies."""
-    return DelayedActor(
-        sizes,
-        seeds,
-        config.actor_hidden,
-        statistics,
-        learning_rate=config.actor_learning_rate,
-        max_norm=config.max_grad_norm,
-        device=device,
+def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
+    """Makes the actors of K seeds, whose outputs pass through tanh."""
+    sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
+    return StackedActor(
+        sizes, seeds, config.actor_hidden, statistics, squash=True, device=setup.device
     )
 
 
-def joint_critics(
-    sizes: Sizes, seeds: Sequence[int], config: ActorCriticConfig, device: torch.device | str
-) -> JointCritics:
+def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
+    """Makes the actors of K seeds with their slow copies."""
+    return DelayedActor(
+        squashed_actor(setup, config),
+        setup.n_seeds,
+        learning_rate=config.actor_learning_rate,
+        max_norm=config.max_grad_norm,
+    )
+
+
+def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
     """Makes the two joint critics of each of K seeds with their slow copies."""
     return JointCritics(
-        sizes,
-        seeds,
+        setup.sizes,
+        setup.seeds,
         config.critic_hidden,
         learning_rate=config.critic_learning_rate,
         max_norm=config.max_grad_norm,
-        device=device,
+        device=setup.device,
+    )
+
+
+JointParts = tuple[DelayedActor, JointCritics, list[torch.Generator], Normalizer]
+
+
+def joint_parts(setup: Setup, config: ActorCriticConfig, *, clip_target: bool) -> JointParts:
+    """Makes actors, joint critics, generators of noise, and the normalizer with its bound R*."""
+    return (
+        delayed_actor(setup, config),
+        joint_critics(setup, config),
+        setup.generators(),
+        Normalizer(setup.statistics, setup.device, clip_target=clip_target),
     )
 
 
@@ -168,6 +178,17 @@ def delayed_update(self: DelayedActorCritic, batch: Batch) -> dict[str, Any]:
         self.actor.follow(config.tau)
         self.critics.follow(config.tau)
     return {name: loss.detach() for name, loss in reported.items()}
+
+
+class HasNormalizer(Protocol):
+    """An algorithm that normalizes what its networks see."""
+
+    normalizer: Normalizer
+
+
+def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
+    """Returns what joint critics see besides actions: x, [K, B, S + N O]."""
+    return self.normalizer.information(batch.states, batch.observations)
 
 
 def smoothed_actions(self: DelayedActorCritic, observations: Tensor) -> Tensor:

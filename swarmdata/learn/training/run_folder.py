@@ -22,6 +22,7 @@ from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
+from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
@@ -79,9 +80,7 @@ class Run(Frozen):
         """
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
-        algorithm: Algorithm = kind(
-            self.sizes, self.seeds, config, statistics=statistics, device=device
-        )
+        algorithm: Algorithm = kind(Setup(self.sizes, self.seeds, statistics, device), config)
         return algorithm
 
 

@@ -14,6 +14,7 @@ from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
@@ -41,8 +42,8 @@ def made(
     small = {"hidden": (8,), "n_bins": 3, "regulariser": "none", "clip_target": False, **config}
     if is_monotonic:
         mixing = QMIXConfig(**small, mixer_embedding=4, mixer_hidden=4)
-        return QMIX(sizes, range(n_seeds), mixing, statistics=statistics)
-    return VDN(sizes, range(n_seeds), VDNConfig(**small), statistics=statistics)
+        return QMIX(Setup(sizes, range(n_seeds), statistics), mixing)
+    return VDN(Setup(sizes, range(n_seeds), statistics), VDNConfig(**small))
 
 
 def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:

@@ -11,6 +11,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Step, no_messages  # noqa: E402
 
@@ -28,7 +29,7 @@ def made(sizes: Sizes = SIZES, **config: Any) -> VDN:
         max_return=1.0,
     )
     settings = VDNConfig(**{"hidden": (16,), **config})
-    return VDN(sizes, (3, 8), settings, statistics=statistics)
+    return VDN(Setup(sizes, (3, 8), statistics), settings)
 
 
 def step_of(n_copies: int = 40) -> Step:

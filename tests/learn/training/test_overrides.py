@@ -137,15 +137,6 @@ def test_an_old_name_of_another_algorithm_is_just_unknown() -> None:
         override(BCConfig(), {"polyak": "1"})
 
 
-def test_new_names_are_settings_of_an_algorithm() -> None:
-    pytest.importorskip("torch", reason="algorithms need the torch extra")
-    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
-    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
-    known = {name for kind in kinds for name in setting_types(kind)}
-    for old, names in RENAMED_SETTINGS.items():
-        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"
-
-
 @pytest.mark.parametrize(
     ("algorithm", "old", "new"),
     [
@@ -171,3 +162,12 @@ def test_old_names_of_offline_settings_give_the_new_ones(
         override(config(), {old: "1"})
     with pytest.raises(SpecError, match=message):
         from_json(config, {old: 1})
+
+
+def test_new_names_are_settings_of_an_algorithm() -> None:
+    pytest.importorskip("torch", reason="algorithms need the torch extra")
+    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
+    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
+    known = {name for kind in kinds for name in setting_types(kind)}
+    for old, names in RENAMED_SETTINGS.items():
+        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"
