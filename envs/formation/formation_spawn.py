@@ -1,16 +1,16 @@
-"""Episodes of `formation`: a path, obstacles beside it that get in the way of slots, then robots.
+"""Episodes of `formation`: a path, obstacles beside it that block some slots, then robots.
 
-Every episode keeps these rules, checked every `PATH_CHECK_STRIDE` control steps:
+Every episode satisfies these conditions, checked every `PATH_CHECK_STRIDE` control steps:
 
 - all slots are inside the walls, and none moves faster than `MAX_SLOT_SPEED_SHARE` of the slowest
   robot's speed;
 - the reference's path keeps `path_clearance` from every obstacle;
-- the share of the horizon (of one segment of the path, if that is longer) in which at least one
-  slot is blocked, so that a robot in it would touch an obstacle, is within `blocked`: the rest of
-  the time the formation is possible;
+- a slot is blocked where a robot in it would touch an obstacle. The share of the horizon (or of one
+  segment of the path, if that is longer) in which at least one slot is blocked is within `blocked`;
+  for the rest of the time, the formation is possible;
 - bounding circles of obstacles keep their gap from each other and from the walls, as in `spawn`, so
   that a robot can pass between them;
-- robots start at rest, apart, in free space, at most `start_spread` beyond the square around the
+- robots start at rest, apart, in free space, at most `start_spread` outside the square around the
   slots.
 """
 
@@ -40,10 +40,10 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds
 
 PATH_CHECK_STRIDE = 4
-"""Control steps between the places of a path that are looked at."""
+"""Control steps between the places of a path that are checked."""
 
 MAX_SLOT_SPEED_SHARE = 0.8
-"""Part of the slowest robot's speed that slots use: the rest is for catching up."""
+"""Largest speed of a slot, as a share of the slowest robot's; the rest is for catching up."""
 
 
 class EpisodePlan(NamedTuple):
@@ -79,7 +79,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
     n_points = math.ceil(duration * rate + 1e-9) + 3
     longest, tangent = rules.reference_speed / rate, math.tan(rules.max_turn / 2)
-    tangent = round(tangent * 2.0**20) / 2.0**20  # the same on every platform
+    tangent = round(tangent * 2.0**20) / 2.0**20  # has the same bits on every platform
     n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
     n_steps = max(spec.horizon, math.ceil(rules.segment_time / spec.control_dt))
     steps = np.arange(0, n_steps + 1, PATH_CHECK_STRIDE, dtype=np.float64)
@@ -95,7 +95,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
 
 
 def _check_rules(rules: FormationRules, top: float, width: float) -> None:
-    """Raises unless slots are slow enough, and can be blocked and free as long as they should."""
+    """Raises if slots are too fast, or cannot be blocked and free for the shares of time asked."""
     low, high = rules.blocked
     if rules.reference_speed > top:
         raise SpecError(
@@ -150,7 +150,7 @@ def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float)
 def blocked_share(
     poses: Double, offsets: Double, radii: Double, layout: Float, half: Double
 ) -> float:
-    """Share of poses [L, 4] in which a robot of the largest radius, in some slot, would touch."""
+    """Share of poses [L, 4] in which some slot is blocked for a robot of the largest radius."""
     largest, n_blocked = radii.max(), 0
     for k in range(poses.shape[0]):
         x, y, ux, uy = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3]

@@ -1,16 +1,16 @@
 """The smooth path of a formation's reference: a uniform cubic B-spline over drawn control points.
 
-Segment k of the path is made of control points k to k + 3 and takes `segment_time`. With the edges
-of the control polygon e = p[k+1] - p[k], the path has three properties by construction (Farin,
+Segment k of the path depends on control points k to k + 3 and takes `segment_time`. With the edges
+e = p[k+1] - p[k] of the control polygon, the path has three properties by construction (Farin,
 "Curves and Surfaces for CAGD", 5th edition, 2002, chapter 8; its derivative is a quadratic
 B-spline over e / segment_time):
 
-- it stays in the convex hull of its control points, so within a box if they are;
+- it stays in the convex hull of its control points, and so in any box that contains them;
 - it is never faster than the longest edge / `segment_time`;
-- position, velocity and acceleration are continuous; and since edges turn by less than a right
-  angle, the velocity is never zero, so that the heading, its direction, is smooth too.
+- position, velocity and acceleration are continuous. Edges turn by less than a right angle, so the
+  velocity is never zero, and its direction, the heading, is smooth too.
 
-Polynomials and square roots only, so that the bits are the same on every platform.
+It uses only polynomials and square roots, so that the bits are the same on every platform.
 """
 
 import math
@@ -25,23 +25,23 @@ from swarmdata.types import Double, Float, Seeds
 ONE_SIXTH = 1.0 / 6.0
 
 EDGE_TRIES = 8
-"""Draws of an edge before the walk takes the next one of a loop."""
+"""Attempts to draw an edge before the walk takes the next edge of a loop."""
 
 MIN_EDGE_SHARE = 0.7
-"""Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
+"""Shortest edge of a control polygon as a share of the longest; they vary the reference's speed."""
 
 
 class PathPlan(NamedTuple):
-    """What drawing a path needs to know."""
+    """The constants of a spec's paths."""
 
     room: Double  # half width and half height of the box for control points, m, [2]
     n_points: int  # K
-    longest: float  # edge, m
-    tangent: float  # of half the largest turn from edge to edge
+    longest: float  # longest edge, m
+    tangent: float  # tangent of half the largest turn between edges
     n_loop: int  # edges of a loop with such turns
     rate: float  # segments per second
-    reach: float  # m, from the reference to the farthest slot
-    top: float  # m/s, speed that no slot may exceed
+    reach: float  # distance from the reference to the farthest slot, m
+    top: float  # largest speed of a slot, m/s
 
 
 @kernel(inline="always")
@@ -50,8 +50,8 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
 
     Args:
         row: ends with the control points x, y, x, y, ..., m, [first + 2 K].
-        first: where they begin.
-        s: segments from the start, at least 0; the last segment goes on.
+        first: index of the first control point.
+        s: segments from the start, at least 0; beyond the end, the last segment is extrapolated.
     """
     k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
@@ -110,10 +110,10 @@ def write_motion(
 
 @kernel
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
-    """Draws a path whose slots are never too fast; False if it found none.
+    """Draws a path on which no slot is too fast; returns False if it found none.
 
-    A random walk in the box that keeps a way back: after every edge, a loop of the sharpest turns
-    to one side fits. Where random edges do not, the walk takes the loop's next edge.
+    This is a random walk in the box that never gets stuck: after every edge, a loop of the sharpest
+    turns to one side still fits. Where no random edge does, the walk takes the loop's next edge.
 
     Args:
         state: of the generator, [1].
@@ -150,7 +150,7 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
 def fits(
     x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
 ) -> bool:
-    """Whether a point, and shortest edges with the sharpest turns that follow, are in the box.
+    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box.
 
     Args:
         x: point, m.
@@ -158,7 +158,7 @@ def fits(
         ux: direction of the edge that led to it, unit vector.
         uy: the same.
         plan: the same for every episode.
-        n_edges: how many follow.
+        n_edges: number of edges after the point.
         side: 1 to turn left, -1 to turn right.
     """
     edge = MIN_EDGE_SHARE * plan.longest
@@ -172,14 +172,14 @@ def fits(
 
 @kernel(inline="always")
 def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
-    """A unit vector, turned by twice the angle of tangent t."""
+    """Turns a unit vector by twice the angle of tangent t."""
     cos, sin = unit_vector(t)
     return ux * cos - uy * sin, ux * sin + uy * cos
 
 
 @kernel
 def is_slow(points: Float, plan: PathPlan) -> bool:
-    """Whether no slot exceeds its speed on one segment, [8], looked at in five places."""
+    """Whether no slot is too fast in five places of one segment, given its control points, [8]."""
     motion = np.empty(7)
     for quarter in range(5):
         write_motion(points, 0, 0.25 * quarter, plan.rate, motion, 0)

@@ -1,9 +1,9 @@
 """Contact events from positions: a contact begins at overlap and ends at separation.
 
-Overlap of positions after a physics step is exactly what Munk2D reports as a contact, and is 100
-times cheaper to find here than through its callbacks. Overlaps are 2 mm deep in the median and up
-to 50 mm: what two robots can drive in a physics step, before the solver has seen them, and what is
-pressed (`python -m tests.benchmarks.bench_contacts`).
+Munk2D reports a contact exactly when bodies overlap after a physics step, and finding the overlap
+here is 100 times cheaper than through its callbacks. The median depth of an overlap is 2 mm, the
+largest 50 mm: the distance that two robots can drive in a physics step before the solver reacts,
+and compression by pushing (`python -m tests.benchmarks.bench_contacts`).
 """
 
 import math
@@ -18,7 +18,7 @@ EXACT_GAP_LIMIT = 0.25
 
 @kernel(inline="always")
 def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
-    """Returns (touching now, whether the contact began)."""
+    """Returns whether there is a contact now, and whether it has just begun."""
     if touching:
         return gap <= SEPARATION_GAP, False
     return gap <= 0.0, gap <= 0.0
@@ -92,7 +92,8 @@ def update_contacts(
         robots: read and written, [N, N] upper triangle.
         obstacles: read and written, [N, M + 4].
         slack: read and written, [N, 3]: the position at which a robot's gap to everything static
-            was last computed, and that gap (m). A robot that has moved less than it cannot touch.
+            was last computed, and that gap (m). A robot that has moved less cannot touch anything
+            static.
         events: added to, [N, 4] columns `types.EVENTS`; onsets count for both robots of a pair.
     """
     _robot_contacts(positions, radii, robots, events)

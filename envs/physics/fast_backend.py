@@ -1,12 +1,12 @@
 """The fast backend: E Pymunk spaces stepped by one numba loop that calls Munk2D by address.
 
-Pymunk's attribute access costs ten times more than the physics. The functions it wraps are exported
-by its compiled module, so compiled code can call them directly: set the forces, step, read the
-bodies, find contacts, one space after the other while it is in cache.
+Pymunk's attribute access costs ten times more than the physics. Its compiled module exports the
+functions that it wraps, so compiled code can call them directly: set the forces, step, read the
+bodies, find the contacts, one space after the other while it is in the cache.
 
-The reset is exact: it removes every shape, steps once (the only way to clear the solver's hidden
-overlap velocities), writes bodies and obstacles, and adds the shapes back in build order with the
-id counter at its start. Anything less lets the previous episode change the next one's bits.
+The reset is exact. It removes every shape, steps once (the only way to clear the solver's hidden
+overlap velocities), writes bodies and obstacles, and adds the shapes in build order with the id
+counter at its initial value. With anything less, an episode would change the bits of the next one.
 """
 
 import sys
@@ -71,7 +71,7 @@ def _call(builder: Any, address: Any, result: Any, arguments: list[Any]) -> Any:
 
 
 def _void_call(*kinds: Any) -> tuple[Any, Any]:
-    """Signature and code of a call, by address, of a `void` function of such arguments."""
+    """Returns signature and code of a call, by address, of a `void` function of such arguments."""
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         _call(builder, args[0], ir.VoidType(), list(args[1:]))
@@ -132,7 +132,7 @@ def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
 
 @kernel
 def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
-    """Reads the movable bodies of one copy, columns `states.BODY`."""
+    """Reads the movable bodies of one copy, columns `state_layout.BODY`."""
     first = addresses.shape[0] - movables.shape[0]
     for k in range(movables.shape[0]):
         body = addresses[first + k]
@@ -164,7 +164,7 @@ def _advance(
     events: Counts,
     states: Float,
 ) -> None:
-    """Advances the active copies; plain arguments, because tuples of arrays cost microseconds."""
+    """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
     n = radii.shape[0]
     for b in range(spaces.shape[0]):
         if not active[b]:
@@ -217,15 +217,15 @@ def _reset_one(
 
 
 class FastBackend:
-    """The backend interface over Munk2D's own functions."""
+    """Implements `Backend` with Munk2D's own functions."""
 
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
         self._plan, self._calls, spec = plan, calls, plan.spec
         self._timing = spec.n_substeps, spec.physics_dt
         self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-        self._keep: list[Any] = [None] * n_copies  # owns what the addresses point to
+        self._half = np.array(spec.half_size)
+        self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
         self._spaces = np.zeros(n_copies, dtype=np.int64)
         n, k = spec.n_agents, len(plan.movables)
         self._bodies = np.zeros((n_copies, n + k), dtype=np.int64)
@@ -244,7 +244,7 @@ class FastBackend:
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
         for b in copies.tolist():
-            if self._keep[b] is None or self._plan.movables:  # joints keep hidden impulses
+            if self._owners[b] is None or self._plan.movables:  # joints keep hidden impulses
                 self._build(b, layouts[b], robots[b], bodies[b])
             else:
                 _reset_one(
@@ -260,7 +260,7 @@ class FastBackend:
             return int(ffi.cast("uintptr_t", pointer))
 
         space, bodies = build_space(self._plan, layout, robots, movables)
-        self._keep[b] = space, bodies
+        self._owners[b] = space, bodies
         self._spaces[b] = address(space._space)
         self._bodies[b] = [address(body._body) for body in bodies]
         self._shapes[b] = [address(shape._shape) for shape in space.shapes]

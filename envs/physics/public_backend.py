@@ -145,7 +145,7 @@ class PublicBackend:
         self._plan, spec = plan, plan.spec
         self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self._half = np.array(spec.half_size)
         self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
         self._layouts: dict[int, Float] = {}
         self._forces: Double = np.zeros((spec.n_agents, 2))
@@ -161,30 +161,27 @@ class PublicBackend:
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
+        spec, forces = self._plan.spec, self._forces
+        n, dt = spec.n_agents, spec.physics_dt
         for b in np.flatnonzero(active).tolist():
             world = self._worlds[b]
             if world is None:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            for k in range(self._plan.spec.n_substeps):
-                self._substep(b, k, commands, *world)
+            space, bodies = world
+            for k in range(spec.n_substeps):
+                drive(self._robots[b], commands[b], self._limits, spec.n_substeps, dt, k, forces)
+                for body, force in zip(bodies[:n], forces.tolist(), strict=True):
+                    body.force = tuple(force)
+                space.step(dt)
+                for i, body in enumerate(bodies[:n]):
+                    self._robots[b, i, :4] = *body.position, *body.velocity
+                for i, body in enumerate(bodies[n:]):
+                    self._bodies[b, i] = (
+                        *body.position, *body.velocity,
+                        *body.rotation_vector, body.angular_velocity,
+                    )  # fmt: skip
                 update_contacts(
                     self._robots[b], self._radii, self._layouts[b], self._half,
                     *(array[b] for array in contacts), events[b],
                 )  # fmt: skip
             write_state(self._robots[b], self._bodies[b], states[b])
-
-    def _substep(
-        self, b: int, k: int, commands: Double, space: pymunk.Space, bodies: list[pymunk.Body]
-    ) -> None:
-        n, spec = len(self._radii), self._plan.spec
-        dt = spec.physics_dt
-        drive(self._robots[b], commands[b], self._limits, spec.n_substeps, dt, k, self._forces)
-        for body, force in zip(bodies[:n], self._forces.tolist(), strict=True):
-            body.force = tuple(force)
-        space.step(dt)
-        for i, body in enumerate(bodies[:n]):
-            self._robots[b, i, :4] = *body.position, *body.velocity
-        for i, body in enumerate(bodies[n:]):
-            self._bodies[b, i] = (
-                *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
-            )  # fmt: skip

@@ -1,7 +1,7 @@
-"""The one picture of a state that cards, pages, notebooks and videos use.
+"""The picture of a state that cards, pages, notebooks and videos use.
 
-Robots are discs in their own colors with a bright mark that points where they head; targets look as
-`targets` says; a red halo marks a contact.
+Robots are discs in their own colors with a bright mark along their heading; `target_marks` draws
+their targets; a red halo marks a contact.
 """
 
 from pathlib import Path
@@ -38,17 +38,17 @@ def draw(
     """Returns a picture of one state, uint8 [H, W, 3]; the arena's longer side spans `size` pixels.
 
     Args:
-        spec: the problem; gives the arena, the robots, and what targets mean.
+        spec: the task; it defines the arena, the robots, and the meaning of targets.
         layout: obstacles, columns `geometry.OBSTACLE`, [M, 8].
-        state: robots, movable bodies and the task's own numbers, as `states` says, [S].
-        trails: earlier states, oldest first, whose positions become fading lines, [K, S].
-        events: safety events of the step that led here, columns `types.EVENTS`, [N, 4].
+        state: robots, movable bodies and the task's own numbers, as in `state_layout`, [S].
+        trails: earlier states, oldest first, whose positions are drawn as fading lines, [K, S].
+        events: safety events of the step that led to the state, columns `types.EVENTS`, [N, 4].
         scan: lidar distances as shares of the range, 1 = nothing, first ray along the heading, then
             evenly counter-clockwise, [N, K].
-        scan_range: of the rays, m; by default that of the spec's lidar.
+        scan_range: range of the rays, m; by default that of the spec's lidar.
         focus: the only robot whose scan is drawn; all by default.
-        messages: who heard whom in this step, and who could have if nothing had been lost (or
-            None); both [N, N], receivers first, then senders.
+        messages: messages delivered in this step, and messages attempted (or None); both [N, N],
+            receivers first, then senders.
         caption: one line below the arena.
         size: pixels, at least 64.
 
@@ -70,7 +70,7 @@ def save_png(image: Image, file: Path | BinaryIO) -> None:
 
 
 def backdrop(scene: Scene, size: int, *, has_caption: bool) -> Canvas:
-    """Floor, walls and obstacles; the same for every step of an episode."""
+    """Draws floor, walls and obstacles, which are the same for every step of an episode."""
     arena = scene.spec.arena
     canvas = Canvas(arena, size, has_caption=has_caption)
     x, y = arena.width / 2, arena.height / 2
@@ -102,7 +102,7 @@ def paint(canvas: Canvas, scene: Scene, caption: str | None) -> Any:
     draw_trails(canvas, scene)
     if scene.scan is not None:
         draw_fans(canvas, scene)
-        _draw_obstacles(canvas, scene.layout)  # again: a fan must not shade what stops it
+        _draw_obstacles(canvas, scene.layout)  # again, so that fans do not shade the obstacles
     draw_bodies(canvas, scene)
     draw_hits(canvas, scene)
     draw_messages(canvas, scene)

@@ -1,4 +1,4 @@
-"""How the targets of each task look: rings, slots of a formation, the pose of a payload."""
+"""Draws the targets of each task: rings, slots of a formation, the goal pose of a payload."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -35,13 +35,13 @@ def draw_targets(canvas: Canvas, scene: Scene) -> None:
 
 
 def _goals(canvas: Canvas, scene: Scene) -> None:
-    """A ring for each robot in its color, filled while it is there; neutral if unassigned."""
+    """Draws a ring per goal in its robot's color, filled once reached; neutral if unassigned."""
     rules = scene.spec.rules
     assert isinstance(rules, NavigationRules | WarehouseRules)
     radius = rules.goal_radius
     is_shared = isinstance(rules, NavigationRules) and rules.goals == "unassigned"
     places, targets = scene.robots[:, [X, Y]], scene.robots[:, [TX, TY]]
-    if is_shared:  # targets are then the nearest open goals; the task's own features are all goals
+    if is_shared:  # targets are then the nearest open goals; the extras are all goals
         targets = scene.extras.reshape(-1, 2)
     gaps = np.hypot(*np.moveaxis(targets[:, None] - places[None], -1, 0))  # [targets, robots]
     for i, (x, y) in enumerate(targets.tolist()):
@@ -57,7 +57,7 @@ def _goals(canvas: Canvas, scene: Scene) -> None:
 def _ring(
     canvas: Canvas, x: float, y: float, radius: float, color: Color, *, is_reached: bool
 ) -> None:
-    if is_reached:  # the robot hides most of the ring: a glow around it shows from afar
+    if is_reached:  # the robot hides most of the ring, so a glow is drawn around it
         canvas.disc(x, y, 1.35 * radius, tint(color, 0.25))
     fill = tint(color, 0.5 if is_reached else 0.1)
     canvas.disc(x, y, radius, fill, outline=color, width=_LINE_WIDTH)
@@ -66,7 +66,7 @@ def _ring(
 
 
 def _slots(canvas: Canvas, scene: Scene) -> None:
-    """A cross for each robot in its color, tied to it, on a disc while it holds its slot."""
+    """Draws each robot's slot as a cross in its color, linked to it, on a disc while it is held."""
     rules = scene.spec.rules
     assert isinstance(rules, FormationRules)
     for i, row in enumerate(scene.robots):
@@ -81,10 +81,10 @@ def _slots(canvas: Canvas, scene: Scene) -> None:
 
 
 def _payload_goal(canvas: Canvas, scene: Scene) -> None:
-    """The payload's outline at its goal, where it turns to, and the disc its centre must reach.
+    """Draws the payload's outline at its goal, its direction, and the disc its centre must reach.
 
-    The goal's direction is the first two of the task's own state features. Where any direction
-    will do, the outline is turned as the payload is now.
+    The goal's direction is in the first two extras of the state. If any direction will do, the
+    outline has the payload's current direction.
     """
     rules = scene.spec.rules
     assert isinstance(rules, TransportRules)
@@ -106,7 +106,7 @@ def _payload_goal(canvas: Canvas, scene: Scene) -> None:
 
 
 def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
-    """Corners of a payload whose local x axis points along the unit vector `towards`, [K, 2]."""
+    """Returns the corners of a payload whose local x axis is the unit vector `towards`, [K, 2]."""
     side = np.array([-towards[1], towards[0]])
     if payload.shape == "circle":
         angles = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
@@ -123,4 +123,4 @@ _TARGET_PAINTERS: dict[str, Callable[[Canvas, Scene], None]] = {
     "transport": _payload_goal,
     "warehouse": _goals,
 }
-"""From the name of a task to what its targets look like."""
+"""The function that draws the targets of each task."""

@@ -1,7 +1,7 @@
-"""Where a payload is and what it is near to: gaps to robots, obstacles and walls, from states.
+"""Gaps between a payload and robots, obstacles and walls, computed from states.
 
-A payload in a state is a moving obstacle, so its row of a layout (`geometry.OBSTACLE`) makes the
-distances of `geometry` those of a payload. Float64 `+ - * /` and `sqrt` only.
+A payload is a moving obstacle: written as a row of a layout (`geometry.OBSTACLE`), it works with
+the distance functions of `geometry`. Only `+ - * /` and `sqrt` in float64 are used.
 """
 
 import math
@@ -18,18 +18,18 @@ Shape = tuple[float, float, float]
 named one makes a kernel's call 0.4 us slower, and every step makes two."""
 
 CONTACT_GAP = 0.01
-"""Gaps (m) up to this count as contact: what a resting contact jitters by, as for robots."""
+"""Gaps (m) up to this count as contact, as for robots: a contact at rest jitters by so much."""
 
 
 def shape_of(payload: Payload) -> Shape:
-    """The payload's shape as numbers, for kernels."""
+    """Returns the payload's shape for kernels."""
     if payload.shape == "circle":
         return CIRCLE, payload.half_length, payload.half_length
     return BOX, payload.half_length, payload.half_width
 
 
 def payload_radius(payload: Payload) -> float:
-    """Radius (m) of the smallest circle about the payload's centre that holds it."""
+    """Returns the radius (m) of the smallest circle around its centre that contains the payload."""
     if payload.shape == "circle":
         return payload.half_length
     return math.sqrt(payload.half_length**2 + payload.half_width**2)
@@ -40,7 +40,7 @@ def place_row(body: Float, shape: Shape, row: Float) -> None:
     """Writes the payload as a row of a layout.
 
     Args:
-        body: columns `states.BODY`, [7].
+        body: columns `state_layout.BODY`, [7].
         shape: of the payload.
         row: written, columns `geometry.OBSTACLE`, [8].
     """
@@ -62,8 +62,8 @@ def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
 def obstacle_gap(row: Float, obstacle: Float) -> float:
     """Gap (m) between a payload and an obstacle, 0 where they overlap.
 
-    Exact while the overlap is shallow: of two convex shapes that are apart, or just touch, one of
-    the nearest points is a corner (or the centre of a circle stands for its surface).
+    Exact while the overlap is shallow: of two convex shapes that are apart or just touch, one of
+    the nearest points is a corner, or lies on a circle, whose centre is tested instead.
 
     Args:
         row: the payload, from `place_row`, [8].
@@ -88,12 +88,12 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
 
 @kernel
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
-    """Gap (m) between a payload and a wall; negative where it is in the wall.
+    """Gap (m) between a payload and a wall; negative if the payload is in the wall.
 
     Args:
         row: the payload, from `place_row`, [8].
         half: half width and half height of the arena, m, [2].
-        wall: which wall, as in `geometry.wall_gap`.
+        wall: number of the wall, as in `geometry.wall_gap`.
     """
     if row[0] == CIRCLE:
         return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
@@ -106,12 +106,12 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
 
 @kernel
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
-    """Counts the contacts with obstacles and walls that begin in an episode.
+    """Counts the payload's contacts with obstacles and walls that begin in an episode.
 
     A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
 
     Args:
-        bodies: the payload in every state, columns `states.BODY`, [T + 1, 7].
+        bodies: the payload in every state, columns `state_layout.BODY`, [T + 1, 7].
         shape: of the payload.
         layout: obstacles, [M, 8].
         half: half width and half height of the arena, m, [2].
@@ -140,12 +140,12 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 
 @kernel
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
-    """Counts the robots in contact with the payload, over all states given.
+    """Counts the robots in contact with the payload, summed over all states.
 
     Args:
         positions: m, [T, N, 2].
         radii: m, [N].
-        bodies: columns `states.BODY`, [T, 7].
+        bodies: columns `state_layout.BODY`, [T, 7].
         shape: of the payload.
     """
     row = np.empty(8, dtype=np.float32)

@@ -1,13 +1,14 @@
 """Transport: robots push a payload that none can move alone to a goal.
 
 A payload lies on the floor, whose dry friction (`Payload.friction`, N) holds it. A robot of mass
-1 kg pushes with at most its `max_acceleration`; by default 1.5 N against 2.5 N, so one robot pushes
-in vain (a run-up moves the payload 2 cm) and two move it. Robots cannot grip or pull: a payload
-comes off a wall only by pushing it along. Contacts with the payload are no collisions.
+1 kg pushes with at most its `max_acceleration`, by default 1.5 N against a friction of 2.5 N. So
+one robot cannot move the payload (a run-up moves it 2 cm), and two can. Robots cannot grip or pull:
+a payload at a wall comes off only by being pushed along it. Contacts with the payload are no
+collisions.
 
-State: the robots (`states.ROBOT`); a robot's target is the goal of the payload's centre (m), the
-same for all and in every step. Then the payload (`states.BODY`). With `goal_angle`, then the
-direction its local x axis shall have, a unit vector (`goal_ux`, `goal_uy`).
+State: the robots (`state_layout.ROBOT`); a robot's target is the goal of the payload's centre (m),
+the same for all robots in every step. Then the payload (`state_layout.BODY`). With `goal_angle`,
+then the wanted direction of its local x axis, a unit vector (`goal_ux`, `goal_uy`).
 
 Action: a command (`dynamics`).
 
@@ -20,14 +21,14 @@ or the payload:
     payload_goal_x, _y        goal minus the payload's centre, m
     payload_obstacle_<k>.near_x, _y direction from the payload's centre to the nearest point of the
                               obstacle nearest to it (k = 0) and of the next (1), times closeness:
-                              0 at `SURROUNDINGS_RANGE` from its bounding circle, 1 in contact
+                              0 from `SURROUNDINGS_RANGE` beyond its bounding circle on, 1 in
+                              contact
     payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
     payload_turn              turn rate times the distance of a corner, m/s (a box only)
-    goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
+    goal_axis_x, _y           wanted direction of that axis (with `goal_angle` only)
 
-A box looks the same after half a turn, so an axis has two directions. Of the payload's axis, the
-one given makes an angle of at most 90 degrees with `goal_axis`, or, without a goal angle, with the
-way to the goal.
+A box looks the same after half a turn, so its axis has two directions. The one given makes an angle
+of at most 90 degrees with `goal_axis` or, without a goal angle, with the direction to the goal.
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, before (') and after the step: d
 the distance of the payload's centre to its goal, g_i the distance of the robot's centre to the
@@ -36,17 +37,17 @@ without `goal_angle`), and [x] one if x holds, else zero:
 
     w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
 
-The first three are differences of potentials: going back and forth earns nothing, and the whole
-episode's sum is bounded by where things started. What all tasks share comes on top (`rewards`).
-Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
-within that angle of the wanted one.
+The first three terms are differences of potentials: going back and forth earns nothing, and their
+sum over an episode is bounded by its initial state. The terms that all tasks share are added
+(`rewards`). Solved: the payload's centre is within `goal_radius` of its goal and, with
+`goal_angle`, its axis within that angle of the wanted one.
 
-Episodes: obstacles keep `obstacles.gap` from each other and from the walls, in which the payload
-must fit in any direction; it starts with `room` around it, in which robots can get behind it, and
-its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine, so that the last
-bits of a box's episodes are the C library's; those of a circle's depend on none.
+Episodes: obstacles keep `obstacles.gap` from each other and from the walls, a gap in which the
+payload must fit in any direction. The payload starts with `room` around it, so that robots can get
+behind it, and its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine,
+so the last bits of its episodes depend on the C library; those of a circle do not.
 
-Metrics: `METRICS`.
+Metrics: see `Transport.metrics`.
 """
 
 import math
@@ -76,22 +77,22 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 N_NEAR_OBSTACLES = 2
-"""Obstacles around the payload that robots are told of."""
+"""Number of obstacles around the payload that robots observe."""
 
 SURROUNDINGS_RANGE = 1.5
-"""Distance (m) from the payload's bounding circle from which on obstacles are not felt."""
+"""Distance (m) from the payload's bounding circle within which obstacles are observed."""
 
 ANY_ANGLE_SINE = 2.0
-"""Largest sine of a payload's angle to the goal's where any will do."""
+"""Largest sine of the angle between payload and goal if the goal has no angle: above any sine."""
 
 
 @kernel(inline="always")
 def goal_error(state: Float, first: int) -> tuple[float, float]:
-    """Distance of the payload's centre to its goal (m), and the sine of its angle to the goal's.
+    """Distance from the payload's centre to its goal (m), and sine of the angle between their axes.
 
     Args:
         state: [S].
-        first: where the payload begins.
+        first: index of the payload's first column.
     """
     dx = np.float64(state[TX]) - np.float64(state[first])
     dy = np.float64(state[TY]) - np.float64(state[first + 1])
@@ -113,14 +114,14 @@ def score_transport(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Writes the task's own rewards of the active copies, and whether they are solved.
+    """Writes the task's own rewards of the active copies, and whether they have solved the task.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step, [E, S].
         active: [E].
         shape: of the payload.
-        goal: radius, m, and largest sine of the angle.
+        goal: radius, m, and largest sine of the angle. A plain tuple, as `weights` and `Shape`.
         weights: of progress, of turn progress, of approach and of time.
         rewards: written, [E, N].
         solved: written, [E].
@@ -150,7 +151,7 @@ def score_transport(
 
 @kernel(error_model="numpy")
 def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
-    """Writes the closeness vectors of the obstacles nearest to a payload, nearest first.
+    """Writes the closeness vectors of the obstacles around a payload, nearest first.
 
     Args:
         x: of the payload's centre, m.
@@ -180,7 +181,7 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
 def write_transport_features(
     states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
 ) -> None:
-    """Writes what the task adds to every robot's observation, as the module says.
+    """Writes the task's features of every robot in the active copies.
 
     Args:
         states: [E, S].
@@ -224,29 +225,6 @@ def write_transport_features(
                 features[at + 3], features[at + 4] = wx, wy
 
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "payload_distance": Metric(
-            "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
-        ),
-        "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
-        "payload_contacts": Metric(
-            "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
-        ),
-        "push_share": Metric(
-            "pushing", "", "neither", "share of robot steps in contact with the payload"
-        ),
-        "payload_angle": Metric(
-            "payload angle",
-            "rad",
-            "lower",
-            "angle of the payload's axis to its goal's at the end; 0 where any will do",
-        ),
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
-
-
 class Transport:
     """Implements `interfaces.Task`.
 
@@ -254,7 +232,26 @@ class Transport:
         SpecError: the spec is another task's, or its obstacles leave no room for the payload.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "payload_distance": Metric(
+                "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
+            ),
+            "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
+            "payload_contacts": Metric(
+                "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
+            ),
+            "push_share": Metric(
+                "pushing", "", "neither", "share of robot steps in contact with the payload"
+            ),
+            "payload_angle": Metric(
+                "payload angle",
+                "rad",
+                "lower",
+                "angle of the payload's axis to its goal's at the end; 0 where any will do",
+            ),
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules
@@ -277,7 +274,7 @@ class Transport:
         self.terms, self.solved = _terms(rules), _solved(rules)
         self.features = _features(is_box, is_posed)
         self._shape = shape_of(rules.payload)
-        # rounded, so that it is the same number whatever the C library's sine is
+        # rounded, so that it does not depend on the C library's sine
         sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
         self._goal = (rules.goal_radius, sine)
         w = rules.rewards

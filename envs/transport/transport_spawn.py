@@ -48,7 +48,7 @@ def _place(
         radius: of the payload's bounding circle, m, [1].
         room: free distance around the payload's start, m.
         layout: written, [M, 8].
-        robots: written, columns `states.ROBOT`, [N, 8].
+        robots: written, columns `state_layout.ROBOT`, [N, 8].
         body: written, [7].
     """
     if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):

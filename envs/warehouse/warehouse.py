@@ -3,28 +3,28 @@
 The floor is that of `floor_plan`, the same in every episode; the spec has no other obstacles.
 Robots start at rest anywhere on it (`spawn.start_clearance`, `spawn.start_separation`). Order q of
 robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i
-and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
-`goal_radius` of it after a control step, drives to the station, delivers in the same way, and has
-the next order at once. Several robots may have the same place or station.
+and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks up by being within
+`goal_radius` of it after a control step, drives to the station, delivers in the same way, and gets
+its next order at once. Several robots may have the same place or station.
 
-State: the robots (`states.ROBOT`); a robot's target is the place of its order, or the station while
-it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made, which
-is also the number q of its order).
+State: the robots (`state_layout.ROBOT`); a robot's target is the place of its order, or the station
+while it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made,
+which is also the number q of its order).
 Action: a command (`dynamics`).
 Observation: that of the observation model, and for each robot
     carrying                0 or 1; tells the kind of its target, a place (0) or a station (1)
     corner_x, corner_y      m, in the world's frame, from the robot to the point where it should
-                            drive next on its shortest way (`floor_plan.next_corner`)
+                            drive next on its shortest path (`floor_plan.next_corner`)
 
-Own reward of robot i, with weights w from `spec.rules.rewards`, L the length of its shortest way
-(`floor_plan.shortest_path_length`, along the axes and around shelves) to its target before the
-step, before (L') and after it, and [x] one if x holds, else zero:
+Own reward of robot i, with weights w from `spec.rules.rewards`, L' and L the length of its shortest
+path (`floor_plan.shortest_path_length`, along the axes and around shelves) before and after the
+step to the target that it had before the step, and [x] one if x holds, else zero:
 
     w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
 
-What all tasks share comes on top (`rewards`). Solved: the team has made `quota` deliveries.
+The terms that all tasks share are added (`rewards`). Solved: the team has made `quota` deliveries.
 
-Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
+Metrics: see `Warehouse.metrics`; `deadlocks` defines a deadlock.
 """
 
 from collections.abc import Mapping
@@ -50,32 +50,13 @@ ROBOT_EXTRAS = (
     Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
     Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
 )
-"""Columns of each robot behind the robots of a state."""
-
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
-        "throughput": Metric(
-            "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
-        ),
-        "deadlocks": Metric(
-            "deadlocks",
-            "",
-            "lower",
-            "times that robots within 0.3 m of each other began to stand still for 3 s",
-        ),
-        "carrying_time": Metric(
-            "carrying time", "", "higher", "share of the time that robots carry, mean over robots"
-        ),
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
+"""The task's own columns of a state, for each robot."""
 
 TASK_FEATURES: tuple[Feature, ...] = (
     Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
     *vector("corner", "position", "to where it should drive next on its shortest way"),
 )
-"""What this task adds to every robot's observation."""
+"""Added by the task to every robot's observation."""
 
 _LAYOUT_STREAM = STREAMS["layout"]
 
@@ -155,17 +136,17 @@ def serve_orders(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Picks, delivers and gives new orders in the active copies, and scores it.
+    """Lets robots pick up and deliver in the active copies, gives new orders, and scores the step.
 
     Args:
         before: states before the step, [E, S].
-        after: states after it; targets and own columns are still those before, and are written.
+        after: states after the step; targets and extras are still those before it, and are updated.
         seeds: [E].
         active: [E].
-        lanes: of the plan, [L, 2].
-        rows: of the plan, [3].
-        places: of the plan, [P + K, 2].
-        rules: P; goal radius, m; quota.
+        lanes: of the floor plan, [L, 2].
+        rows: of the floor plan, [3].
+        places: of the floor plan, [P + K, 2].
+        rules: P; goal radius, m; quota. A plain tuple, since named ones are slower to pass.
         weights: of progress, pickup, delivery and time.
         rewards: written, [E, N].
         solved: written, [E].
@@ -230,7 +211,26 @@ class Warehouse:
             it asks for drawn obstacles.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
+            "throughput": Metric(
+                "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
+            ),
+            "deadlocks": Metric(
+                "deadlocks",
+                "",
+                "lower",
+                "times that robots within 0.3 m of each other began to stand still for 3 s",
+            ),
+            "carrying_time": Metric(
+                "carrying time",
+                "",
+                "higher",
+                "share of the time that robots carry, mean over robots",
+            ),
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules

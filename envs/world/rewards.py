@@ -1,4 +1,4 @@
-"""The reward of every task, term by term: what `world.score_steps` adds to the task's own."""
+"""The reward of every task, term by term: its own terms and those that `world.score_steps` adds."""
 
 from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.interfaces import Task
@@ -26,11 +26,11 @@ _CONTACT_TERMS = (
     ("robot_collision", "robot_onsets"),
     ("obstacle_collision", "obstacle_onsets"),
 )
-"""Each weight of a contact term, and the column of `events` that it is multiplied with."""
+"""The weight of each contact term, and the column of `events` that it multiplies."""
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
-    """All terms of a robot's reward but the team's share, which mixes their sums.
+    """Returns all terms of a robot's reward.
 
     The reward of a robot is (1 - s) times the sum of its terms plus s times the mean of these sums
     over the team, where s is `spec.rules.rewards.team_share`.

@@ -58,7 +58,7 @@ class SpawnPlan(NamedTuple):
         s, robots = spec.spawn, spec.robots
         return cls(
             sizes=size_table(spec),
-            half=np.array([spec.arena.width / 2, spec.arena.height / 2]),
+            half=np.array(spec.half_size),
             radii=np.array([robot.radius for robot in robots]),
             has_heading=np.array([robot.dynamics == "unicycle" for robot in robots]),
             obstacle_gap=spec.obstacles.gap,
@@ -276,7 +276,7 @@ def spawn_random(
         seeds: episode seeds, [len(copies)].
         copies: rows to write.
         layouts: written, [E, M, 8].
-        robots: written, columns `states.ROBOT`, [E, N, 8].
+        robots: written, columns `state_layout.ROBOT`, [E, N, 8].
 
     Raises:
         SpawnError: no layout was found in `spawn.max_attempts` attempts, though one may exist.

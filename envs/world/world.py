@@ -1,4 +1,4 @@
-"""The world that tasks run in: robots under commands, what they push, and their contacts."""
+"""The world of a task: commanded robots, the bodies that they push, and their contacts."""
 
 import math
 from collections.abc import Callable
@@ -15,10 +15,10 @@ from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
 PROXIMITY_RANGE = 0.1
-"""Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
+"""Gap (m) to a robot, obstacle or wall below which proximity is positive."""
 
 _WIDER_RANGE = np.float32(PROXIMITY_RANGE + 1e-3)
-"""For a first, cheap test: wider, so that rounding to float32 never makes it too narrow."""
+"""For a first, cheap test in float32; wider, so that rounding never makes it too narrow."""
 
 MakeBackend = Callable[[Plan, int], Backend]
 
@@ -74,7 +74,7 @@ def proximities(
     circles: Float,
     out: Double,
 ) -> None:
-    """Writes how near each robot of one copy is to touching something: 0 far, 1 at contact.
+    """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
 
     This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall.
 
@@ -84,7 +84,7 @@ def proximities(
         radii: m, [N].
         half: half width and half height of the arena, m, [2].
         places: scratch: positions and radii, [3, N].
-        circles: scratch: centres and radii that hold the obstacles, [3, M].
+        circles: scratch: centres and radii of circles around the obstacles, [3, M].
         out: written, [N].
     """
     for m in range(layout.shape[0]):
@@ -121,9 +121,9 @@ def score_steps(
     truncations: Bool,
     successes: Bool,
 ) -> None:
-    """Adds what every task shares to the rewards of the active copies, and decides their ends.
+    """Adds the shared terms to the rewards of the active copies, and decides whether they end.
 
-    The rewards of the others are 0; their ends stay.
+    The rewards of the other copies are 0, and their flags stay.
 
     Args:
         radii: m, [N].
@@ -133,7 +133,7 @@ def score_steps(
         is_fatal: whether a collision fails the task.
         horizon: steps.
         task_rewards: the task's own rewards, [E, N].
-        solved: whether the task is, [E].
+        solved: whether the task is solved, [E].
         active: [E].
         states: after the step, [E, S].
         layouts: [E, M, 8].
@@ -170,15 +170,15 @@ def score_steps(
 
 
 class World:
-    """E copies of robots among obstacles; knows no task.
+    """E copies of robots among obstacles, independent of any task.
 
-    `active` holds the copies that took the last step.
+    `active` marks the copies that took the last step, [E].
     """
 
     def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
         spec, n, m = plan.spec, plan.spec.n_agents, len(plan.kinds)
         self.radii: Double = np.array([robot.radius for robot in spec.robots])
-        self.half: Double = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self.half: Double = np.array(spec.half_size)
         self.active: Bool = np.zeros(n_copies, dtype=np.bool_)
         self._contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
@@ -191,7 +191,7 @@ class World:
         self._fixed = (limits_of(spec), self.active, self._commands)
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
-        """Starts worlds in `copies` from layouts [E, M, 8] and states [E, S]; all are at rest."""
+        """Starts worlds at rest in `copies`, from layouts [E, M, 8] and states [E, S]."""
         e, n, k = len(states), len(self.radii), self._n_movables
         for array in self._contacts:
             array[copies] = 0
@@ -205,12 +205,12 @@ class World:
 
         Args:
             actions: [E, N, A].
-            before: the step before; only read.
-            now: its times, events and states are written.
+            before: the previous step; only read.
+            now: this step, whose times, events and states are written.
 
         Returns:
-            How many copies had not ended; -1, and the world stays as it was, if an action is not
-            finite.
+            The number of copies that had not ended. If an action is not finite, -1, and the world
+            stays as it was.
         """
         n_active: int = begin_step(
             *self._fixed, actions, before.terminations, before.truncations, before.times,

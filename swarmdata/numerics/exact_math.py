@@ -1,8 +1,8 @@
-"""exp, log and the log of the normal tail, the same bits on every platform.
+"""exp, log and the log of the normal tail, with the same bits on every platform.
 
-Libraries differ in the last bits of their transcendental functions, and so do the vector kernels of
-one library. Here everything is elementwise `+ - * /`, `rint`, `frexp`, products with powers of two
-and comparisons in float64, each of which IEEE 754 defines to the last bit.
+Libraries differ in the last bits of their transcendental functions, and so do the vector kernels
+within one library. Here everything is elementwise `+ - * /`, `rint`, `frexp`, products with powers
+of two and comparisons in float64, each of which IEEE 754 defines to the last bit.
 
 Errors, measured by `tests/numerics/test_exact_math.py`: `exp` and `log` at most 2 units in the
 last place, `log_of_one_plus` at most 1e-15 and `log_tail` at most 5e-13 of its value.
@@ -57,7 +57,7 @@ _ONE_OVER_SQRT_PI = 5.6418958354775628695e-1
 
 
 def exp(x: Double) -> Double:
-    """Returns e to the power of each value: 0 below -745.13, infinity above 709.78, NaN of NaN.
+    """Returns e to the power of each value: 0 below -745.13, infinity above 709.78, NaN for NaN.
 
     With k = rint(x / log 2) and r = x - k log 2, exp(r) is a quotient of polynomials (FDLIBM
     e_exp.c), scaled by 2^k in two exact halves, so that a subnormal result is rounded once.
@@ -78,7 +78,7 @@ def exp(x: Double) -> Double:
 
 
 def log(x: Double) -> Double:
-    """Returns the natural logarithm of each value: -infinity of 0, NaN of less and of NaN.
+    """Returns the natural logarithm of each value: -infinity for 0, NaN below 0 and for NaN.
 
     With x = 2^k (1 + f), sqrt(1/2) <= 1 + f < sqrt(2), and s = f / (2 + f), log(1 + f) is
     2 s + s P(s^2), as FDLIBM e_log.c sums it.
@@ -99,7 +99,7 @@ def log(x: Double) -> Double:
 
 
 def log_of_one_plus(x: Double) -> Double:
-    """Returns log(1 + x) of each x >= -1, to a few units in the last place also near 0.
+    """Returns log(1 + x) for each x >= -1, within a few units in the last place even near 0.
 
     W. Kahan's correction: the rounding of u = 1 + x is divided out of log(u) x / (u - 1) (N. J.
     Higham, "Accuracy and Stability of Numerical Algorithms", 2nd edition, section 1.14.1).
@@ -115,16 +115,16 @@ def log_of_one_plus(x: Double) -> Double:
 def log_tail(z: Double) -> Double:
     """Returns log P(n >= z) of a standard normal n, for each z.
 
-    0 of -infinity, -infinity of infinity and wherever -z^2 / 2 overflows. For z >= 0 this is
-    log(erfc(z / sqrt 2) / 2), where erfc(y) exp(y^2) is Cody's approximation, so that the exponent
-    is taken exactly; for z < 0 it is log(1 - P(n >= -z)).
+    The result is 0 for -infinity, and -infinity for infinity and where -z^2 / 2 overflows. For
+    z >= 0 this is log(erfc(z / sqrt 2) / 2), where erfc(y) exp(y^2) is Cody's approximation, so
+    that the exponent is taken exactly; for z < 0 it is log(1 - P(n >= -z)).
     """
     z = np.asarray(z, dtype=np.float64)
     distance = np.abs(z)
     with np.errstate(over="ignore", invalid="ignore"):
         value = log(0.5 * _scaled_complement(distance * SQRT_HALF)) - 0.5 * distance * distance
         is_near = distance * SQRT_HALF <= _NEAR_END
-        if is_near.any():  # rare where noise is small; the other values are not used
+        if is_near.any():  # rare if noise is small; the values elsewhere are not used
             value = np.where(is_near, log(0.5 - 0.5 * _near(z * SQRT_HALF)), value)
     is_lower = (z < 0.0) & ~is_near
     if is_lower.any():
@@ -133,13 +133,13 @@ def log_tail(z: Double) -> Double:
 
 
 def _near(y: Double) -> Double:
-    """erf(y) for |y| <= 0.46875 (Cody 1969, eq. 1), [...]; anything elsewhere."""
+    """erf(y) for |y| <= 0.46875 (Cody 1969, eq. 1); arbitrary values elsewhere."""
     square = np.minimum(y * y, 1.0)
     return y * _polynomial(_NEAR_RATIO[0], square) / _polynomial(_NEAR_RATIO[1], square)
 
 
 def _scaled_complement(y: Double) -> Double:
-    """exp(y^2) erfc(y) for y > 0.46875 (Cody 1969, eqs. 2 and 3); something positive below."""
+    """exp(y^2) erfc(y) for y > 0.46875 (Cody 1969, eqs. 2 and 3); some positive value below."""
     is_far: Bool = y > _MIDDLE_END
     middle = np.where(is_far, 1.0, y)
     inner = _polynomial(_MIDDLE_RATIO[0], middle) / _polynomial(_MIDDLE_RATIO[1], middle)

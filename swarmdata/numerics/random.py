@@ -1,8 +1,8 @@
 """Counter-based random numbers: every draw is a pure function of (seed, stream, counters).
 
 Nothing here has hidden state, so an episode is the same whether it runs alone or in a batch of 64.
-Only integer arithmetic and exact float operations are used, so that every platform gives the same
-bits; NumPy's distributions make no such promise.
+Only integer arithmetic and exact float operations are used, so every platform gives the same bits,
+which NumPy's distributions do not guarantee.
 
 The mixer is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
 OOPSLA 2014, figure 17).
@@ -26,7 +26,7 @@ STREAMS = {
 """Independent streams of one episode's seed."""
 
 EVALUATION_BASE = 1 << 62
-"""Seeds from here on are reserved for evaluation and never appear in a dataset."""
+"""The first of the seeds that are reserved for evaluation and never appear in a dataset."""
 
 NORMAL_BITS = 12
 

@@ -45,19 +45,19 @@ EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
 
 
 def metrics_of(task: str) -> Mapping[str, Metric]:
-    """Every per-episode metric of a task: those of all tasks, then its own.
+    """Returns every per-episode metric of a task: those of all tasks, then its own.
 
     Raises:
-        UnknownNameError: no such task.
+        UnknownNameError: no task has this name.
     """
     return {**EPISODE_METRICS, **resolve("task", TASKS, task).metrics}
 
 
 def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
-    """Returns one value per name of `metrics_of` the task.
+    """Returns one value for each metric in `metrics_of` the task.
 
     Raises:
-        SchemaError: the episode's states are not those of this task's team.
+        SchemaError: the episode's states do not fit this task's team.
     """
     spec = task.spec
     positions = robots_of(episode.states, spec.n_agents)[..., : Y + 1].astype(np.float64)

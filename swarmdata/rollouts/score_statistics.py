@@ -19,15 +19,15 @@ MAX_RESAMPLED_SCORES = 1 << 22
 
 
 def mean(scores: Double) -> Double:
-    """Mean over runs and tasks; `scores[..., runs, tasks] -> [...]`."""
+    """The mean over runs and tasks; `scores[..., runs, tasks] -> [...]`."""
     return np.asarray(scores.mean(axis=(-2, -1)))
 
 
 def iqm(scores: Double) -> Double:
-    """Interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
+    """The interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
 
-    The mean of what is left of the n = runs * tasks scores when the floor(n / 4) smallest and as
-    many largest are dropped (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
+    The mean of the n = runs * tasks scores without the floor(n / 4) smallest and as many largest
+    (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
     """
     flat = scores.reshape(*scores.shape[:-2], -1)
     n = flat.shape[-1]
@@ -37,7 +37,7 @@ def iqm(scores: Double) -> Double:
 
 
 def optimality_gap(scores: Double, target: float = 100.0) -> Double:
-    """How far runs stay below `target`, on average; `scores[..., runs, tasks] -> [...]`.
+    """The average shortfall of runs below `target`; `scores[..., runs, tasks] -> [...]`.
 
     target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
     """
@@ -45,7 +45,7 @@ def optimality_gap(scores: Double, target: float = 100.0) -> Double:
 
 
 def probability_of_improvement(x: Double, y: Double) -> Double:
-    """Probability that a run of X beats a run of Y on a random task, ties counting one half.
+    """The probability that a run of X beats a run of Y on a random task; ties count one half.
 
     The mean over tasks of the Mann-Whitney statistic U / (runs_x runs_y) (Agarwal et al. 2021,
     section 4.3 and appendix). `x[..., runs_x, tasks], y[..., runs_y, tasks] -> [...]`.
@@ -56,7 +56,7 @@ def probability_of_improvement(x: Double, y: Double) -> Double:
 
 
 class Estimate(NamedTuple):
-    """A value and the ends of its confidence interval."""
+    """A value and the bounds of its confidence interval."""
 
     value: float
     low: float
@@ -73,7 +73,7 @@ def bootstrap(
     """Stratified percentile bootstrap of a statistic of one or more score tables.
 
     A resample draws, in every table and independently for every task, as many runs as there are,
-    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The ends are the
+    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The bounds are the
     (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
     interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
 
@@ -81,8 +81,8 @@ def bootstrap(
         statistic: maps tables [..., runs, tasks] to [...]; for example `iqm`.
         scores: finite tables [runs, tasks]; episodes of one policy are runs of one task.
         generator: source of the resamples.
-        n_resamples: how many.
-        level: probability that the interval is to cover, in (0, 1).
+        n_resamples: number of resamples.
+        level: confidence level of the interval, in (0, 1).
 
     Raises:
         SchemaError: a table is not a finite, non-empty [runs, tasks].
@@ -102,9 +102,9 @@ def bootstrap(
 
 
 def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
-    """`n` tables whose runs are drawn with replacement within each task, [n, runs, tasks].
+    """Returns `n` tables of runs drawn with replacement within each task, [n, runs, tasks].
 
-    The strata are the tasks, which are not drawn (Agarwal et al. 2021, section 4.1).
+    The tasks are the strata and are not resampled (Agarwal et al. 2021, section 4.1).
     """
     n_runs, n_tasks = table.shape
     rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
@@ -112,13 +112,13 @@ def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
 
 
 def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> Estimate:
-    """Success rate with the Wilson score interval, which is also right near 0 and 1.
+    """Returns the success rate with its Wilson score interval, which is accurate near 0 and 1 too.
 
     (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
     Binomial Proportion", Statistical Science 16:2, 2001.)
 
     Raises:
-        SchemaError: not 0 <= n_successes <= n_episodes with at least one episode.
+        SchemaError: there is no episode, or more successes than episodes.
     """
     if not 0 <= n_successes <= n_episodes or n_episodes == 0:
         raise SchemaError(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
-from swarmdata.envs.warehouse.warehouse import METRICS, ROBOT_EXTRAS, Warehouse
+from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
@@ -291,7 +291,7 @@ def test_metrics_are_what_their_names_say() -> None:
     own[40:, 0, 1] = 1.0
     own[:, 1, 1] = 2.0
     values = Warehouse(spec).episode_metrics(cut(episode, states))
-    assert set(values) == set(METRICS)
+    assert set(values) == set(Warehouse.metrics)
     assert values["deliveries"] == 3.0
     assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
     assert values["deadlocks"] == 1.0
