@@ -31,9 +31,9 @@ def recover(path: Recorded) -> None:
 @record_app.command()
 def show(path: Recorded) -> None:
     """Show what an unfinished recording holds; it may still be running."""
-    from swarmdata.record.session import look
+    from swarmdata.record.recording_folder import inspect_recording
 
-    found = look(path)
+    found = inspect_recording(path)
     recording = found.session.recording
     typer.echo(f"id: {recording.id}")
     typer.echo(f"environment: {recording.spec.task}")
