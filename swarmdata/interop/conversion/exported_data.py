@@ -1,4 +1,4 @@
-"""Data that this library exported: by its note, nothing has to be guessed."""
+"""Imports data that this library exported: its note leaves nothing to guess."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -7,42 +7,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.episode_cuts import Read, rows_equal
-from swarmdata.interop.conversion.incoming import Incoming, episode_of
-from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS, Arrays
-from swarmdata.interop.conversion.note import Note
+from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
+from swarmdata.interop.conversion.episode_cuts import ReadRows, rows_equal
+from swarmdata.interop.conversion.export_note import ExportNote
+from swarmdata.interop.conversion.imported_data import ImportedData, build_episode
 from swarmdata.types import Episode, Float
 
 
-def noted(
-    note: Note, read: Read, n_rows: int, source: str, layouts: Float | None = None
-) -> Incoming:
-    """Takes in data that this library exported, by its note.
+def import_with_note(
+    note: ExportNote, read: ReadRows, n_rows: int, source: str, layouts: Float | None = None
+) -> ImportedData:
+    """Imports data that this library exported.
 
     Args:
-        note: of the export.
-        read: gives the arrays of some rows by name, states with their `NEXT` twins.
-        n_rows: that there are.
-        source: for errors.
-        layouts: of each episode, [n, M, 8], if they were kept.
+        note: note of the export.
+        read: reads arrays by name, for states also those after each step (`NEXT_PREFIX`).
+        n_rows: number of rows.
+        source: name for errors.
+        layouts: obstacles of each episode, [n, M, 8], if they were kept.
 
     Raises:
-        ConversionError: the rows are not those of the note; for flags, when an episode is taken.
+        ConversionError: the rows do not fit the note; flags are checked when an episode is taken.
     """
     table = note.episodes
     if sum(table.lengths) != n_rows:
         raise ConversionError(
-            f"{source} has {n_rows} rows, its note of swarmdata says {sum(table.lengths)}. It was "
-            "changed after the export: remove the note to convert it as foreign data."
+            f"{source} has {n_rows} rows, but its note of swarmdata says {sum(table.lengths)}. It "
+            "was changed after the export: remove the note to convert it as foreign data."
         )
 
     def episodes() -> Iterator[Episode]:
         start = 0
         for k, length in enumerate(table.lengths):
-            rows = joined_states(read(slice(start, start + length)), source, start)
+            rows = join_states(read(slice(start, start + length)), source, start)
             _check_end(rows, source, start)
             layout = None if layouts is None else layouts[k]
-            yield episode_of(
+            yield build_episode(
                 rows,
                 seed=table.seeds[k],
                 policy=table.policy[k],
@@ -52,27 +52,28 @@ def noted(
             start += length
 
     metadata = {"exported_from": note.id, "exported_digest": note.digest}
-    return Incoming(note.spec, note.policies, episodes(), table.split_codes, metadata)
+    return ImportedData(note.spec, note.policies, episodes(), table.split_codes, metadata)
 
 
-def joined_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]]:
-    """Joins the arrays over states of one episode with their `NEXT` twins, T + 1 rows each.
+def join_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]]:
+    """Joins states before and after each step of one episode, to T + 1 rows.
 
     Raises:
-        ConversionError: two rows do not continue each other.
+        ConversionError: a state after a step differs from the state before the next one.
     """
     n = len(rows["actions"])
-    whole = {name: values for name, values in rows.items() if not name.startswith(NEXT)}
+    whole = {name: values for name, values in rows.items() if not name.startswith(NEXT_PREFIX)}
     for name in STATE_ARRAYS:
         if name not in rows:
             continue
-        after = rows[NEXT + name]
+        after = rows[NEXT_PREFIX + name]
         same = rows_equal(after[: n - 1], whole[name][1:n])
         if not same.all():
             row = start + int(np.argmin(same))
             raise ConversionError(
-                f"{source}: {NEXT}{name} of row {row} differs from {name} of row {row + 1}, though "
-                "both are of one episode: the rows were shuffled or changed after the export."
+                f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row {row + 1}, "
+                "though both belong to one episode: the rows were shuffled or changed after the "
+                "export."
             )
         whole[name] = np.concatenate([whole[name][:n], after[n - 1 :]])
     return whole

@@ -1,8 +1,8 @@
-"""HDF5 files that are written by ourselves, so that a full disk is an error.
+"""Writes HDF5 files so that a full disk is an error and not a crash.
 
 The HDF5 library cannot close a file after a failed write: it crashes the process (h5py 3.16 with
-HDF5 1.14 and 2.0, in `H5F_close`). So it gets a file of Python's, which keeps the first failure to
-itself, holds what is written afterwards in memory, and raises once the library is done.
+HDF5 1.14 and 2.0, in `H5F_close`). It therefore writes to a Python file that hides the first
+failure, holds everything written afterwards in memory, and raises when the library has finished.
 """
 
 import os
@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 
-class _Sink:
-    """What h5py needs of a file; never fails while the HDF5 library calls it."""
+class _FailSafeFile:
+    """The file interface that h5py needs; its methods never fail."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor, self.position = descriptor, 0
@@ -75,39 +75,39 @@ class _Sink:
         return size
 
     def flush(self) -> None:
-        """Nothing is held back before a failure, and nothing can be done after one."""
+        """Does nothing: writes are not buffered."""
 
 
-class Writer:
-    """An open HDF5 file: `file` is h5py's, and `check` raises what went wrong so far."""
+class HDF5Writer:
+    """An open HDF5 file: `file` is h5py's; `check` raises the first failed write."""
 
-    def __init__(self, file: Any, sink: _Sink) -> None:
+    def __init__(self, file: Any, sink: _FailSafeFile) -> None:
         self.file, self._sink = file, sink
 
     def check(self) -> None:
-        """Raises the first failure to write; call it after each block, the rest stays in memory.
+        """Raises the first failed write; to be called after each block, which bounds the memory.
 
         Raises:
-            OSError: such as that no space is left.
+            OSError: for example because no space is left.
         """
         if self._sink.failure is not None:
             raise self._sink.failure
 
 
 @contextmanager
-def created(path: Path) -> Iterator[Writer]:
+def create_hdf5(path: Path) -> Iterator[HDF5Writer]:
     """Opens a new HDF5 file for writing.
 
     Raises:
-        OSError: it could not be written, which is known for sure at the end of the block only.
+        OSError: the file could not be written; known for certain only at the end of the block.
     """
     import h5py  # noqa: PLC0415  (heavy)
 
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
     try:
-        sink = _Sink(descriptor)
+        sink = _FailSafeFile(descriptor)
         with h5py.File(sink, "w") as file:
-            writer = Writer(file, sink)
+            writer = HDF5Writer(file, sink)
             yield writer
         writer.check()
     finally:
