@@ -166,7 +166,9 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
             f"{NOTE_KEY!r} of its metadata.json to convert it as foreign data."
         )
     if note is not None:
-        agents = recorded_agents(note.spec, _columns(found.observation_space, note))
+        spaces = found.observation_space
+        widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
+        agents = recorded_agents(note.spec, max(widths))
         metadata = {"exported_from": note.id, "exported_digest": note.digest}
         episodes = _exported_episodes(source, found, note, agents)
         yield ImportedData(note.spec, note.policies, episodes, note.episodes.split_codes, metadata)
@@ -181,11 +183,6 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     }
     spec = RecordedSpec.parse(content, str(source))
     yield ImportedData(spec, UNKNOWN_POLICIES, _foreign_episodes(source, found, agents, is_team))
-
-
-def _columns(space: Any, note: ExportNote) -> int:
-    """Number of columns of the widest observation."""
-    return max(width(space_of(space[name], f"space of {name}")) for name in note.spec.agent_names)
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:

@@ -188,7 +188,10 @@ def _read_foreign(
     legals = leaves.get("infos.legals") if is_discrete else None
     n_choices = 0
     if is_discrete:
-        n_choices = legals.shape[-1] if legals is not None else _greatest(leaves, n) + 1
+        if legals is not None:
+            n_choices = legals.shape[-1]
+        else:
+            n_choices = int(np.asarray(leaves["actions"][:, 0:n].read().result()).max()) + 1
     state_size = 0 if state is None else int(np.prod(leaves[state].shape[2:]))
     shapes = AgentShapes(
         observations=(int(np.prod(leaves["observations"].shape[3:])),) * n_agents,
@@ -236,10 +239,6 @@ def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
         return values.astype(np.float32)
     rows = values.reshape(len(values), values.shape[1], -1).astype(np.float32)
     return np.where(np.isneginf(rows), np.float32(0), rows)
-
-
-def _greatest(leaves: Mapping[str, Any], n: int) -> int:
-    return int(np.asarray(leaves["actions"][:, 0:n].read().result()).max())
 
 
 FORMAT = Format("vault", "OG-MARL Vault (Flashbax)", KEPT_NAMES, LOST_REASONS, read, write)

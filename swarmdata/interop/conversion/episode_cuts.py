@@ -84,13 +84,13 @@ def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
         )
     ends = _ends(timeline, ended, choices)
     starts = [0, *ends[:-1]]
-    spans = [
-        Span(start, stop, _reason(bool(terminated[stop - 1]), stop - start, choices))
-        for start, stop in zip(starts, ends, strict=True)
-        if stop > start
-    ]
-    tail = len(timeline) - (ends[-1] if ends else 0)
-    return spans + _tail(timeline, len(timeline) - tail, choices)
+    spans = []
+    for start, stop in zip(starts, ends, strict=True):
+        # an episode that terminates exactly at the time limit was truncated
+        is_terminated = terminated[stop - 1] and stop - start != choices.time_limit
+        if stop > start:
+            spans.append(Span(start, stop, "termination" if is_terminated else "truncation"))
+    return spans + _tail(timeline, ends[-1] if ends else 0, choices)
 
 
 def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
@@ -114,13 +114,6 @@ def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
         if stop in flagged and (not ends or ends[-1] < stop):
             ends.append(stop)
     return ends
-
-
-def _reason(terminated: bool, length: int, choices: Choices) -> End:
-    """An episode that terminates exactly at the time limit is a truncation."""
-    if terminated and length != choices.time_limit:
-        return "termination"
-    return "truncation"
 
 
 def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
@@ -194,7 +187,11 @@ def _with_last_state(
         if name not in STATE_ARRAYS:
             whole[name] = values[:n]
         elif name in after:
-            _check_continues(timeline, name, values, after[name], span)
+            check_continues(
+                name, values[:n], after[name][:n], timeline.name, span.start,
+                "The rows are shuffled, or an episode ends there: pass time_limit or "
+                "episode_length.",
+            )  # fmt: skip
             whole[name] = np.concatenate([values[:n], after[name][n - 1 : n]])
         else:
             last = values[n : n + 1] if len(values) > n else values[n - 1 :]
@@ -202,20 +199,26 @@ def _with_last_state(
     return whole
 
 
-def _check_continues(
-    timeline: Timeline, name: str, before: NDArray[Any], after: NDArray[Any], span: Span
+def check_continues(
+    name: str, before: NDArray[Any], after: NDArray[Any], source: str, start: int, advice: str
 ) -> None:
-    """Raises ConversionError unless each state after a step is the state before the next one."""
-    same = rows_equal(after[: len(span) - 1], before[1 : len(span)])
+    """Checks that each state after a step is the state before the next one.
+
+    Args:
+        name: name of the states.
+        before: states before the T steps of an episode, [T, ...].
+        after: states after them, [T, ...].
+        source: name of the source, for the error.
+        start: number of the episode's first row in it, for the error.
+        advice: last sentence of the error.
+
+    Raises:
+        ConversionError: two states differ.
+    """
+    same = (after[:-1] == before[1:]).all(axis=tuple(range(1, after.ndim)))
     if not same.all():
-        row = span.start + int(np.argmin(same))
+        row = start + int(np.argmin(same))
         raise ConversionError(
-            f"{timeline.name}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row "
-            f"{row + 1}, though both belong to one episode. The rows are shuffled, or an episode "
-            "ends there: pass time_limit or episode_length."
+            f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row {row + 1}, "
+            f"though both belong to one episode. {advice}"
         )
-
-
-def rows_equal(a: NDArray[Any], b: NDArray[Any]) -> Bool:
-    """Which rows of two arrays of the same shape are equal, [n]."""
-    return np.asarray((a == b).all(axis=tuple(range(1, a.ndim))))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
-from swarmdata.interop.conversion.episode_cuts import ReadRows, rows_equal
+from swarmdata.interop.conversion.episode_cuts import ReadRows, check_continues
 from swarmdata.interop.conversion.export_note import ExportNote
 from swarmdata.interop.conversion.imported_data import ImportedData, build_episode
 from swarmdata.types import Episode, Float
@@ -61,21 +61,14 @@ def join_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]
     Raises:
         ConversionError: a state after a step differs from the state before the next one.
     """
-    n = len(rows["actions"])
     whole = {name: values for name, values in rows.items() if not name.startswith(NEXT_PREFIX)}
     for name in STATE_ARRAYS:
         if name not in rows:
             continue
         after = rows[NEXT_PREFIX + name]
-        same = rows_equal(after[: n - 1], whole[name][1:n])
-        if not same.all():
-            row = start + int(np.argmin(same))
-            raise ConversionError(
-                f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row {row + 1}, "
-                "though both belong to one episode: the rows were shuffled or changed after the "
-                "export."
-            )
-        whole[name] = np.concatenate([whole[name][:n], after[n - 1 :]])
+        advice = "The rows were shuffled or changed after the export."
+        check_continues(name, whole[name], after, source, start, advice)
+        whole[name] = np.concatenate([whole[name], after[-1:]])
     return whole
 
 

@@ -16,7 +16,7 @@ from swarmdata.interop.conversion.imported_data import (
 )
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.types import Bool, Episode, Float
+from swarmdata.types import Episode
 
 
 def import_without_note(
@@ -53,10 +53,12 @@ def import_without_note(
         for index, (timeline, each) in enumerate(zip(timelines, spans, strict=True)):
             for rows, span in cut_episodes(timeline, each, choices):
                 if "states" not in rows:
-                    rows["states"] = _joined_observations(rows["observations"], shapes)
+                    widths = enumerate(shapes.observations)  # without padding
+                    rows["states"] = np.concatenate(
+                        [rows["observations"][:, k, :width] for k, width in widths], axis=1
+                    )
                 if leaves:
-                    rows.update(_leaving(timeline, span))
-                    _mask_the_dead(rows)
+                    _mark_leaving(rows, timeline, span)
                 policy = index if policies else 0
                 yield build_episode(rows, seed=number, policy=policy, end=span.end)
                 number += 1
@@ -75,14 +77,11 @@ def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
     return bool(flags[before_last].any())
 
 
-def _joined_observations(observations: Float, shapes: AgentShapes) -> Float:
-    """The state of an environment without states: all observations, without padding."""
-    widths = enumerate(shapes.observations)
-    return np.concatenate([observations[:, agent, :width] for agent, width in widths], axis=1)
+def _mark_leaving(rows: dict[str, NDArray[Any]], timeline: Timeline, span: Span) -> None:
+    """Adds which agents are alive, and zeroes the values of agents that have left.
 
-
-def _leaving(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
-    """Which agents are alive, from flags that may or may not stay set after an agent has left."""
+    Flags may or may not stay set after an agent has left.
+    """
     window = slice(span.start, span.stop)
     terminated = timeline.terminals[window]
     cut = np.zeros_like(terminated)
@@ -91,16 +90,9 @@ def _leaving(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
     gone = np.logical_or.accumulate(terminated | cut, axis=0)
     alive = np.ones((len(span) + 1, terminated.shape[1]), dtype=np.bool_)
     alive[1:] = ~gone
-    return {
-        "alive": alive,
-        "agent_terminations": terminated & alive[:-1],
-        "agent_truncations": cut & alive[:-1],
-    }
-
-
-def _mask_the_dead(rows: dict[str, NDArray[Any]]) -> None:
-    """Zeroes the values of agents that have left, as in every dataset."""
-    alive: Bool = rows["alive"]
+    rows["alive"] = alive
+    rows["agent_terminations"] = terminated & alive[:-1]
+    rows["agent_truncations"] = cut & alive[:-1]
     seen = alive.copy()
     seen[1:] |= alive[:-1]  # an agent also observes the state in which it leaves
     rows["observations"] = rows["observations"] * seen[..., None]

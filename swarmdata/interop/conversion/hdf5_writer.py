@@ -23,19 +23,18 @@ class _FailSafeFile:
     def write(self, data: Any) -> int:
         content = memoryview(data).cast("B")
         if self.failure is None:
+            n_written = 0
             try:
-                self._put(content)
+                while n_written < len(content):
+                    n_written += os.pwrite(
+                        self.descriptor, content[n_written:], self.position + n_written
+                    )
             except OSError as error:
                 self.failure = error
         if self.failure is not None:
             self.later.append((self.position, bytes(content)))
         self.position += len(content)
         return len(content)
-
-    def _put(self, content: memoryview) -> None:
-        n = 0
-        while n < len(content):
-            n += os.pwrite(self.descriptor, content[n:], self.position + n)
 
     def read(self, size: int) -> bytes:
         buffer = bytearray(size)
@@ -45,8 +44,8 @@ class _FailSafeFile:
     def readinto(self, buffer: Any) -> int:
         target = memoryview(buffer).cast("B")
         begin, end = self.position, self.position + len(target)
-        there = os.pread(self.descriptor, len(target), begin)
-        target[:] = there.ljust(len(target), b"\0")
+        on_disk = os.pread(self.descriptor, len(target), begin)
+        target[:] = on_disk.ljust(len(target), b"\0")
         for first, content in self.later:
             low, high = max(first, begin), min(first + len(content), end)
             if low < high:
@@ -55,13 +54,11 @@ class _FailSafeFile:
         return len(target)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        base = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: self._size()}
-        self.position = base[whence] + offset
-        return self.position
-
-    def _size(self) -> int:
         ends = [first + len(content) for first, content in self.later]
-        return max([os.fstat(self.descriptor).st_size, *ends])
+        size = max([os.fstat(self.descriptor).st_size, *ends])
+        self.position = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: size}[whence]
+        self.position += offset
+        return self.position
 
     def tell(self) -> int:
         return self.position

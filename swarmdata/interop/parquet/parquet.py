@@ -133,7 +133,11 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     episodes = note.episodes
     codes, lengths = np.array(episodes.split), np.array(episodes.lengths)
     tables = {code: Table.open(source / _file(SPLITS[code])) for code in set(episodes.split)}
-    readers = {code: table.reader(_names(table)) for code, table in tables.items()}
+    names = [*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS)]
+    readers = {
+        code: table.reader([name for name in names if name in table.columns])
+        for code, table in tables.items()
+    }
     starts = np.cumsum(lengths) - lengths
     inside = _starts_in_split(codes, lengths)
 
@@ -143,12 +147,6 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
         return readers[int(codes[episode])](slice(first, first + window.stop - window.start))
 
     return import_with_note(note, rows, sum(table.n_rows for table in tables.values()), str(source))
-
-
-def _names(table: Table) -> list[str]:
-    """The columns that have names of our arrays."""
-    names = [name for name in TIME_ARRAYS if name in table.columns]
-    return names + [NEXT_PREFIX + name for name in names if name in STATE_ARRAYS]
 
 
 def _starts_in_split(codes: NDArray[Any], lengths: Int) -> Int:

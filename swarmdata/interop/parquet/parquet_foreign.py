@@ -39,11 +39,12 @@ def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
         raise ConversionError(f"{path} has rows of sizes {wrong} for {n_agents} agents")
     flags = {name: _flags(table, name, n_agents) for name in _FLAG_COLUMNS if name in names}
     reader = _like_ours(table, [name for name in names if name not in flags], n_agents)
+    actions = table.whole("actions")
     has_states = {"states", "next_states"} <= set(names)
     shapes = AgentShapes(
         observations=(sizes["observations"] // n_agents,) * n_agents,
         actions=(sizes["actions"] // n_agents,) * n_agents,
-        choices=_n_choices(table),
+        choices=int(actions.max()) + 1 if actions.dtype.kind in "iu" else 0,
         states=int(np.prod(table.columns["states"])) if has_states else 0,
     )
     has_next = "next_observations" in names
@@ -74,9 +75,3 @@ def _like_ours(table: Table, names: list[str], n_agents: int) -> ReadRows:
 def _flags(table: Table, name: str, n_agents: int) -> NDArray[np.bool_]:
     values = table.whole(name).reshape(table.n_rows, -1) != 0
     return np.broadcast_to(values, (table.n_rows, n_agents)).copy()
-
-
-def _n_choices(table: Table) -> int:
-    """Number of values of a discrete action, 0 for continuous actions."""
-    actions = table.whole("actions")
-    return int(actions.max()) + 1 if actions.dtype.kind in "iu" else 0

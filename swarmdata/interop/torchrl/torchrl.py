@@ -87,7 +87,9 @@ def write(dataset: Dataset, path: Path) -> None:
     tensordict = _library()
     import torch  # noqa: PLC0415  (an extra, and heavy)
 
-    discrete = _is_discrete(dataset)
+    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    # TorchRL stores actions as integers [n, N] if every agent has one discrete action
+    discrete = all(isinstance(agent.action, DiscreteSpace) for agent in agents)
     n = dataset.n_steps
     empty: dict[str, Any] = {}
     shapes = {name: _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
@@ -117,12 +119,6 @@ def _reserve(folder: Path) -> None:
         if size := file.stat().st_size:
             with file.open("r+b") as opened:
                 os.posix_fallocate(opened.fileno(), 0, size)
-
-
-def _is_discrete(dataset: Dataset) -> bool:
-    """Whether every agent has one discrete action, which TorchRL stores as integers [n, N]."""
-    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
-    return all(isinstance(agent.action, DiscreteSpace) for agent in agents)
 
 
 def _key(name: str) -> Key | None:

@@ -41,14 +41,16 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
     if rows.batch_dims != 1:
         raise ConversionError(f"{source} has batch size {tuple(rows.batch_size)}, expected [n]")
     groups = _groups(rows, source)
-    is_discrete = all(_numpy(rows, (*g.name, "action"), 1).dtype.kind in "iu" for g in groups)
+    action_keys = [(*group.name, "action") for group in groups]
+    is_discrete = all(_numpy(rows, key, 1).dtype.kind in "iu" for key in action_keys)
     order, terminals, truncations = _ends(rows, groups, source, choices)
-    read = BlockReader(_reader(rows, groups, order), len(order), _row_bytes(groups))
+    row_bytes = sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
+    read = BlockReader(_reader(rows, groups, order), len(order), row_bytes)
     timeline = Timeline(str(source), terminals, truncations, read, has_next=True)
     shapes = AgentShapes(
         observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
         actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
-        choices=_greatest(rows, groups) + 1 if is_discrete else 0,
+        choices=max(int(rows[key].max()) for key in action_keys) + 1 if is_discrete else 0,
         states=rows["state"].shape[1:].numel() if ("state",) in leaf_keys(rows) else 0,
     )
     return import_without_note(task, shapes, [timeline], choices)
@@ -100,14 +102,6 @@ def _groups(rows: Any, source: Path) -> list[_Group]:
             )
         )
     return groups
-
-
-def _row_bytes(groups: Sequence[_Group]) -> int:
-    return sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
-
-
-def _greatest(rows: Any, groups: Sequence[_Group]) -> int:
-    return max(int(rows[(*group.name, "action")].max()) for group in groups)
 
 
 def _flags(rows: Any, groups: Sequence[_Group], name: str) -> Bool | None:
