@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from swarmdata.interop.export import export_dataset
     from swarmdata.record.foreign_rollout import evaluate_parallel
     from swarmdata.record.recorder import Recorder
+    from swarmdata.record.recording_folder import recover
     from swarmdata.record.reset_seeds import foreign_evaluation_seeds
-    from swarmdata.record.session import recover
     from swarmdata.record.vmas import record_vmas
     from swarmdata.registry.components import make_env, make_policy, make_task
     from swarmdata.registry.presets import preset, preset_names
@@ -131,7 +131,7 @@ _HOMES = {
     "preset_names": "swarmdata.registry.presets",
     "read_results": "swarmdata.evaluation.results.result_set",
     "record_vmas": "swarmdata.record.vmas",
-    "recover": "swarmdata.record.session",
+    "recover": "swarmdata.record.recording_folder",
     "rollout": "swarmdata.rollouts.rollout",
     "save_result": "swarmdata.evaluation.results.result_files",
     "subsample_dataset": "swarmdata.building.edit",

@@ -35,9 +35,9 @@ def show(path: Recorded) -> None:
 
     The recording may still be running.
     """
-    from swarmdata.record.session import look
+    from swarmdata.record.recording_folder import inspect_recording
 
-    found = look(path)
+    found = inspect_recording(path)
     recording = found.session.recording
     typer.echo(f"id: {recording.id}")
     typer.echo(f"environment: {recording.spec.task}")

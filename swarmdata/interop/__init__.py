@@ -1,1 +1,1 @@
-"""Foreign formats, one file each: datasets of this library out, and foreign data in."""
+"""Conversion of datasets to foreign formats and back, one file or folder for each format."""

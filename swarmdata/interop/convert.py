@@ -1,4 +1,4 @@
-"""Turns a foreign file or folder into a dataset of this library."""
+"""Converts a foreign file or folder to a dataset."""
 
 import hashlib
 from collections.abc import Iterator
@@ -9,8 +9,8 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
-from swarmdata.interop.conversion.incoming import Incoming
-from swarmdata.interop.conversion.kept_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.runtime.atomic import sync
@@ -20,6 +20,8 @@ from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, assemble, write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
+
+_LARGE_ARRAYS = ("observations", "states", "actions", "rewards", "sent", "delivered")
 
 
 def import_dataset(
@@ -34,29 +36,29 @@ def import_dataset(
     seed: int = 0,
     metadata: dict[str, str] | None = None,
 ) -> Dataset:
-    """Converts foreign data to a dataset; nothing about the source changes.
+    """Converts foreign data to a dataset and leaves the source unchanged.
 
-    Memory stays bounded by a few hundred megabytes and one episode, with the exceptions that a
-    format's file names. A killed conversion leaves nothing at `out`; run it again.
+    Memory stays below a few hundred megabytes and one episode, except where a format's module says
+    otherwise. A killed conversion leaves nothing at `out`; run it again.
 
     Args:
         source: file or folder.
-        out: where the dataset appears, once it is whole.
-        format: one of `formats.FORMATS`.
-        id: of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
-            environment where the data does not.
-        choices: answers to what the data leaves open.
-        splits: `kept` takes those that an export of this library has; `new` draws new ones.
-        rule: of new splits.
-        seed: of new splits.
-        metadata: what shall be remembered: author, license, where it was downloaded.
+        out: where the dataset appears once it is complete.
+        format: name of a format, such as `d4rl`.
+        id: id of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
+            environment if the data do not.
+        choices: answers to questions that the data leave open.
+        splits: `kept` keeps the splits of an export of this library; `new` draws new ones.
+        rule: sizes of new splits.
+        seed: seed of new splits.
+        metadata: information for readers, such as the author, license and origin.
 
     Raises:
-        UnknownNameError: no such format.
+        UnknownNameError: there is no such format.
         DatasetNotFoundError: there is nothing at `source`.
-        ConversionError: the data is ambiguous or does not fit together.
+        ConversionError: the data are ambiguous or do not fit together.
         MissingExtraError: the format's library is not installed.
-        BuildError: `out` is taken by something else, or no episode falls into the train split.
+        BuildError: something else is at `out`, or no episode falls into the train split.
     """
     source, out = Path(source), Path(out)
     if not source.exists():
@@ -98,20 +100,20 @@ def source_digest(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: bool) -> None:
-    if out.exists():  # finished, or of something else, which is an error
+def _store(out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool) -> None:
+    if out.exists():  # either this dataset, finished before, or an error
         assemble(out, recipe=recording, parts={}, order=[])
         return
     build = scratch_folder(out, "conversion")
-    remove_scratch(build)  # of a killed conversion; only the lock's holder is here
+    remove_scratch(build)  # left by a killed conversion: this process holds the lock
     build.mkdir()
     try:
         parts, order = _write_parts(build, incoming.episodes)
         codes = incoming.splits if keep_splits else None
         if codes is not None and not (codes == SPLITS.index("train")).any():
             raise ConversionError(
-                f"none of the {len(codes)} episodes of {recording.id} is of the train split, from "
-                "which normalization statistics come. Pass splits='new' to draw new splits."
+                f"none of the {len(codes)} episodes of {recording.id} is in the train split, which "
+                "normalization statistics need. Pass splits='new' to draw new splits."
             )
         assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
     finally:
@@ -122,7 +124,7 @@ def _store(out: Path, recording: Recording, incoming: Incoming, keep_splits: boo
 def _write_parts(
     build: Path, episodes: Iterator[Episode]
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
-    """Writes the episodes as parts of about `BLOCK_BYTES`; returns them and the order."""
+    """Writes the episodes as parts of about `BLOCK_BYTES`; returns the parts and the order."""
     parts: dict[int, list[Path]] = {}
     held: dict[int, list[Episode]] = {}
     counts: dict[int, int] = {}
@@ -140,14 +142,10 @@ def _write_parts(
         held.setdefault(episode.policy, []).append(episode)
         order.append((episode.policy, counts.get(episode.policy, 0)))
         counts[episode.policy] = order[-1][1] + 1
-        size += _nbytes(episode)
+        names = (*_LARGE_ARRAYS, *episode.optional)
+        size += sum(np.asarray(getattr(episode, name)).nbytes for name in names)
         if size >= BLOCK_BYTES:
             flush()
             size = 0
     flush()
     return parts, order
-
-
-def _nbytes(episode: Episode) -> int:
-    names = (*episode.optional, "observations", "states", "actions", "rewards", "sent", "delivered")
-    return int(sum(np.asarray(getattr(episode, name)).nbytes for name in names))

@@ -1,4 +1,4 @@
-"""Writes a dataset, or a view of one, in a foreign format."""
+"""Converts a dataset, or a view of one, to a foreign format."""
 
 from pathlib import Path
 
@@ -11,18 +11,18 @@ from swarmdata.runtime.atomic import remove_leftovers, staged
 def export_dataset(dataset: Dataset, path: Path | str, *, format: str) -> Path:
     """Converts a view of a dataset, and returns `path`.
 
-    What appears at `path` is whole: it is written beside it and renamed, and what a conversion that
-    was killed left there is removed. What the format cannot hold is in its `lost` table.
+    The result is written beside `path` and renamed, so it is never incomplete; leftovers of a
+    killed conversion are removed. docs/formats.md lists what each format loses.
 
     Args:
-        dataset: all episodes, or those of `filter` or `split`, in their order.
-        path: file or folder to make.
-        format: one of `formats.FORMATS`.
+        dataset: a dataset, or a view by `filter` or `split`.
+        path: file or folder to write.
+        format: name of a format, such as `d4rl`.
 
     Raises:
-        UnknownNameError: no such format.
-        ConversionError: the format is only read, `path` is taken, or the view is empty or has what
-            the format cannot hold.
+        UnknownNameError: there is no such format.
+        ConversionError: the format can only be read, `path` exists, the view is empty, or the
+            format cannot hold it.
         MissingExtraError: the format's library is not installed.
         DiskFullError: no space was left.
     """

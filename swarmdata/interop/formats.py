@@ -1,4 +1,4 @@
-"""Format, what a file of this folder gives, and the formats by name as a literal table."""
+"""Format: how to read and write a foreign format; and the table of formats by name."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.incoming import Incoming
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.registry.components import resolve
 
@@ -20,11 +20,11 @@ FORMATS = {
     "vault": "swarmdata.interop.vault:FORMAT",
 }
 
-Reader = Callable[[Path, str, Choices], AbstractContextManager[Incoming]]
-"""Opens foreign data: where it is, the task's name where it has none, and the user's choices."""
+Reader = Callable[[Path, str, Choices], AbstractContextManager[ImportedData]]
+"""Opens foreign data, given its path, the task's name if the data have none, and the choices."""
 
 Writer = Callable[[Dataset, Path], None]
-"""Writes a view to a path at which nothing is yet."""
+"""Writes a view to a path that does not exist yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +32,12 @@ class Format:
     """One foreign format.
 
     Attributes:
-        name: in `FORMATS`.
-        title: for people.
-        kept: facts that an export keeps, and under which name; see `fields.FACTS`.
-        lost: facts that it does not keep, and why.
-        read: opens it, None where the format is only written.
-        write: writes it, None where it is only read.
+        name: key in `FORMATS`.
+        title: name for people.
+        kept: facts that an export keeps, and under which name; see `DATASET_FACTS`.
+        lost: facts that an export loses, and why.
+        read: opens foreign data; None: the format can only be written.
+        write: writes a view; None: the format can only be read.
     """
 
     name: str

@@ -1,11 +1,11 @@
 """Minari: a folder with one HDF5 group per episode, T + 1 observations and T of everything else.
 
-Minari has one agent, so observations and actions are Dict spaces with an entry per agent, each in
-its own structure, and the reward is the team's; what else we know is in `infos`. Images are stored
-without JPEG, which would change them. Write: as HDF5 only, because Minari 0.5.4's Arrow storage
-cuts episodes of more than 32,767 rows (its issue 351). Read: every storage, episode by episode, and
-an episode whose rows do not have the length that its metadata says is refused. `minari` loads the
-folder with `MINARI_DATASETS_PATH` set to its parent, or `minari.MinariDataset(FOLDER / "data")`.
+Minari has one agent, so observations and actions are Dict spaces with an entry for each agent, the
+reward is the team's, and everything else is in `infos`. Images are stored without JPEG, which would
+change them. Datasets are written as HDF5 only, because Minari 0.5.4's Arrow storage cuts episodes
+of more than 32,767 rows (its issue 351). Every storage is read, episode by episode; an episode
+whose length differs from its metadata is refused. `minari` loads the folder if
+`MINARI_DATASETS_PATH` is its parent, or with `minari.MinariDataset(FOLDER / "data")`.
 """
 
 import re
@@ -19,21 +19,25 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.conversion.incoming import UNKNOWN, Incoming, episode_of, stacked
-from swarmdata.interop.conversion.kept_facts import STATE_ARRAYS, TIME_ARRAYS, present
-from swarmdata.interop.conversion.note import Note, note_of, parse_note
-from swarmdata.interop.conversion.space_columns import agents_of, join_rows, split_rows
+from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
+from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.imported_data import (
+    UNKNOWN_POLICIES,
+    ImportedData,
+    build_episode,
+)
+from swarmdata.interop.conversion.space_columns import join_rows, recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.runtime.atomic import require_space
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
-from swarmdata.specs.spaces import DictSpace, width
+from swarmdata.specs.spaces import DictSpace, stack_agents, width
 from swarmdata.types import Episode
 
-NOTE = "swarmdata"
+NOTE_KEY = "swarmdata"
 
-KEPT = {
+KEPT_NAMES = {
     "observations": "observations",
     "states": "infos/states",
     "sent": "infos/sent",
@@ -52,12 +56,14 @@ KEPT = {
     "layout": "infos/layout",
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
 }
-LOST: dict[str, str] = {}
+LOST_REASONS: dict[str, str] = {}
 
-_ROOM = 4 << 20
-"""Bytes beside an episode's own that HDF5 may need for it, and to close the file."""
+_SPARE_BYTES = 4 << 20
+"""Bytes that HDF5 may need besides an episode's own, and to close the file."""
 
-_INFOS = {name: key.removeprefix("infos/") for name, key in KEPT.items() if "infos/" in key}
+_INFO_KEYS = {
+    name: key.removeprefix("infos/") for name, key in KEPT_NAMES.items() if "infos/" in key
+}
 
 
 def _library() -> Any:
@@ -74,7 +80,7 @@ def write(dataset: Dataset, path: Path) -> None:
     minari, storage_type = _library()
     from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  (an extra)
 
-    agents = agents_of(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     observation = DictSpace(spaces={agent.name: agent.observation for agent in agents})
     action = DictSpace(spaces={agent.name: agent.action for agent in agents})
     path.mkdir()
@@ -85,7 +91,7 @@ def write(dataset: Dataset, path: Path) -> None:
         data_format="hdf5",
         jpeg_encoding=False,
     )
-    names = present(dataset)
+    names = array_names(dataset)
     storage.update_episodes(
         EpisodeBuffer(seed=np.uint64(episode.seed), **_buffers(episode, agents, names))
         for episode in _while_there_is_room(dataset, path)
@@ -96,20 +102,20 @@ def write(dataset: Dataset, path: Path) -> None:
             "minari_version": minari.__version__,
             "algorithm_name": ", ".join(source.label for source in dataset.recipe.policies),
             "description": f"{dataset!r}".removeprefix("<").partition(", at ")[0],
-            NOTE: note_of(dataset).to_json(),
+            NOTE_KEY: note_of(dataset).to_json(),
         }
     )
 
 
 def _while_there_is_room(dataset: Dataset, path: Path) -> Iterator[Episode]:
-    """Episodes, until the disk is nearly full.
+    """Yields episodes; raises before the disk is full.
 
-    Minari opens the file itself, and the HDF5 library crashes the process where a write fails.
+    Minari opens the file itself, and the HDF5 library crashes the process if a write fails.
     """
     for episode in dataset:
         arrays = [getattr(episode, name) for name in episode.__slots__]
         size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
-        require_space(path, _ROOM + 2 * size)
+        require_space(path, _SPARE_BYTES + 2 * size)
         yield episode
 
 
@@ -117,7 +123,7 @@ def _buffers(
     episode: Episode, agents: tuple[RecordedAgent, ...], names: tuple[str, ...]
 ) -> dict[str, Any]:
     """The fields of an `EpisodeBuffer`."""
-    infos = {key: getattr(episode, name) for name, key in _INFOS.items() if name in names}
+    infos = {key: getattr(episode, name) for name, key in _INFO_KEYS.items() if name in names}
     if episode.layout.size:
         infos["layout"] = episode.layout
     return {
@@ -137,33 +143,37 @@ def _buffers(
 
 
 @contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     """Opens the folder of a Minari dataset, or the `data` folder inside it.
 
-    Its Dict spaces are the agents where this library wrote it, or where `choices.agents` names
-    exactly their keys; else there is one agent.
+    The entries of its Dict spaces are the agents if this library wrote it, or if `choices.agents`
+    names exactly their keys. Otherwise there is one agent.
 
     Raises:
-        ConversionError: it is no such folder, or Minari cannot hold what it has.
+        ConversionError: it is no such folder, or its contents contradict each other.
     """
     minari, storage_type = _library()
     folder = source / "data" if (source / "data").is_dir() else source
     if not (folder / "metadata.json").is_file():
-        raise ConversionError(f"{source} has no data/metadata.json, so it is no Minari dataset")
-    text = storage_type.read_raw_metadata(folder).get(NOTE)
+        raise ConversionError(f"{source} has no data/metadata.json, so it is not a Minari dataset")
+    text = storage_type.read_raw_metadata(folder).get(NOTE_KEY)
     found = minari.MinariDataset(folder)
     note = None if text is None else parse_note(text, source)
     if note is not None and len(note.episodes.lengths) != len(found):
         raise ConversionError(
-            f"{source} has {len(found)} episodes, its note of swarmdata says "
+            f"{source} has {len(found)} episodes, but its note of swarmdata says "
             f"{len(note.episodes.lengths)}. It was changed after the export: remove the key "
-            f"{NOTE!r} of its metadata.json to convert it as foreign data."
+            f"{NOTE_KEY!r} of its metadata.json to convert it as foreign data."
         )
     if note is not None:
-        agents = agents_of(note.spec, _columns(found.observation_space, note))
+        spaces = found.observation_space
+        widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
+        agents = recorded_agents(note.spec, max(widths))
         metadata = {"exported_from": note.id, "exported_digest": note.digest}
-        episodes = _noted(source, found, note, agents)
-        yield Incoming(note.spec, note.policies, episodes, note.episodes.assign_splits, metadata)
+        episodes = _exported_episodes(source, found, note, agents)
+        yield ImportedData(
+            note.spec, note.policies, episodes, note.episodes.assign_splits, metadata
+        )
         return
     agents, is_team = _foreign_agents(found, choices)
     content = {
@@ -174,12 +184,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         "state_from": "observations",
     }
     spec = RecordedSpec.parse(content, str(source))
-    yield Incoming(spec, UNKNOWN, _foreign(source, found, agents, is_team))
-
-
-def _columns(space: Any, note: Note) -> int:
-    """Columns of an observation of the widest agent."""
-    return max(width(space_of(space[name], f"space of {name}")) for name in note.spec.agent_names)
+    yield ImportedData(spec, UNKNOWN_POLICIES, _foreign_episodes(source, found, agents, is_team))
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:
@@ -205,20 +210,20 @@ def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, 
 
 
 def _library_of(found: Any) -> str:
-    """The module of the environment, as far as its id says."""
+    """The module of the environment, if its specification names one."""
     spec = getattr(found, "env_spec", None)
     return "" if spec is None else re.split(r"[:.]", str(spec.entry_point))[0]
 
 
 def _episodes(source: Path, found: Any) -> Iterator[Any]:
-    """Minari's episodes, each checked against its metadata."""
+    """Yields Minari's episodes, each checked against its metadata."""
     metadata = found.storage.get_episode_metadata(found.episode_indices)
     for data, facts in zip(found.iterate_episodes(), metadata, strict=True):
         if len(data) != int(facts["total_steps"]) or not len(data):
             raise ConversionError(
-                f"{source}: episode {data.id} has {len(data)} steps, its metadata says "
-                f"{facts['total_steps']}. Minari's Arrow storage cuts long episodes; convert its "
-                "HDF5 form."
+                f"{source}: episode {data.id} has {len(data)} steps, but its metadata says "
+                f"{facts['total_steps']}. Minari's Arrow storage cuts long episodes; convert the "
+                "dataset from its HDF5 storage."
             )
         yield data
 
@@ -235,7 +240,7 @@ def _joint(
             where = f"{source}: {field} of {agent.name} in episode {data.id}"
             own = values[agent.name] if is_team else values
             parts.append(join_rows(getattr(agent, space), own, where))
-        rows[field] = stacked(parts)
+        rows[field] = stack_agents(parts)
     if len(rows["observations"]) != len(data) + 1 or len(rows["actions"]) != len(data):
         raise ConversionError(
             f"{source}: episode {data.id} has {len(rows['observations'])} observations and "
@@ -244,19 +249,19 @@ def _joint(
     return rows
 
 
-def _noted(
-    source: Path, found: Any, note: Note, agents: tuple[RecordedAgent, ...]
+def _exported_episodes(
+    source: Path, found: Any, note: ExportNote, agents: tuple[RecordedAgent, ...]
 ) -> Iterator[Episode]:
     table = note.episodes
     for k, data in enumerate(_episodes(source, found)):
         rows = _joint(data, agents, source, is_team=True)
-        for name, key in _INFOS.items():
+        for name, key in _INFO_KEYS.items():
             if name in TIME_ARRAYS and key in data.infos:
                 rows[name] = data.infos[key]
         for name in ("terminations", "truncations"):
             rows[name] = np.asarray(getattr(data, name), dtype=np.bool_)
         _check_rows(source, data, rows)
-        yield episode_of(
+        yield build_episode(
             rows,
             seed=table.seeds[k],
             policy=table.policy[k],
@@ -274,15 +279,15 @@ def _check_rows(source: Path, data: Any, rows: Mapping[str, NDArray[Any]]) -> No
             )
 
 
-def _foreign(
+def _foreign_episodes(
     source: Path, found: Any, agents: tuple[RecordedAgent, ...], is_team: bool
 ) -> Iterator[Episode]:
-    """Episodes of others; the reward is every agent's, and seeds are the numbers."""
+    """Episodes that this library did not write: every agent gets the reward; seeds are numbers."""
     for number, data in enumerate(_episodes(source, found)):
         rows = _joint(data, agents, source, is_team)
         widths = [width(agent.observation) for agent in agents]
-        seen = [rows["observations"][:, k, :n] for k, n in enumerate(widths)]
-        rows["states"] = np.concatenate(seen, axis=1)
+        observations = [rows["observations"][:, k, :n] for k, n in enumerate(widths)]
+        rows["states"] = np.concatenate(observations, axis=1)
         rewards = np.asarray(data.rewards, dtype=np.float32).reshape(len(data), -1)
         rows["rewards"] = np.broadcast_to(rewards, (len(data), len(agents))).copy()
         ends = np.asarray(data.terminations, bool) | np.asarray(data.truncations, bool)
@@ -291,7 +296,7 @@ def _foreign(
                 f"{source}: episode {data.id} does not end exactly once, in its last row"
             )
         end = "termination" if data.terminations[-1] else "truncation"
-        yield episode_of(rows, seed=number, policy=0, end=end)
+        yield build_episode(rows, seed=number, policy=0, end=end)
 
 
-FORMAT = Format("minari", "Minari", KEPT, LOST, read, write)
+FORMAT = Format("minari", "Minari", KEPT_NAMES, LOST_REASONS, read, write)

@@ -1,11 +1,11 @@
-"""Folders of NumPy arrays, one file per agent and quantity, as OMAR and CFCQL have them. Read only.
+"""Folders of NumPy arrays, one file per agent and quantity, as in OMAR and CFCQL. Read only.
 
 Pan et al. 2022, "Plan Better Amid Conservatism" (OMAR), `utils/buffer.py`, and Shao et al. 2023,
 "Counterfactual Conservative Q Learning" (CFCQL), `continuous/utils/buffer.py`: `obs_<i>.npy`,
 `acs_<i>.npy`, `rews_<i>.npy`, `next_obs_<i>.npy`, `dones_<i>.npy` for each agent i, and with
-MuJoCo `states_<i>.npy`, `next_states_<i>.npy`. Either one such folder, or a folder of several,
-such as `seed_0_data` to `seed_4_data`, which become the policies of the dataset. There is one flag,
-`dones`, so the user has to say what the time limit is.
+MuJoCo also `states_<i>.npy` and `next_states_<i>.npy`. The source is one such folder, or a folder
+of several, such as `seed_0_data` to `seed_4_data`, which become the policies of the dataset.
+`dones` is the only flag, so the user has to give the time limit.
 """
 
 import re
@@ -20,20 +20,21 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.foreign_data import unnoted
-from swarmdata.interop.conversion.incoming import Incoming, Shapes, stacked
+from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.spaces import stack_agents
 
-QUANTITIES = ("obs", "acs", "rews", "next_obs", "dones")
-STATES = ("states", "next_states")
+REQUIRED_PREFIXES = ("obs", "acs", "rews", "next_obs", "dones")
+STATE_PREFIXES = ("states", "next_states")
 
 Agents = Sequence[Mapping[str, NDArray[Any]]]
 
 
 @contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     """Opens a folder, or a folder of folders in the order of their names.
 
     Raises:
@@ -51,7 +52,8 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         PolicySource.parse({"label": folder.name, "name": "external"}, str(folder))
         for folder in folders
     )
-    yield unnoted(task, shapes, timelines, choices, sources if len(folders) > 1 else None)
+    policies = sources if len(folders) > 1 else None
+    yield import_without_note(task, shapes, timelines, choices, policies)
 
 
 def _inner(source: Path) -> list[Path]:
@@ -59,7 +61,7 @@ def _inner(source: Path) -> list[Path]:
     if not found:
         raise ConversionError(
             f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
-            f"files {', '.join(f'{name}_<i>.npy' for name in QUANTITIES)}"
+            f"files {', '.join(f'{name}_<i>.npy' for name in REQUIRED_PREFIXES)}"
         )
     return sorted(found, key=lambda path: [int(k) for k in re.findall(r"\d+", path.name)])
 
@@ -68,7 +70,7 @@ def _agents(folder: Path) -> Agents:
     """Memory maps of every agent's arrays."""
     n_agents = len(list(folder.glob("obs_*.npy")))
     has_states = (folder / "states_0.npy").exists()
-    names = (*QUANTITIES, *STATES) if has_states else QUANTITIES
+    names = (*REQUIRED_PREFIXES, *STATE_PREFIXES) if has_states else REQUIRED_PREFIXES
     agents = [{name: _map(folder, name, agent) for name in names} for agent in range(n_agents)]
     rows = {
         f"{name}_{k}": len(values)
@@ -85,7 +87,7 @@ def _map(folder: Path, name: str, agent: int) -> NDArray[Any]:
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except FileNotFoundError as error:
-        raise ConversionError(f"{path} is absent, expected one for each obs_<i>.npy") from error
+        raise ConversionError(f"{path} is missing, expected one for each obs_<i>.npy") from error
     except (ValueError, EOFError) as error:
         raise ConversionError(f"{path} is not a NumPy file of numbers: {error}") from error
     if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
@@ -95,9 +97,9 @@ def _map(folder: Path, name: str, agent: int) -> NDArray[Any]:
     return np.asarray(values)
 
 
-def _shapes(agents: Agents) -> Shapes:
+def _shapes(agents: Agents) -> AgentShapes:
     is_discrete = all(agent["acs"].dtype.kind in "iu" for agent in agents)
-    return Shapes(
+    return AgentShapes(
         observations=tuple(_columns(agent["obs"]) for agent in agents),
         actions=tuple(_columns(agent["acs"]) for agent in agents),
         choices=max(int(agent["acs"].max()) for agent in agents) + 1 if is_discrete else 0,
@@ -112,7 +114,7 @@ def _columns(values: NDArray[Any]) -> int:
 def _timeline(folder: Path, agents: Agents) -> Timeline:
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
         def joint(name: str) -> NDArray[np.float32]:
-            return stacked([_two(agent[name][window]) for agent in agents])
+            return stack_agents([_two(agent[name][window]) for agent in agents])
 
         found = {
             "observations": joint("obs"),

@@ -1,12 +1,12 @@
 """OG-MARL's Vault (Flashbax): one flat timeline per leaf, without an index of episodes.
 
 Formanek et al. 2023, "Off-the-Grid MARL", and `flashbax.vault.Vault`. A vault's folder is
-`<rel_dir>/<name>.vlt/<uid>`; leaves are observations [B, T, N, O], actions, rewards, terminals,
-truncations [B, T, N], infos.state [B, T, S] and infos.legals [B, T, N, C]. Written through
-Flashbax, block by block, with terminals and truncations apart, and with `infos.next_observations`,
-because a vault has no last observation. Read through TensorStore, block by block: B timelines,
-whose episodes end where all agents have ended. Older data has its time limits as terminals; the
-user is asked.
+`<rel_dir>/<name>.vlt/<uid>`; its leaves are observations [B, T, N, O], actions, rewards,
+terminals, truncations [B, T, N], infos.state [B, T, S] and infos.legals [B, T, N, C]. Flashbax
+writes it, block by block, with separate terminals and truncations, and with
+`infos.next_observations`, because a vault has no last observation. TensorStore reads it, block by
+block: B timelines, whose episodes end where all agents have ended. Older data store time limits as
+terminals; the user is asked.
 """
 
 import contextlib
@@ -20,20 +20,25 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.interop.conversion.dataset_facts import (
+    NEXT_PREFIX,
+    STATE_ARRAYS,
+    TIME_ARRAYS,
+    step_blocks,
+)
 from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.foreign_data import unnoted
-from swarmdata.interop.conversion.incoming import Incoming, Shapes
-from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS, TIME_ARRAYS, blocks
-from swarmdata.interop.conversion.note import Note, note_of, parse_note
-from swarmdata.interop.conversion.noted_data import noted
-from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.runtime.documents import read_document
 
-NOTE = "swarmdata"
+NOTE_KEY = "swarmdata"
 
-KEPT = {
+KEPT_NAMES = {
     "observations": "observations",
     "states": "infos.state",
     "actions": "actions",
@@ -46,7 +51,7 @@ KEPT = {
     "agent_truncations": "infos.agent_truncations",
     **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
 }
-LOST = {
+LOST_REASONS = {
     **dict.fromkeys(
         ("sent", "delivered", "ages", "log_probs", "events"),
         "OG-MARL would load them into memory and not use them",
@@ -54,18 +59,16 @@ LOST = {
     "layout": "it only has rows over time",
 }
 
-_NO_EPISODE = "expected Vault's leaves observations, actions, rewards and terminals"
-
 
 def write(dataset: Dataset, path: Path) -> None:
-    """Writes a view as one vault; `path` is its uid's folder."""
+    """Writes a view as one vault; `path` is the folder of its uid."""
     try:
         from flashbax.buffers.trajectory_buffer import TrajectoryBufferState  # noqa: PLC0415
         from flashbax.vault import Vault  # noqa: PLC0415  (an extra)
     except ImportError as error:
         raise MissingExtraError("flashbax", "vault", "the Vault format") from error
     vault = None
-    for _, arrays in blocks(dataset):
+    for _, arrays in step_blocks(dataset):
         leaves = _leaves(arrays)
         n = len(arrays["actions"])
         with contextlib.redirect_stdout(io.StringIO()):  # it prints where it writes
@@ -75,14 +78,14 @@ def write(dataset: Dataset, path: Path) -> None:
                     experience_structure=leaves,
                     rel_dir=str(path.parent.parent),
                     vault_uid=path.name,
-                    metadata={NOTE: note_of(dataset).to_json()},
+                    metadata={NOTE_KEY: note_of(dataset).to_json()},
                 )
             state = TrajectoryBufferState(experience=leaves, current_index=n, is_full=False)
             vault.write(state, source_interval=(0, n))
 
 
 def _leaves(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Some rows as a vault's tree, [1, n, ...]; team flags go to every agent."""
+    """Rows as a vault's tree, [1, n, ...]; every agent gets the team's flags."""
     n_agents = arrays["rewards"].shape[1]
     tree: dict[str, Any] = {"infos": {}}
     for name, values in arrays.items():
@@ -97,14 +100,14 @@ def _leaves(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def _key(name: str) -> str | None:
-    if not name.startswith(NEXT):
-        return KEPT.get(name)
-    key = KEPT.get(name.removeprefix(NEXT))
-    return None if key is None else f"infos.{NEXT}{key.rpartition('.')[2]}"
+    if not name.startswith(NEXT_PREFIX):
+        return KEPT_NAMES.get(name)
+    key = KEPT_NAMES.get(name.removeprefix(NEXT_PREFIX))
+    return None if key is None else f"infos.{NEXT_PREFIX}{key.rpartition('.')[2]}"
 
 
 @contextlib.contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     """Opens the folder of a vault's uid, such as `3m.vlt/Good`.
 
     Raises:
@@ -120,18 +123,21 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
         ) from error
     absent = {"observations", "actions", "rewards", "terminals"} - set(names)
     if absent:
-        raise ConversionError(f"{source} has no {sorted(absent)} but {names}, {_NO_EPISODE}")
+        raise ConversionError(
+            f"{source} lacks {sorted(absent)}: it has the leaves {names}, expected observations, "
+            "actions, rewards and terminals"
+        )
     leaves = {name: _open(source, f"{name}.") for name in names}
     n = int(_open(source, "vault_index")[:].read().result()[0])
-    note = metadata.get(NOTE)
+    note = metadata.get(NOTE_KEY)
     if note is None:
-        yield _unnoted(leaves, n, source, task, choices)
+        yield _read_foreign(leaves, n, source, task, choices)
     else:
-        yield _noted(leaves, n, source, parse_note(note, source))
+        yield _read_exported(leaves, n, source, parse_note(note, source))
 
 
 def _names(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Dotted names of all leaves."""
+    """Names of all leaves, joined by dots."""
     found = []
     for key, value in tree.items():
         inner = _names(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [prefix + key]
@@ -156,8 +162,10 @@ def _row_bytes(leaves: Mapping[str, Any]) -> int:
                    for leaf in leaves.values()))  # fmt: skip
 
 
-def _noted(leaves: Mapping[str, Any], n: int, source: Path, note: Note) -> Incoming:
-    all_names = (*TIME_ARRAYS, *(NEXT + name for name in STATE_ARRAYS))
+def _read_exported(
+    leaves: Mapping[str, Any], n: int, source: Path, note: ExportNote
+) -> ImportedData:
+    all_names = (*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS))
     names = {name: key for name in all_names if (key := _key(name)) and key in leaves}
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
@@ -167,12 +175,12 @@ def _noted(leaves: Mapping[str, Any], n: int, source: Path, note: Note) -> Incom
             found[name] = found[name][:, 0]
         return found
 
-    return noted(note, Ahead(rows, n, _row_bytes(leaves)), n, str(source))
+    return import_with_note(note, BlockReader(rows, n, _row_bytes(leaves)), n, str(source))
 
 
-def _unnoted(
+def _read_foreign(
     leaves: Mapping[str, Any], n: int, source: Path, task: str, choices: Choices
-) -> Incoming:
+) -> ImportedData:
     is_discrete = leaves["actions"].dtype.numpy_dtype.kind in "iu"
     state = next((name for name in ("infos.state", "infos.states") if name in leaves), None)
     n_rows, n_agents = leaves["rewards"].shape[0], leaves["rewards"].shape[2]
@@ -180,15 +188,18 @@ def _unnoted(
     legals = leaves.get("infos.legals") if is_discrete else None
     n_choices = 0
     if is_discrete:
-        n_choices = legals.shape[-1] if legals is not None else _greatest(leaves, n) + 1
+        if legals is not None:
+            n_choices = legals.shape[-1]
+        else:
+            n_choices = int(np.asarray(leaves["actions"][:, 0:n].read().result()).max()) + 1
     state_size = 0 if state is None else int(np.prod(leaves[state].shape[2:]))
-    shapes = Shapes(
+    shapes = AgentShapes(
         observations=(int(np.prod(leaves["observations"].shape[3:])),) * n_agents,
         actions=(int(np.prod(leaves["actions"].shape[3:])),) * n_agents,
         choices=n_choices,
         states=state_size,
     )
-    return unnoted(task, shapes, timelines, choices)
+    return import_without_note(task, shapes, timelines, choices)
 
 
 def _timeline(
@@ -212,14 +223,14 @@ def _timeline(
     def flags(name: str) -> NDArray[np.bool_]:
         return np.asarray(leaves[name][row, 0:n].read().result()) != 0
 
-    ahead = Ahead(rows, n, _row_bytes(leaves))
+    ahead = BlockReader(rows, n, _row_bytes(leaves))
     truncations = flags("truncations") if "truncations" in leaves else None
     where = f"{source} (timeline {row})"
     return Timeline(where, flags("terminals"), truncations, ahead, next_key is not None)
 
 
 def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Shapes and dtypes of an episode's field; padding of -inf becomes zeros, as ours is."""
+    """Converts to the shape and dtype of our field; padding of -inf becomes zeros."""
     if name == "action_masks":
         return values != 0
     if name == "states":
@@ -230,8 +241,4 @@ def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
     return np.where(np.isneginf(rows), np.float32(0), rows)
 
 
-def _greatest(leaves: Mapping[str, Any], n: int) -> int:
-    return int(np.asarray(leaves["actions"][:, 0:n].read().result()).max())
-
-
-FORMAT = Format("vault", "OG-MARL Vault (Flashbax)", KEPT, LOST, read, write)
+FORMAT = Format("vault", "OG-MARL Vault (Flashbax)", KEPT_NAMES, LOST_REASONS, read, write)

@@ -1,13 +1,14 @@
-"""Recording: any PettingZoo `ParallelEnv` or VMAS environment becomes a dataset.
+"""Recording of PettingZoo `ParallelEnv`s and VMAS environments as datasets.
 
-`Recorder` records, `recover` finishes what a killed process began, `record_vmas` plays a policy in
-all copies of a VMAS environment, `evaluate_parallel` plays a trained policy where it was recorded.
+`Recorder` records what passes through it, `recover` finishes the recording of a killed process,
+`record_vmas` plays a policy in all copies of a VMAS environment, and `evaluate_parallel` plays a
+trained policy in the environment that was recorded.
 """
 
 from swarmdata.record.foreign_rollout import evaluate_parallel, policy_actions, step_of
 from swarmdata.record.recorder import Recorder, UnfinishedEpisodeWarning
+from swarmdata.record.recording_folder import Limits, recover
 from swarmdata.record.reset_seeds import foreign_evaluation_seeds
-from swarmdata.record.session import Limits, recover
 from swarmdata.record.vmas import record_vmas
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Tape, the rows of one running episode, and the `Episode` that they become when it ends."""
+"""EpisodeBuffer: the rows of a running episode, and the `Episode` made of them when it ends."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,40 +10,40 @@ from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateRow:
-    """What holds between two steps; nobody else may write to the arrays."""
+    """The state between two steps; its arrays are not shared."""
 
     observations: Float  # [N, O]
     state: Float  # [S]
-    alive: Bool  # [N] who acts next
+    alive: Bool  # [N] agents that act next
     masks: Bool | None  # [N, C] allowed choices, None where there are no masks
     sent: Float  # [N, P]
     delivered: Bool  # [N, N], or [N, 0] without a channel
-    ages: Counts  # the same
+    ages: Counts  # shape of `delivered`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepRow:
-    """What one joint action was and did; nobody else may write to the arrays."""
+    """One joint action and its consequences; its arrays are not shared."""
 
     actions: Float  # [N, A]
-    log_probs: Float  # [N], or [0] where none are recorded
+    log_probs: Float  # [N], or [0] if none are recorded
     rewards: Float  # [N]
     terminations: Bool  # [N] of agents that acted
     truncations: Bool  # [N] of agents that acted and were not terminated
-    events: Counts  # [N, 4], or [N, 0] where there are none
+    events: Counts  # [N, 4], or [N, 0] without events
 
 
 Outcome = Literal["success", "failure"] | None
-"""What the environment said of the task, None if nothing."""
+"""What the environment reported about the task; None: nothing."""
 
 
 @dataclass(slots=True, eq=False)
-class Tape:
-    """One running episode.
+class EpisodeBuffer:
+    """A running episode.
 
     Attributes:
-        seed: that it was reset with.
-        policy: index of the policy that acts.
+        seed: seed of the reset.
+        policy: index of the acting policy.
         layout: obstacles, [M, 8].
         states: T + 1 rows, the reset first.
         steps: T rows.
@@ -60,19 +60,20 @@ class Tape:
         return len(self.steps)
 
     def add(self, step: StepRow, reached: StateRow) -> None:
-        """Takes one step and the state it reached."""
+        """Appends a step and the state that it reached."""
         self.steps.append(step)
         self.states.append(reached)
 
     def episode(self, outcome: Outcome = None, *, is_cut: bool = False) -> Episode:
-        """Returns what was recorded.
+        """Returns the recorded episode.
 
-        The team's end is a truncation if any agent was truncated in the last step: values of what
-        would have come must then be bootstrapped.
+        The team's episode is truncated if any agent was truncated in the last step, because the
+        value of the last state must then be bootstrapped.
 
         Args:
-            outcome: what the environment said in the last step.
-            is_cut: whether the episode had not ended; who was alive then counts as truncated.
+            outcome: what the environment reported in the last step.
+            is_cut: whether the episode was left before its end; agents that were alive then count
+                as truncated.
         """
         rows, states, last = self.steps, self.states, len(self) - 1
         agent_terminations = np.stack([row.terminations for row in rows])
@@ -83,6 +84,9 @@ class Tape:
             alive[-1] = False
         is_truncated = bool(agent_truncations[last].any())
         at_end = np.arange(len(self)) == last
+        end_reason = "horizon" if is_truncated else outcome or "ended"
+        if outcome == "success":
+            end_reason = "success"
         masks = [row.masks for row in states if row.masks is not None]
         return Episode(
             observations=np.stack([row.observations for row in states]),
@@ -99,7 +103,7 @@ class Tape:
             layout=self.layout,
             seed=self.seed,
             policy=self.policy,
-            end_reason=END_REASONS.index(_reason(outcome, is_truncated)),
+            end_reason=END_REASONS.index(end_reason),
             alive=alive,
             action_masks=np.stack(masks) if masks else None,
             agent_terminations=agent_terminations,
@@ -107,12 +111,6 @@ class Tape:
         )
 
 
-def _reason(outcome: Outcome, is_truncated: bool) -> str:
-    if outcome == "success":
-        return outcome
-    return "horizon" if is_truncated else outcome or "ended"
-
-
-def n_bytes(episode: Episode) -> int:
-    """Memory of an episode's largest arrays."""
+def episode_bytes(episode: Episode) -> int:
+    """Size of an episode's largest arrays in memory."""
     return episode.observations.nbytes + episode.states.nbytes + episode.actions.nbytes

@@ -1,4 +1,4 @@
-"""Recorder, a PettingZoo `ParallelEnv` that records what passes through it as a dataset."""
+"""Recorder: a PettingZoo `ParallelEnv` that records what passes through it as a dataset."""
 
 import warnings
 import weakref
@@ -12,22 +12,23 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
-from swarmdata.record.episode_buffer import StepRow, Tape
-from swarmdata.record.foreign_environment import agents_of
-from swarmdata.record.recording_description import describe, is_ours, state_source
+from swarmdata.record.agent_reader import AgentReader
+from swarmdata.record.environment_reader import EnvironmentReader
+from swarmdata.record.episode_buffer import EpisodeBuffer, StepRow
+from swarmdata.record.foreign_environment import describe_agents
+from swarmdata.record.recording_description import describe_recording, is_own_task, state_source
+from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream, default_seed
-from swarmdata.record.row_reader import Reader
-from swarmdata.record.rows import Rows
-from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.specs.recipe import PolicySource, Splits
+from swarmdata.types import Bool, Float
 
 
 class UnfinishedEpisodeWarning(UserWarning):
-    """An episode that had not ended is not in the recording."""
+    """An episode was left before its end and is not recorded."""
 
 
 class Recorder(BaseParallelWrapper):
-    """Records every episode that is played through it, and is used like the environment itself.
+    """Records every episode played through it; used like the environment itself.
 
         with swarmdata.Recorder(env, id="simple_spread_v3-mine-v0", path="mine") as recorder:
             for _ in range(100):
@@ -37,31 +38,33 @@ class Recorder(BaseParallelWrapper):
                     observations, rewards, _, _, _ = recorder.step(actions)
         dataset = recorder.close()
 
-    Values are copied as the environment and the policies give them, as float32. Finished episodes
-    are written to `<path>.recording/` now and then; a process that is killed loses at most those
-    since (see `limits`), and a new Recorder with the same arguments goes on. `close` makes the
-    dataset. A task of this library (`ParallelWorld`) keeps its spec, events and messages.
+    Values are stored as float32 copies of those that pass through. Finished episodes are written to
+    `<path>.recording/` from time to time. A killed process loses at most the episodes since the
+    last write (see `limits`), and a new Recorder with the same arguments continues the recording.
+    `close` makes the dataset. A task of this library (`ParallelWorld`) keeps its spec, events and
+    messages.
 
     Args:
-        env: any `ParallelEnv`, not wrapped again afterwards.
-        id: of the dataset: `<task>[-<variant>]-<name>-v<k>`.
-        path: the dataset's folder, which must not exist.
-        policies: labels of the policies that act, or more about them; each episode is by one.
-        task: name of the environment; by default that in its metadata.
-        options: that it was made with, JSON values; for those who want to make it again.
+        env: any `ParallelEnv`; do not wrap the recorder again.
+        id: id of the dataset, `<task>[-<variant>]-<name>-v<k>`.
+        path: folder of the dataset, which must not exist.
+        policies: labels or descriptions of the policies that act, one in each episode.
+        task: name of the environment; by default the one in its metadata.
+        options: JSON values that the environment was made with, so that others can make it again.
         horizon: most steps of an episode; by default the environment's `max_cycles`, if it has one.
-        metadata: what readers should know: `author`, `license`, `description`, `code` and others.
-        seed: of the splits, and of resets without a seed; by default one that follows from `id`.
+        metadata: information for readers, such as `author`, `license`, `description` and `code`.
+        seed: seed of the splits and of resets without a seed; by default derived from `id`.
         splits: how many episodes are held out.
-        state: where states come from: the environment's `state()`, all observations in one, or
-            `auto`, which takes the first if the environment has it.
+        state: source of states: `environment` (its `state()`), `observations` (all of them,
+            concatenated), or `auto`, which prefers the environment's.
         log_probs: whether `record_log_probs` is called before every step.
-        keep_unfinished: whether an episode that is left by `reset` or `close` is kept as truncated.
-        limits: of what may be lost when the process is killed.
+        keep_unfinished: whether an episode that `reset` or `close` interrupts is kept, as
+            truncated.
+        limits: when finished episodes are written.
 
     Raises:
         SpecError: the environment, the id or the metadata cannot be stored.
-        BuildError: `path` exists, or another process records to it.
+        BuildError: `path` exists, or another process is recording to it.
     """
 
     def __init__(
@@ -86,63 +89,63 @@ class Recorder(BaseParallelWrapper):
         if Path(path).exists():
             raise BuildError(
                 f"{path} exists. Record to another path, or delete it; a published version never "
-                "changes, so give the dataset a new one."
+                "changes, so give a changed dataset a new version."
             )
         seed = default_seed(id) if seed is None else seed
-        self._recording = describe(
+        self._recording = describe_recording(
             env, id, policies, task, options, horizon, metadata, seed, splits or Splits()
         )
         self._labels = [source.label for source in self._recording.policies]
-        self._reader = Reader(tuple(env.possible_agents), agents_of(env))
-        self._state, self._has_log_probs, self._keeps = state, log_probs, keep_unfinished
+        self._reader = AgentReader(tuple(env.possible_agents), describe_agents(env))
+        self._state, self._has_log_probs, self._keeps_unfinished = state, log_probs, keep_unfinished
         self._folder = RecordingFolder(Path(path), limits)
-        # a script that ends without closing loses nothing either; needs a part of this only
-        self._saved = weakref.finalize(self, self._folder.flush)
+        # a script that ends without closing loses no finished episode
+        self._flush_at_exit = weakref.finalize(self, self._folder.flush)
         self._seeds = SeedStream(seed, self._folder.seeds())
-        self._rows: Rows | None = None
-        self._tape: Tape | None = None
+        self._environment: EnvironmentReader | None = None
+        self._buffer: EpisodeBuffer | None = None
         self._policy = 0
         self._log_probs: Mapping[Any, float] | None = None
         self._dataset: Dataset | None = None
 
     @property
     def n_episodes(self) -> int:
-        """Finished episodes of this recording, those of earlier processes included."""
+        """Finished episodes of this recording, including those of earlier processes."""
         return self._folder.n_episodes
 
     def set_policy(self, label: str) -> None:
-        """Says which policy acts from the next step on, until another one is named.
+        """Sets the policy that acts from the next step on.
 
         Raises:
             UnknownNameError: the recorder was not made with this policy.
-            SchemaError: the episode has steps of another policy.
+            SchemaError: the running episode has steps of another policy.
         """
         if label not in self._labels:
             raise UnknownNameError("policy of the recorder", label, self._labels)
         index = self._labels.index(label)
-        if self._tape is not None:
-            if len(self._tape) and self._tape.policy != index:
+        if self._buffer is not None:
+            if len(self._buffer) and self._buffer.policy != index:
                 raise SchemaError(
-                    f"the episode has {len(self._tape)} steps of policy "
-                    f"{self._labels[self._tape.policy]!r}, so {label!r} cannot act in it. Name the "
-                    "policy before the first step of an episode."
+                    f"the episode has {len(self._buffer)} steps of policy "
+                    f"{self._labels[self._buffer.policy]!r}, so {label!r} cannot act in it. Set "
+                    "the policy before the first step of an episode."
                 )
-            self._tape.policy = index
+            self._buffer.policy = index
         self._policy = index
 
     def record_log_probs(self, log_probs: Mapping[Any, float]) -> None:
-        """Takes the log-probability of the action that each agent takes in the next step.
+        """Records the log-probability of each agent's action in the next step.
 
         Args:
-            log_probs: by agent; of agents that are not alive they are not needed.
+            log_probs: by agent; not needed for agents that are not alive.
 
         Raises:
             SchemaError: the recorder was made without `log_probs=True`.
         """
         if not self._has_log_probs:
             raise SchemaError(
-                "this recorder keeps no log-probabilities: make it with log_probs=True, and give "
-                "them before every step."
+                "this recorder keeps no log-probabilities: make it with log_probs=True, and call "
+                "record_log_probs before every step."
             )
         self._log_probs = dict(log_probs)
 
@@ -156,13 +159,13 @@ class Recorder(BaseParallelWrapper):
         """Starts an episode.
 
         Args:
-            seed: passed on and recorded; without one a new one is drawn.
-            options: passed on; they are not recorded.
-            policy: label of the one that acts from now on.
+            seed: passed on and recorded; drawn if None.
+            options: passed on, not recorded.
+            policy: label of the policy that acts from now on.
 
         Raises:
-            SchemaError: the seed is reserved, or something does not fit the spaces.
-            RecipeConflictError: the recording begun at this path is of something else.
+            SchemaError: the seed is reserved, or a value does not fit its space.
+            RecipeConflictError: the unfinished recording at this path has another description.
         """
         if self._dataset is not None:
             raise BuildError(f"the recording is closed: {self._dataset!r}")
@@ -171,10 +174,11 @@ class Recorder(BaseParallelWrapper):
         if policy is not None:
             self.set_policy(policy)
         observations, infos = self.env.reset(seed=used, options=options)
-        rows = self._rows = self._rows or self._begin(observations, infos)
+        if self._environment is None:
+            self._environment = self._begin(observations, infos)
         alive = self._reader.alive(self.env.agents)
-        first = rows.state(observations, infos, alive, alive)
-        self._tape = Tape(used, self._policy, rows.layout(), [first])
+        first = self._environment.state(observations, infos, alive, alive)
+        self._buffer = EpisodeBuffer(used, self._policy, self._environment.layout(), [first])
         self._log_probs = None
         return observations, infos
 
@@ -184,15 +188,15 @@ class Recorder(BaseParallelWrapper):
         """Takes one step of the environment and records it.
 
         Raises:
-            SchemaError: no episode runs, or something does not fit the spaces or is not finite.
+            SchemaError: no episode is running, or a value does not fit its space or is not finite.
         """
-        tape, rows, reader = self._tape, self._rows, self._reader
-        if tape is None or rows is None:
+        buffer, environment, reader = self._buffer, self._environment, self._reader
+        if buffer is None or environment is None:
             raise SchemaError("no episode is running; call reset() first")
-        acted = tape.states[-1].alive
+        acted = buffer.states[-1].alive
         taken = reader.actions(actions, acted)  # a copy, before the environment can change them
-        log_probs = self._taken_log_probs(acted)
-        self._tape = None  # if this fails, the episode is lost: it no longer fits the environment
+        log_probs = self._pop_log_probs(acted)
+        self._buffer = None  # after a failure, the episode no longer fits the environment
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
@@ -203,23 +207,23 @@ class Recorder(BaseParallelWrapper):
             rewards=reader.numbers(rewards, acted, "reward"),
             terminations=ends[0],
             truncations=ends[1] & ~ends[0],
-            events=rows.events(),
+            events=environment.events(),
         )
-        tape.add(step, rows.state(observations, infos, alive, acted | alive))
+        buffer.add(step, environment.state(observations, infos, alive, acted | alive))
         if alive.any():
-            self._tape = tape
+            self._buffer = buffer
         else:
-            self._keep(tape, infos)
+            self._folder.add(buffer.episode(reader.outcome(infos)))
         return result
 
     def close(self) -> Dataset:
         """Finishes the recording, closes the environment and returns the dataset.
 
-        Again called, it returns the same.
+        Further calls return the same dataset.
 
         Raises:
-            BuildError: no episode was finished, or none falls into the train split. What was
-                recorded is kept.
+            BuildError: no episode was finished, or none falls into the train split. The recorded
+                episodes are kept.
         """
         if self._dataset is None:
             try:
@@ -230,9 +234,9 @@ class Recorder(BaseParallelWrapper):
         return self._dataset
 
     def pause(self) -> None:
-        """Writes the finished episodes and lets go: a later Recorder can go on, here or elsewhere.
+        """Writes the finished episodes, so that another Recorder can continue in any process.
 
-        This one cannot be used any more.
+        This recorder cannot be used any more.
         """
         self._leave_episode()
         self._folder.flush()
@@ -247,21 +251,23 @@ class Recorder(BaseParallelWrapper):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Closes; after an error it pauses, so that the finished episodes are not lost."""
+        """Closes the recording, or pauses it after an error, which keeps the finished episodes."""
         if kind is None:
             self.close()
         elif self._dataset is None:
             self.pause()
 
     def _let_go(self) -> None:
-        self._saved.detach()
+        self._flush_at_exit.detach()
         self._folder.release()
         self.env.close()
 
-    def _begin(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Rows:
-        """Completes the description with what only a reset shows, and begins or goes on."""
+    def _begin(
+        self, observations: Mapping[Any, Any], infos: Mapping[Any, Any]
+    ) -> EnvironmentReader:
+        """Completes the description after the first reset; begins or continues the recording."""
         has_masks = self._reader.has_masks(observations, infos)
-        if is_ours(self.env):
+        if is_own_task(self.env):
             source: Literal["environment", "observations"] = "environment"
             recording = self._recording
         else:
@@ -273,9 +279,9 @@ class Recorder(BaseParallelWrapper):
         self._folder.claim(
             Session(recording=recording, log_probs=self._has_log_probs, masks=has_masks)
         )
-        return Rows(self.env, self._reader, recording.spec, source, has_masks)
+        return EnvironmentReader(self.env, self._reader, recording.spec, source, has_masks)
 
-    def _taken_log_probs(self, acted: Any) -> Any:
+    def _pop_log_probs(self, acted: Bool) -> Float:
         if not self._has_log_probs:
             return np.zeros(0, np.float32)
         given, self._log_probs = self._log_probs, None
@@ -283,21 +289,16 @@ class Recorder(BaseParallelWrapper):
             raise SchemaError("call record_log_probs before every step")
         return self._reader.numbers(given, acted, "log-probability")
 
-    def _keep(self, tape: Tape, infos: Mapping[Any, Any], *, is_cut: bool = False) -> None:
-        outcome = None if is_cut else self._reader.outcome(infos)
-        self._folder.add(tape.episode(outcome, is_cut=is_cut))
-        self._tape = None
-
     def _leave_episode(self) -> None:
         """Keeps or drops the running episode."""
-        tape, self._tape = self._tape, None
-        if tape is None or not len(tape):
+        buffer, self._buffer = self._buffer, None
+        if buffer is None or not len(buffer):
             return
-        if self._keeps:
-            self._keep(tape, {}, is_cut=True)
+        if self._keeps_unfinished:
+            self._folder.add(buffer.episode(is_cut=True))
             return
         warnings.warn(
-            f"an episode of {len(tape)} steps had not ended and is not recorded; "
+            f"an episode of {len(buffer)} steps had not ended and is not recorded; "
             "keep_unfinished=True keeps such episodes as truncated",
             UnfinishedEpisodeWarning,
             stacklevel=3,

@@ -1,4 +1,4 @@
-"""What is known of a recording before its first step, as a `Recording`."""
+"""Describes a recording before its first step, as a `Recording`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.record.foreign_environment import agents_of, horizon_of, library_of, task_name
-from swarmdata.record.row_reader import Reader
+from swarmdata.record.agent_reader import AgentReader
+from swarmdata.record.foreign_environment import describe_agents, horizon_of, library_of, task_name
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, Splits
 from swarmdata.specs.spaces import width
@@ -16,7 +16,7 @@ from swarmdata.specs.task_spec import TaskSpec
 StateSource = Literal["environment", "observations"]
 
 
-def is_ours(env: Any) -> bool:
+def is_own_task(env: Any) -> bool:
     """Whether an environment is a task of this library behind PettingZoo's interface."""
     if not isinstance(getattr(env, "spec", None), TaskSpec):
         return False
@@ -25,7 +25,7 @@ def is_ours(env: Any) -> bool:
     return isinstance(env, ParallelWorld)
 
 
-def describe(
+def describe_recording(
     env: Any,
     id: str,
     policies: Sequence[str | PolicySource],
@@ -36,23 +36,23 @@ def describe(
     seed: int,
     splits: Splits,
 ) -> Recording:
-    """Returns the recording as far as it is known; a foreign spec lacks its state.
+    """Returns the recording; a foreign spec has no states yet, which only a reset shows.
 
     Raises:
         SpecError: the environment, the id or the metadata cannot be stored.
     """
-    if is_ours(env):
+    if is_own_task(env):
         unwanted = {"task": task, "options": options, "horizon": horizon}
         if given := [name for name, value in unwanted.items() if value is not None]:
-            raise SpecError(f"{given} are in the spec of {env.spec.task}; leave them out")
+            raise SpecError(f"the spec of {env.spec.task} already has {given}; leave them out")
         spec: TaskSpec | RecordedSpec = env.spec
     else:
         library, version = library_of(env)
         spec = foreign_spec(
-            agents_of(env), task or task_name(env), library, version, options,
+            describe_agents(env), task or task_name(env), library, version, options,
             horizon or horizon_of(env),
         )  # fmt: skip
-    return recording_of(spec, id, policies, metadata, seed, splits)
+    return make_recording(spec, id, policies, metadata, seed, splits)
 
 
 def foreign_spec(
@@ -63,7 +63,7 @@ def foreign_spec(
     options: Mapping[str, Any] | None,
     horizon: int | None,
 ) -> RecordedSpec:
-    """The spec of a foreign environment with states from observations, of size 0 as yet."""
+    """The spec of a foreign environment, with states from observations whose size is still 0."""
     content = {
         "task": task,
         "library": library,
@@ -77,7 +77,7 @@ def foreign_spec(
     return RecordedSpec.parse(content, f"the recording of {task}")
 
 
-def recording_of(
+def make_recording(
     spec: TaskSpec | RecordedSpec,
     id: str,
     policies: Sequence[str | PolicySource],
@@ -85,10 +85,10 @@ def recording_of(
     seed: int,
     splits: Splits,
 ) -> Recording:
-    """Puts a recording together.
+    """Returns the recording of an environment by some policies.
 
     Raises:
-        SpecError: the id is not one of this environment, or two policies have one label.
+        SpecError: the id does not begin with the environment's name, or two policies share a label.
     """
     sources = tuple(
         PolicySource.parse({"label": p, "name": "external"}) if isinstance(p, str) else p
@@ -99,7 +99,7 @@ def recording_of(
         raise SpecError(f"policies are {labels}, expected 1 to {MOST_POLICIES} different labels")
     if not id.startswith(f"{spec.task}-"):
         raise SpecError(
-            f"id {id!r} does not begin with its environment's name: expected "
+            f"id {id!r} does not begin with the environment's name: expected "
             f"'{spec.task}-NAME-v0', or another `task`."
         )
     content = {
@@ -116,23 +116,20 @@ def recording_of(
 
 def state_source(
     env: Any,
-    reader: Reader,
+    reader: AgentReader,
     wanted: Literal["auto", "environment", "observations"],
 ) -> tuple[StateSource, int]:
-    """Where states come from, and their size; asked right after a reset.
+    """Where states come from, and their size; to be called right after a reset.
 
     Raises:
-        SchemaError: states of the environment are wanted and it has none.
+        SchemaError: `state()` is wanted or exists, and fails.
     """
     if wanted != "observations":
         try:
             return "environment", int(np.asarray(env.state()).size)
         except (NotImplementedError, AttributeError) as error:
             # AttributeError: a class that only looks like ParallelEnv and has no `state`
-            if wanted == "environment" or not _lacks_state(env, error):
+            lacks_state = isinstance(error, NotImplementedError) or not hasattr(env, "state")
+            if wanted == "environment" or not lacks_state:
                 raise SchemaError(f"state() of {env} does not work: {error!r}") from error
     return "observations", sum(width(agent.observation) for agent in reader.agents)
-
-
-def _lacks_state(env: Any, error: Exception) -> bool:
-    return isinstance(error, NotImplementedError) or not hasattr(env, "state")

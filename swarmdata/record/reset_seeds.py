@@ -1,4 +1,4 @@
-"""Seeds of resets that the user gives none: reproducible, and never twice in a dataset."""
+"""Seeds for resets without one: reproducible, and never twice in a dataset."""
 
 import hashlib
 from dataclasses import dataclass
@@ -10,10 +10,9 @@ from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.types import Seeds
 
 DRAWN_BITS = 31
-"""Of drawn seeds; many environments take 32 bits at most."""
+"""Bits of drawn seeds; many environments accept at most 32 bits."""
 
-_EVALUATION = 1 << DRAWN_BITS
-_STREAM = 6  # behind those of `seeding.STREAMS`
+_RESET_STREAM = 6  # the first number that `numerics.random.STREAMS` does not use
 
 
 @dataclass(slots=True)
@@ -21,8 +20,8 @@ class SeedStream:
     """Draws seeds that were not used before.
 
     Attributes:
-        seed: of the stream.
-        used: seeds of the episodes that are there.
+        seed: seed of the stream itself.
+        used: seeds of the recorded episodes.
     """
 
     seed: int
@@ -30,34 +29,35 @@ class SeedStream:
     n_drawn: int = 0
 
     def draw(self) -> int:
-        """Returns the next seed, below 2**31."""
+        """Returns an unused seed below 2**31."""
         while True:
-            value = int(derive(self.seed, _STREAM, self.n_drawn)[0]) >> (64 - DRAWN_BITS)
+            value = int(derive(self.seed, _RESET_STREAM, self.n_drawn)[0]) >> (64 - DRAWN_BITS)
             self.n_drawn += 1
             if value not in self.used:
                 self.used.add(value)
                 return value
 
     def take(self, seed: int) -> int:
-        """Returns a seed that the user gave, which is not drawn any more.
+        """Marks the user's seed as used and returns it.
 
         Raises:
-            SchemaError: it cannot be stored, or is reserved for evaluation.
+            SchemaError: the seed cannot be stored, or is reserved for evaluation.
         """
         if not 0 <= seed < EVALUATION_BASE:
             raise SchemaError(
-                f"seed {seed} cannot be recorded: expected 0 to 2**62 - 1; the seeds from there "
-                "on are reserved for evaluation."
+                f"seed {seed} cannot be recorded: expected 0 to 2**62 - 1; larger seeds are "
+                "reserved for evaluation."
             )
         self.used.add(int(seed))
         return int(seed)
 
 
 def default_seed(id: str) -> int:
-    """A seed for the dataset of this id, the same in every process, another for other ids."""
+    """A seed that depends on the dataset's id only."""
     return int.from_bytes(hashlib.sha256(id.encode()).digest()[:4], "big")
 
 
 def foreign_evaluation_seeds(n_episodes: int) -> Seeds:
-    """Seeds that a recorder never draws, and that fit into 32 bits, 2**31 and on, [n_episodes]."""
-    return np.arange(_EVALUATION, _EVALUATION + n_episodes, dtype=np.uint64)
+    """Seeds from 2**31 on: they fit into 32 bits, and recorders never draw them, [n_episodes]."""
+    first = 1 << DRAWN_BITS
+    return np.arange(first, first + n_episodes, dtype=np.uint64)

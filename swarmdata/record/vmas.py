@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
-from swarmdata.record.episode_buffer import Outcome, StateRow, StepRow, Tape
+from swarmdata.record.agent_reader import SUCCESS_KEYS, combine_outcomes
+from swarmdata.record.episode_buffer import EpisodeBuffer, Outcome, StateRow, StepRow
 from swarmdata.record.foreign_environment import clean_name, library_version
-from swarmdata.record.recording_description import foreign_spec, recording_of
+from swarmdata.record.recording_description import foreign_spec, make_recording
+from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream, default_seed
-from swarmdata.record.row_reader import SUCCESS
-from swarmdata.record.session import Limits, RecordingFolder, Session
 from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
-from swarmdata.specs.spaces import width
+from swarmdata.specs.spaces import stack_agents, width
 from swarmdata.types import Bool, Float, no_messages
 
-Policy = Callable[[Any], Any]
-"""Observations as VMAS gives them, a list or dictionary of tensors [E, ...], to actions of all
-agents, a list or dictionary of tensors [E, A]."""
+VmasPolicy = Callable[[Any], Any]
+"""Maps VMAS's observations, a list or dictionary of tensors [E, ...], to actions of all agents, a
+list or dictionary of tensors [E, A]."""
 
 
 def record_vmas(
     env: Any,
-    policy: Policy,
+    policy: VmasPolicy,
     n_episodes: int,
     *,
     id: str,
@@ -48,27 +48,27 @@ def record_vmas(
 ) -> Dataset:
     """Plays episodes in all copies of a VMAS environment at once and makes a dataset of them.
 
-    Copies that end early wait for the others. Killed and called again with the same arguments, it
-    goes on. States are all observations in one: VMAS has no state.
+    Copies that end early wait for the others. After a kill, a call with the same arguments
+    continues the recording. States are the concatenated observations, because VMAS has no state.
 
     Args:
         env: `vmas.make_env(..., max_steps=T, terminated_truncated=True)`; its copies are reset.
         policy: acts in all copies.
-        n_episodes: of the dataset.
-        id: of the dataset: `<task>[-<variant>]-<name>-v<k>`.
-        path: the dataset's folder, which must not exist.
+        n_episodes: number of episodes of the dataset.
+        id: id of the dataset, `<task>[-<variant>]-<name>-v<k>`.
+        path: folder of the dataset, which must not exist.
         task: name of the scenario; by default that of its file.
-        policies: one label, or more about the policy.
-        options: that the environment was made with, JSON values.
-        metadata: what readers should know: `author`, `license`, `description`, `code` and others.
-        seed: of the splits and the resets; by default one that follows from `id`.
+        policies: label or description of the policy.
+        options: JSON values that the environment was made with.
+        metadata: information for readers, such as `author`, `license`, `description` and `code`.
+        seed: seed of the splits and resets; by default derived from `id`.
         splits: how many episodes are held out.
-        limits: of what may be lost when the process is killed.
+        limits: when finished episodes are written.
 
     Raises:
-        SpecError: the environment does not tell its horizon from its end, or cannot be stored.
-        SchemaError: a value that is not finite, or of the wrong shape.
-        BuildError: `path` exists, or another process records to it.
+        SpecError: the environment does not tell truncation from termination, or cannot be stored.
+        SchemaError: a value is not finite or has the wrong shape.
+        BuildError: `path` exists, or another process is recording to it.
     """
     if Path(path).exists():
         raise BuildError(f"{path} exists. Record to another path, or delete it.")
@@ -76,7 +76,7 @@ def record_vmas(
         raise SpecError(f"policies are {policies}, expected one: record_vmas plays one policy")
     spec = _spec_of(env, task, options)
     seed = default_seed(id) if seed is None else seed
-    recording = recording_of(spec, id, policies, metadata, seed, splits or Splits())
+    recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
     folder = RecordingFolder(Path(path), limits)
     try:
         folder.claim(Session(recording=recording, log_probs=False, masks=False))
@@ -94,8 +94,8 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
         raise SpecError(
             f"the VMAS environment has max_steps={env.max_steps} and "
             f"terminated_truncated={env.terminated_truncated}: make it with max_steps=T and "
-            "terminated_truncated=True. Otherwise nobody can tell its horizon from an end, and "
-            "values would not be bootstrapped where they must be."
+            "terminated_truncated=True. Otherwise truncations look like terminations, and values "
+            "would not be bootstrapped where they must be."
         )
     agents = []
     for index, agent in enumerate(env.agents):
@@ -107,79 +107,61 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
     # VMAS loads scenarios from files, without a module's name
     file = Path(type(env.scenario).make_world.__code__.co_filename)
     name = task or clean_name(file.stem)
-    settings = {"num_envs": env.num_envs, **(options or {})}  # on which episodes depend
+    settings = {"num_envs": env.num_envs, **(options or {})}  # episodes depend on both
     spec = foreign_spec(agents, name, "vmas", library_version("vmas"), settings, env.max_steps)
     size = sum(width(agent.observation) for agent in agents)
     return spec.model_copy(update={"state_size": size})
 
 
-def _play(env: Any, policy: Policy, spec: RecordedSpec, seed: int) -> list[Any]:
-    """One episode of each copy, from one reset."""
+def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Any]:
+    """Plays one episode in each copy, from one reset."""
     E = env.num_envs
     alive = np.ones(E, np.bool_)
-    given = env.reset(seed=seed)
+    observations = env.reset(seed=seed)
     layout = np.zeros((0, 8), np.float32)
-    first = _states(spec, given, alive)
-    tapes = [Tape(seed * E + copy, 0, layout, [first[copy]]) for copy in range(E)]
+    first = _states(spec, observations, alive)
+    buffers = [EpisodeBuffer(seed * E + copy, 0, layout, [first[copy]]) for copy in range(E)]
     outcomes: list[Outcome] = [None] * E
     while alive.any():
-        actions = policy(given)
-        taken = _joined(spec, actions, "action")  # a copy, before the environment has them
-        given, rewards, terminated, truncated, infos = env.step(actions)
+        actions = policy(observations)
+        # copied before the environment can change them
+        actions_taken = stack_agents(_rows_by_agent(spec, actions, "action"))
+        observations, rewards, terminated, truncated, infos = env.step(actions)
         ended, cut = _flags(terminated, E), _flags(truncated, E)
-        reached = _states(spec, given, alive & ~ended & ~cut)
-        paid = _joined(spec, rewards, "reward")
+        states = _states(spec, observations, alive & ~ended & ~cut)
+        agent_rewards = stack_agents(_rows_by_agent(spec, rewards, "reward"))
         for copy in np.flatnonzero(alive).tolist():
-            step = _step_of(taken[copy], paid[copy], ended[copy], cut[copy])
-            tapes[copy].add(step, reached[copy])
+            step = StepRow(
+                actions=actions_taken[copy],
+                log_probs=np.zeros(0, np.float32),
+                rewards=agent_rewards[copy, :, 0],
+                terminations=np.full(spec.n_agents, ended[copy]),
+                truncations=np.full(spec.n_agents, cut[copy] and not ended[copy]),
+                events=np.zeros((spec.n_agents, 0), np.uint8),
+            )
+            buffers[copy].add(step, states[copy])
             if ended[copy] or cut[copy]:
                 outcomes[copy] = _outcome(infos, copy)
         alive &= ~ended & ~cut
-    return [tape.episode(outcome) for tape, outcome in zip(tapes, outcomes, strict=True)]
+    return [buffer.episode(outcome) for buffer, outcome in zip(buffers, outcomes, strict=True)]
 
 
-def _step_of(actions: Float, rewards: Float, is_ended: bool, is_cut: bool) -> StepRow:
-    N = len(actions)
-    return StepRow(
-        actions=actions,
-        log_probs=np.zeros(0, np.float32),
-        rewards=rewards[:, 0],
-        terminations=np.full(N, is_ended),
-        truncations=np.full(N, is_cut and not is_ended),
-        events=np.zeros((N, 0), np.uint8),
-    )
-
-
-def _states(spec: RecordedSpec, given: Any, alive: Bool) -> list[StateRow]:
-    """What every copy has reached."""
-    plain = _by_agent(spec, given, "observation")
-    rows, states = _stacked(plain), np.concatenate(plain, axis=1)
-    there = np.repeat(alive[:, None], spec.n_agents, axis=1)
+def _states(spec: RecordedSpec, observations: Any, alive: Bool) -> list[StateRow]:
+    """The state of each copy."""
+    rows_by_agent = _rows_by_agent(spec, observations, "observation")
+    rows, states = stack_agents(rows_by_agent), np.concatenate(rows_by_agent, axis=1)
+    agents_alive = np.repeat(alive[:, None], spec.n_agents, axis=1)
     return [
-        StateRow(rows[copy], states[copy], there[copy], None, **no_messages(spec.n_agents))
+        StateRow(rows[copy], states[copy], agents_alive[copy], None, **no_messages(spec.n_agents))
         for copy in range(len(alive))
     ]
 
 
-def _joined(spec: RecordedSpec, given: Any, what: str) -> Float:
-    """Values of all agents, padded to the widest, [E, N, F]."""
-    return _stacked(_by_agent(spec, given, what))
-
-
-def _stacked(plain: Sequence[Float]) -> Float:
-    """Rows of each agent, [E, F_i], as [E, N, F]."""
-    widest = max(rows.shape[1] for rows in plain)
-    stacked = np.zeros((len(plain[0]), len(plain), widest), np.float32)
-    for index, rows in enumerate(plain):
-        stacked[:, index, : rows.shape[1]] = rows
-    return stacked
-
-
-def _by_agent(spec: RecordedSpec, given: Any, what: str) -> list[Float]:
-    """Rows of each agent, [E, F_i], as new arrays; checked against the agent's space.
+def _rows_by_agent(spec: RecordedSpec, given: Any, what: str) -> list[Float]:
+    """Copies of each agent's values as rows, [E, F_i], checked against the agent's space.
 
     Raises:
-        SchemaError: of another width, or not finite.
+        SchemaError: values have the wrong width or are not finite.
     """
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
     found = []
@@ -198,7 +180,7 @@ def _by_agent(spec: RecordedSpec, given: Any, what: str) -> list[Float]:
 
 
 def _numbers(value: Any) -> Float:
-    """A tensor [E, ...], or a dictionary of such in the order of its sorted keys, as [E, F]."""
+    """A tensor [E, ...], or a dictionary of tensors in the order of its sorted keys, as [E, F]."""
     if isinstance(value, dict):
         return np.concatenate([_numbers(value[key]) for key in sorted(value)], axis=1)
     array: NDArray[Any] = _array(value)
@@ -214,7 +196,10 @@ def _flags(tensor: Any, n_copies: int) -> Bool:
 
 
 def _outcome(infos: Any, copy: int) -> Outcome:
-    """What the infos say of one copy, as `reading.Reader.outcome`."""
-    each = infos.values() if isinstance(infos, dict) else infos
-    said = [bool(_array(info[key])[copy].all()) for info in each for key in SUCCESS if key in info]
-    return None if not said else "success" if all(said) else "failure"
+    """The outcome that the infos report for one copy."""
+    return combine_outcomes(
+        bool(_array(info[key])[copy].all())
+        for info in (infos.values() if isinstance(infos, dict) else infos)
+        for key in SUCCESS_KEYS
+        if key in info
+    )

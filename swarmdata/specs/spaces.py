@@ -5,7 +5,7 @@ space one column with the value, a dictionary its entries in the order of their 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from typing import Annotated, Any, Literal
 
@@ -197,3 +197,12 @@ def _entry(value: Mapping[str, Any], key: str, where: str) -> Any:
 
 def _joined(parts: list[NDArray[np.float32]]) -> Float:
     return np.concatenate([np.zeros(0, np.float32), *parts])
+
+
+def stack_agents(rows: Sequence[NDArray[Any]]) -> Float:
+    """Stacks one array [..., F_i] for each of N agents: [..., N, max F_i], zeros on the right."""
+    widest = max(each.shape[-1] for each in rows)
+    stacked = np.zeros((*rows[0].shape[:-1], len(rows), widest), dtype=np.float32)
+    for agent, each in enumerate(rows):
+        stacked[..., agent, : each.shape[-1]] = each
+    return stacked

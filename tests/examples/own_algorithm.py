@@ -1,10 +1,10 @@
-"""An algorithm of one's own in 40 lines: trained on a dataset, evaluated and reported like ours.
+"""An algorithm of your own: trains on a dataset and writes results for `swarmdata report`.
 
     python tests/examples/own_algorithm.py coop_nav-medium-mini results
     swarmdata report results --out report
 
-It clones the joint actions that did better than a learned value of their state (MARWIL, Wang et
-al. 2018), and uses nothing but what the documentation calls public.
+The algorithm is MARWIL (Wang et al. 2018): it imitates joint actions, with more weight on those
+that did better than the value of their state. It uses public names of swarmdata only.
 """
 
 import sys
@@ -16,7 +16,7 @@ import swarmdata
 
 
 def perceptron(inputs: int, outputs: int) -> torch.nn.Sequential:
-    """Two hidden layers, in float64, so that evaluation does not depend on its batches."""
+    """Two hidden layers, in float64, so that evaluation does not depend on the batch size."""
     layers = torch.nn.Linear(inputs, 128), torch.nn.ReLU(), torch.nn.Linear(128, 128)
     return torch.nn.Sequential(*layers, torch.nn.ReLU(), torch.nn.Linear(128, outputs)).double()
 
@@ -24,7 +24,7 @@ def perceptron(inputs: int, outputs: int) -> torch.nn.Sequential:
 def train(
     dataset: swarmdata.Dataset, seed: int, n_updates: int, beta: float = 2.0, discount: float = 0.95
 ) -> swarmdata.FunctionPolicy:
-    """The training loop; `batch` has terminations, truncations and what was reached by a step."""
+    """Trains one seed and returns its policy."""
     torch.manual_seed(seed)
     first = dataset[0]  # an episode: observations [T + 1, N, O], states [T + 1, S], ...
     actor = perceptron(first.observations.shape[2], first.actions.shape[2])
@@ -36,7 +36,7 @@ def train(
     for _ in range(n_updates):
         batch = next(sampler).to_torch()
         v = value(batch.states.double())[:, 0]  # [B]
-        with torch.no_grad():  # a truncation does not stop the bootstrap: the task went on
+        with torch.no_grad():  # a truncation does not stop the bootstrap, a termination does
             v_next = value(batch.next_states.double())[:, 0]
             target = batch.rewards.mean(1) + discount * ~batch.terminations * v_next
             advantage = (target - v) / (target - v).std()
@@ -48,7 +48,7 @@ def train(
         adam.step()
 
     @torch.no_grad()
-    def act(observations: object) -> torch.Tensor:  # [E, N, O] of E copies of the world
+    def act(observations: object) -> torch.Tensor:  # [E, N, O] to [E, N, A], E copies
         return actor((torch.as_tensor(observations) - mean) / std).tanh()
 
     return swarmdata.FunctionPolicy(act)
@@ -57,18 +57,18 @@ def train(
 def main(
     dataset_id: str, out: Path, n_seeds: int = 3, n_updates: int = 3000, n_episodes: int = 1000
 ) -> list[Path]:
-    """Trains, evaluates on the reserved seeds, and writes one result file for each seed."""
+    """Trains, evaluates on the reserved seeds, and writes a result file for each seed."""
     dataset, files = swarmdata.load(dataset_id), []
     for seed in range(n_seeds):
         policy = train(dataset, seed, n_updates)
         result = swarmdata.evaluate(policy, dataset.task, name="mine", n_episodes=n_episodes)
         means = {name: result.metrics[name].mean() for name in ("return", "success")}
         print(f"seed {seed}: return {means['return']:.2f}, success {means['success']:.2f}")
-        who = swarmdata.Provenance(
+        provenance = swarmdata.Provenance(
             label="mine", index=seed, seed=seed, algorithm="mine", updates=n_updates,
             dataset=dataset.id, digest=dataset.digest,
         )  # fmt: skip
-        measured = swarmdata.Result(result, who, dataset.task)
+        measured = swarmdata.Result(result, provenance, dataset.task)
         files.append(swarmdata.save_result(measured, out))
     return files
 

@@ -1,9 +1,10 @@
-"""Records MPE2's simple_spread_v3, trains MADDPG+BC on the recording, and plays what was learned.
+"""Records MPE2's simple_spread_v3, trains MADDPG+BC on the recording, and plays the result.
 
     python tests/examples/record_simple_spread.py FOLDER
 
-makes FOLDER/simple_spread_v3-mixed-v0 (the dataset), FOLDER/run (the training run), and prints the
-returns of random actions, of the recorded policies and of the learned ones. Needs `mpe2` and torch.
+writes the dataset FOLDER/simple_spread_v3-mixed-v0 and the training run FOLDER/run, and prints the
+returns of random actions, of the recorded policies and of the learned ones. It needs mpe2 and
+torch.
 """
 
 import os
@@ -20,32 +21,32 @@ import swarmdata
 ID = "simple_spread_v3-mixed-v0"
 OPTIONS = {"continuous_actions": True, "max_cycles": 25}
 GAINS = {"careful": 1.0, "hasty": 6.0}
-"""How hard each policy pushes towards its landmark, whatever the others do."""
+"""How hard each recorded policy pushes towards its landmark; it ignores the other agents."""
 
 
 def make_env() -> Any:
-    """Three agents that should cover three landmarks."""
+    """Makes the environment: three agents that should cover three landmarks."""
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pygame, without a window
     from mpe2 import simple_spread_v3
 
-    with warnings.catch_warnings():  # PettingZoo announces another way to make environments
+    with warnings.catch_warnings():  # PettingZoo deprecates this way to make environments
         warnings.simplefilter("ignore", DeprecationWarning)
         return simple_spread_v3.parallel_env(**OPTIONS)
 
 
 def drive(index: int, observation: Any, gain: float, noise: Any) -> Any:
-    """Pushes agent `index` to the landmark of its number.
+    """Pushes agent `index` towards the landmark with the same index.
 
-    An observation begins with the agent's velocity, its place, and the ways to the landmarks; an
-    action holds nothing, left, right, down and up, each from 0 to 1.
+    An observation begins with the agent's velocity, its position, and the displacements of the
+    landmarks; an action has five components, no-op, left, right, down and up, each from 0 to 1.
     """
-    velocity, way = observation[0:2], observation[4 + 2 * index : 6 + 2 * index]
-    right, up = np.clip(gain * way - velocity + noise, -1, 1)
+    velocity, displacement = observation[0:2], observation[4 + 2 * index : 6 + 2 * index]
+    right, up = np.clip(gain * displacement - velocity + noise, -1, 1)
     return np.array([0, max(-right, 0), max(right, 0), max(-up, 0), max(up, 0)], dtype=np.float32)
 
 
 def record(path: Path, n_episodes: int = 200) -> swarmdata.Dataset:
-    """Records two scripted policies with noise, in turns."""
+    """Records two noisy scripted policies, which take turns by episode."""
     rng = np.random.default_rng(0)
     recorder = swarmdata.Recorder(
         make_env(),
@@ -83,7 +84,7 @@ def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[swarmda
 
 
 def spec_of(dataset: swarmdata.Dataset) -> swarmdata.RecordedSpec:
-    """What was recorded."""
+    """The spec of the recorded environment."""
     assert isinstance(dataset.spec, swarmdata.RecordedSpec)
     return dataset.spec
 
@@ -91,7 +92,7 @@ def spec_of(dataset: swarmdata.Dataset) -> swarmdata.RecordedSpec:
 def play(
     policies: Sequence[swarmdata.Policy], spec: swarmdata.RecordedSpec, n_episodes: int = 30
 ) -> list[float]:
-    """Mean return of each policy in the environment, on seeds that no recorder draws."""
+    """Mean return of each policy in the environment, on the seeds reserved for evaluation."""
     seeds = swarmdata.foreign_evaluation_seeds(n_episodes)
     results = [swarmdata.evaluate_parallel(policy, make_env, spec, seeds) for policy in policies]
     return [float(result.metrics["return"].mean()) for result in results]
@@ -112,20 +113,19 @@ def play_random(n_episodes: int = 30) -> float:
 
 
 def main(folder: Path, n_episodes: int = 200, n_updates: int = 1500) -> dict[str, float]:
-    """Records, trains and plays; returns mean returns by name, and prints them."""
+    """Records, trains and plays; prints and returns mean returns by name."""
     dataset = record(folder / ID, n_episodes)
-    found = {"random actions": play_random()}
+    returns = {"random actions": play_random()}
     for label in GAINS:
-        found[f"recorded: {label}"] = float(
-            dataset.filter(policy=label).episodes.team_return.mean()
-        )
+        episodes = dataset.filter(policy=label).episodes
+        returns[f"recorded: {label}"] = float(episodes.team_return.mean())
     policies = train(folder / ID, folder / "run", n_updates)
     for index, mean in enumerate(play(policies, spec_of(dataset))):
-        found[f"learned: seed {index}"] = mean
+        returns[f"learned: seed {index}"] = mean
     print(dataset)
-    for name, mean in found.items():
+    for name, mean in returns.items():
         print(f"{name:20} {mean:8.2f}")
-    return found
+    return returns
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The example trains, and what it writes is read as results beside others."""
+"""The example trains, and its results are reported beside others."""
 
 from pathlib import Path
 
@@ -8,10 +8,6 @@ import pytest
 pytest.importorskip("torch")
 
 import swarmdata
-from swarmdata.evaluation.results.result_files import Result, save_result
-from swarmdata.evaluation.results.result_set import read_results
-from swarmdata.evaluation.runs.provenance import Provenance
-from swarmdata.registry.components import make_policy
 from tests.examples import own_algorithm as example
 from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
@@ -27,26 +23,27 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
 
 def test_a_short_run_is_reported_beside_others(dataset: swarmdata.Dataset, tmp_path: Path) -> None:
     files = example.main(str(dataset.path), tmp_path, n_seeds=2, n_updates=3, n_episodes=2)
-    idle = make_policy("idle", dataset.task)
+    idle = swarmdata.make_policy("idle", dataset.task)
     other = swarmdata.evaluate(idle, dataset.task, name="idle", n_episodes=2, progress=False)
-    who = Provenance(label="idle", dataset=dataset.id, digest=dataset.digest, algorithm="idle")
-    save_result(Result(other, who, dataset.task), tmp_path)
-    (case,) = read_results([tmp_path], data=[dataset.path]).cases
+    provenance = swarmdata.Provenance(
+        label="idle", dataset=dataset.id, digest=dataset.digest, algorithm="idle"
+    )
+    swarmdata.save_result(swarmdata.Result(other, provenance, dataset.task), tmp_path)
+    (case,) = swarmdata.read_results([tmp_path], data=[dataset.path]).cases
     assert set(case.runs) == {"mine", "idle"}
     assert [result.path for result in case.runs["mine"]] == files
     assert case.metric("mine", "return").shape == (2, 2)
     assert [result.provenance.seed for result in case.runs["mine"]] == [0, 1]
 
 
-def test_a_seed_decides_the_policy(dataset: swarmdata.Dataset) -> None:
+def test_the_seed_determines_the_policy(dataset: swarmdata.Dataset) -> None:
     step = dataset.make_env(2).reset(np.arange(2, dtype=np.uint64))
     actions = [example.train(dataset, seed, 3).act(step) for seed in (0, 0, 1)]
     assert np.array_equal(actions[0], actions[1])
     assert not np.array_equal(actions[0], actions[2])
 
 
-def test_it_is_forty_lines() -> None:
-    """The training loop, from its definition to the policy that it returns."""
+def test_the_training_loop_has_forty_lines() -> None:
     lines = Path(example.__file__).read_text(encoding="utf-8").splitlines()
     start, end = (
         lines.index(x) for x in ("def train(", "    return swarmdata.FunctionPolicy(act)")

@@ -1,4 +1,4 @@
-"""The example reads a dataset where nothing of ours can be imported, and gets its rewards."""
+"""The example computes a dataset's rewards where our package cannot be imported."""
 
 import subprocess
 import sys
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def differences(folder: Path, cwd: Path) -> list[float]:
-    """What the example says, run elsewhere by an interpreter without our packages."""
+    """The example's differences by episode, run by an interpreter without our packages."""
     done = subprocess.run(
         [sys.executable, "-I", "-c", CODE, EXAMPLE, folder],
         capture_output=True,
@@ -59,14 +59,14 @@ def differences(folder: Path, cwd: Path) -> list[float]:
 
 
 def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path: Path) -> None:
-    """Row 44: an outsider could not: neither the terms nor the columns were in the folder."""
+    """Row 44: the folder alone explains its columns and reward terms."""
     stored = open_store(folder)
     found = differences(folder, tmp_path)
     assert len(found) == len(stored.table)
     assert max(found) < 1e-5
     kinds = stored.table.layouts[..., 0]
-    assert set(np.unique(kinds)) == {0, 1, 2, 3}, "some shape is not tried"
-    assert stored.arrays["events"].any(axis=(0, 1)).all(), "some event is not tried"
+    assert set(np.unique(kinds)) == {0, 1, 2, 3}, "the data lack a shape of obstacles"
+    assert stored.arrays["events"].any(axis=(0, 1)).all(), "the data lack an event"
 
 
 def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:

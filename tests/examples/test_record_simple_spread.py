@@ -1,11 +1,11 @@
-"""The example runs, and what it learns is better than chance."""
+"""The example runs, and the learned policies are better than random actions."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from swarmdata.specs.origins import RecordedSpec
+import swarmdata
 from tests.examples import record_simple_spread as example
 
 pytest.importorskip("mpe2")
@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 
 def test_a_short_run(tmp_path: Path) -> None:
     dataset = example.record(tmp_path / example.ID, n_episodes=10)
-    assert isinstance(dataset.spec, RecordedSpec)
+    assert isinstance(dataset.spec, swarmdata.RecordedSpec)
     assert dataset.filter(policy="hasty").n_episodes == 5
     assert "| author | swarmdata's examples |" in dataset.card
     policies = example.train(dataset.path, tmp_path / "run", n_updates=10)
@@ -23,7 +23,7 @@ def test_a_short_run(tmp_path: Path) -> None:
 
 @pytest.mark.learns
 def test_what_is_learned_beats_random_actions(tmp_path: Path) -> None:
-    found = example.main(tmp_path)
-    assert found["recorded: careful"] > found["random actions"] + 5
+    returns = example.main(tmp_path)
+    assert returns["recorded: careful"] > returns["random actions"] + 5
     for seed in (0, 1):
-        assert found[f"learned: seed {seed}"] > found["random actions"] + 5
+        assert returns[f"learned: seed {seed}"] > returns["random actions"] + 5

@@ -15,7 +15,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, RecipeConflictError
 from swarmdata.record import Recorder, recover
-from swarmdata.record.session import look, recording_folder
+from swarmdata.record.recording_folder import inspect_recording, unfinished_folder
 from swarmdata.store import open_store, read_part_table
 from swarmdata.testing.synthetic import make_dataset
 from tests.record.worlds import Counting, play, steady
@@ -82,7 +82,9 @@ def kill_while_recording(path: Path, n_kills: int) -> int:
         returned, lines = run_and_kill(code, path, rng.uniform(0.0, 0.15))
         assert returned == -signal.SIGKILL
         told = [int(line) for line in lines if line.isdecimal()]
-        ((_, found, _),) = look(path).policies if recording_folder(path).exists() else ((0, 0, 0),)
+        ((_, found, _),) = (
+            inspect_recording(path).policies if unfinished_folder(path).exists() else ((0, 0, 0),)
+        )
         assert found >= survived, "what was written is never lost"
         assert found >= max(told, default=0) - 2, "only the running part is"
         survived = found
@@ -133,9 +135,9 @@ def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
             break
         if path.exists():
             open_store(path, "full")  # published in one rename
-        if not recording_folder(path).exists():
+        if not unfinished_folder(path).exists():
             break
-    dataset = recover(path) if recording_folder(path).exists() else Dataset.open(path)
+    dataset = recover(path) if unfinished_folder(path).exists() else Dataset.open(path)
     check_whole(dataset)
     assert dataset.digest == whole.digest
     assert (path / "card.md").exists()
@@ -144,10 +146,10 @@ def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
 def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
     """Row 02: parts that are left over do no harm."""
     path = interrupted(tmp_path / "ds", 12)
-    shutil.copytree(recording_folder(path), tmp_path / "kept")
+    shutil.copytree(unfinished_folder(path), tmp_path / "kept")
     digest = recover(path).digest
-    shutil.copytree(tmp_path / "kept", recording_folder(path))
-    for part in recording_folder(path).glob("part-*"):
+    shutil.copytree(tmp_path / "kept", unfinished_folder(path))
+    for part in unfinished_folder(path).glob("part-*"):
         (part / "episodes.npy").unlink()
     (path / "card.md").unlink()
     assert recover(path).digest == digest
@@ -176,10 +178,10 @@ def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> Non
 def test_a_damaged_part_is_named(tmp_path: Path) -> None:
     """Row 09: of a recording that is not finished."""
     path = interrupted(tmp_path / "ds", 12)
-    (part,) = recording_folder(path).glob("part-*")
+    (part,) = unfinished_folder(path).glob("part-*")
     assert len(read_part_table(part)) == 12
     with (part / "rewards.npy").open("r+b") as file:
         file.truncate(100)
     with pytest.raises(DatasetError, match=r"rewards.npy .* Delete the part"):
         recover(path)
-    assert recording_folder(path).exists(), "the rest is kept"
+    assert unfinished_folder(path).exists(), "the rest is kept"

@@ -17,7 +17,7 @@ import pytest
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.interop.conversion.incoming import Shapes, measured_spec
+from swarmdata.interop.conversion.imported_data import AgentShapes, spec_from_shapes
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env, make_policy
@@ -313,9 +313,9 @@ def test_strange_names_in_the_data_of_others_are_errors_of_ours(tmp_path: Path) 
     env.possible_agents = ["../../x", "b"]
     with pytest.raises(SpecError, match="is no name"):
         Recorder(env, id="counting_v1-a-v0", path=tmp_path / "b")
-    shapes = Shapes(observations=(2,), actions=(1,), choices=0, states=0)
+    shapes = AgentShapes(observations=(2,), actions=(1,), choices=0, states=0)
     with pytest.raises(SpecError, match="is no name"):
-        measured_spec("a", shapes, Choices(agents=("a\x1b",)))
+        spec_from_shapes("a", shapes, Choices(agents=("a\x1b",)))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -20,7 +20,7 @@ from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.hub.catalog.request import request_of_recipe
 from swarmdata.hub.catalog.sources import Remotes, obtain, obtain_release
 from swarmdata.hub.remotes.pull_dataset import pull
-from swarmdata.record.session import recording_folder
+from swarmdata.record.recording_folder import unfinished_folder
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
@@ -343,7 +343,7 @@ def test_work_folders_have_names_of_ours(tmp_path: Path, monkeypatch: pytest.Mon
     assert len(names) == 1
     assert next(iter(names)).parent == tmp_path.parent
     assert build_folder(Path()) == tmp_path.parent / f"{tmp_path.name}.build"
-    assert recording_folder(Path()) == tmp_path.parent / f"{tmp_path.name}.recording"
+    assert unfinished_folder(Path()) == tmp_path.parent / f"{tmp_path.name}.recording"
 
 
 def test_a_folder_called_replay_is_the_users(tmp_path: Path) -> None:

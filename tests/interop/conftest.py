@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.kept_facts import FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
@@ -125,7 +125,7 @@ def round_trip(tmp_path: Path) -> RoundTrip:
 
     def run(dataset: Dataset, name: str) -> Dataset:
         kind = find_format(name)
-        assert set(kind.kept) | set(kind.lost) == set(FACTS)
+        assert set(kind.kept) | set(kind.lost) == set(DATASET_FACTS)
         assert not set(kind.kept) & set(kind.lost)
         path = export_dataset(dataset, tmp_path / f"{name}.there", format=name)
         back = import_dataset(

@@ -1,7 +1,7 @@
 """docs/formats.md: what each format keeps and loses, from the converters' own tables."""
 
 from swarmdata.drawing.markdown import table
-from swarmdata.interop.conversion.kept_facts import FACTS
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS
 from swarmdata.interop.formats import Format, all_formats
 
 FACT_TITLES = {
@@ -53,7 +53,7 @@ def page() -> str:
     ]
     kept = [
         [title, *(f"`{each.kept[fact]}`" if fact in each.kept else "lost" for each in written)]
-        for fact, title in ((fact, FACT_TITLES[fact]) for fact in FACTS)
+        for fact, title in ((fact, FACT_TITLES[fact]) for fact in DATASET_FACTS)
     ]
     return (
         HEAD

@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, RecipeConflictError
-from swarmdata.interop.conversion.incoming import episode_of
+from swarmdata.interop.conversion.imported_data import build_episode
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.store.scratch import scratch_folder
@@ -27,9 +27,9 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
     def interrupted(*arguments: object, **facts: object) -> Episode:
         if next(count) == 5:
             raise KeyboardInterrupt
-        return episode_of(*arguments, **facts)  # type: ignore[arg-type]
+        return build_episode(*arguments, **facts)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("swarmdata.interop.conversion.noted_data.episode_of", interrupted)
+    monkeypatch.setattr("swarmdata.interop.conversion.exported_data.build_episode", interrupted)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")

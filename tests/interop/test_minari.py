@@ -120,7 +120,7 @@ def test_cut_episodes_are_refused(tmp_path: Path) -> None:
     source = write_theirs(tmp_path / "maze", [their_episode(k, 4, False) for k in range(25)])
     with h5py.File(source / "main_data.hdf5", "r+") as file:
         file["episode_3"].attrs["total_steps"] = 40_000
-    with pytest.raises(ConversionError, match="episode 3 has 4 steps, its metadata says 40000"):
+    with pytest.raises(ConversionError, match="episode 3 has 4 steps, but its metadata says 40000"):
         import_dataset(source, tmp_path / "out", format="minari", id="maze-theirs-v0")
-    with pytest.raises(ConversionError, match="is no Minari dataset"):
+    with pytest.raises(ConversionError, match="is not a Minari dataset"):
         import_dataset(tmp_path, tmp_path / "out", format="minari", id="maze-theirs-v0")

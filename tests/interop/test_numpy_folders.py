@@ -60,7 +60,7 @@ def check(episodes: Iterable[Episode], n_episodes: int, run: int = 0) -> None:
 
 def test_one_folder(tmp_path: Path, take_in: TakeIn) -> None:
     source = write_run(tmp_path / "seed_0_data", 30)
-    with pytest.raises(ConversionError, match="does not say which episodes a time limit cut"):
+    with pytest.raises(ConversionError, match="does not say which episodes a time limit truncated"):
         take_in(source, "numpy")
     dataset = take_in(source, "numpy", time_limit=LENGTH, action_low=-1.0, action_high=1.0)
     check(dataset.episodes, 30)
@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_refused(ours: Dataset, tmp_path: Path, take_in: Ta
         take_in(tmp_path / "empty", "numpy")
     absent = write_run(tmp_path / "a", 3)
     (absent / "acs_1.npy").unlink()
-    with pytest.raises(ConversionError, match=r"acs_1\.npy is absent"):
+    with pytest.raises(ConversionError, match=r"acs_1\.npy is missing"):
         take_in(absent, "numpy", time_limit=LENGTH)
     short = write_run(tmp_path / "b", 3)
     np.save(short / "rews_1.npy", np.zeros(4))

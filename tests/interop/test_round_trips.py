@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
-from swarmdata.interop.conversion.incoming import Incoming
-from swarmdata.interop.conversion.kept_facts import FACTS, TIME_ARRAYS
-from swarmdata.interop.conversion.note import note_of, parse_note
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.export_note import note_of, parse_note
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset, source_digest
 from swarmdata.interop.export import export_dataset
@@ -33,7 +33,7 @@ WRITTEN = [
 
 
 @contextmanager
-def there_and_back(view: Dataset, name: str, path: Path) -> Iterator[Incoming]:
+def there_and_back(view: Dataset, name: str, path: Path) -> Iterator[ImportedData]:
     kind = find_format(name)
     assert kind.read is not None
     with kind.read(export_dataset(view, path, format=name), "task", Choices()) as incoming:
@@ -57,8 +57,8 @@ def test_any_view_survives(
     view = replace(whole, selection=whole.selection[sorted(chosen)])
     block = data.draw(st.sampled_from((1, 500, 1 << 20)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swarmdata.interop.conversion.kept_facts.BLOCK_BYTES", block)
-        patch.setattr("swarmdata.interop.conversion.read_ahead.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.block_reader.BLOCK_BYTES", block)
         path = tmp_path_factory.mktemp("any") / "x"
         with there_and_back(view, name, path) as incoming:
             episodes = list(incoming.episodes)
@@ -79,7 +79,7 @@ def test_tables_name_every_fact_once() -> None:
     for kind in all_formats():
         assert FORMATS[kind.name].endswith(":FORMAT")
         if kind.write is not None:
-            assert sorted([*kind.kept, *kind.lost]) == sorted(FACTS), kind.name
+            assert sorted([*kind.kept, *kind.lost]) == sorted(DATASET_FACTS), kind.name
 
 
 def test_golden_page(update_golden: bool) -> None:

@@ -19,7 +19,7 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.record import Limits, Recorder, UnfinishedEpisodeWarning, recover
-from swarmdata.record.session import look, recording_folder
+from swarmdata.record.recording_folder import inspect_recording, unfinished_folder
 from swarmdata.specs.origins import RecordedSpec, Recording
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import unflatten
@@ -280,7 +280,7 @@ def test_a_recording_goes_on_in_another_process(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="another process is recording"):
         Recorder(Counting(), id=ID, path=path)
     first.pause()
-    assert look(path).policies == (("mine", 6, 24),)
+    assert inspect_recording(path).policies == (("mine", 6, 24),)
     second = Recorder(Counting(), id=ID, path=path)
     assert second.n_episodes == 6
     play(second, 3, steady)
@@ -289,7 +289,7 @@ def test_a_recording_goes_on_in_another_process(tmp_path: Path) -> None:
     assert len(set(dataset.episodes.seeds.tolist())) == 9
     whole = record(tmp_path / "whole", Counting(), n_episodes=9)
     assert whole.digest == dataset.digest, "interruptions leave no trace"
-    assert not recording_folder(path).exists()
+    assert not unfinished_folder(path).exists()
     with pytest.raises(BuildError, match=r"exists\. Record to another path"):
         Recorder(Counting(), id=ID, path=path)
 
@@ -313,7 +313,7 @@ def test_recover_finishes_what_an_error_left(tmp_path: Path) -> None:
 
     with pytest.raises(ZeroDivisionError):
         fail()
-    dataset = recover(recording_folder(path))
+    dataset = recover(unfinished_folder(path))
     assert dataset.n_episodes == 5
     assert dataset.path == path
     assert (path / "card.md").exists()
@@ -351,7 +351,7 @@ def test_a_recording_without_train_episodes_says_so_and_keeps_them(tmp_path: Pat
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"id": "other-mine-v0"}, "does not begin with its environment's name"),
+        ({"id": "other-mine-v0"}, "does not begin with the environment's name"),
         ({"id": "counting_v1-mine"}, "id"),
         ({"policies": ("a", "a")}, "different labels"),
     ],

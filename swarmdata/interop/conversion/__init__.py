@@ -1,1 +1,1 @@
-"""What all foreign formats share: episodes cut from timelines, spaces, notes, user choices."""
+"""Parts that the converters share: timelines cut into episodes, spaces, notes, user choices."""

@@ -1,4 +1,4 @@
-"""Cuts flat timelines of foreign data into episodes, and refuses to guess where they end."""
+"""Cuts flat timelines of foreign data into episodes; ambiguous ends are errors."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.kept_facts import NEXT, STATE_ARRAYS
+from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.types import Bool
 
-Read = Callable[[slice], Mapping[str, NDArray[Any]]]
-"""Gives the rows of a slice by the names of an episode's fields, agents apart; those of `Timeline`.
+ReadRows = Callable[[slice], Mapping[str, NDArray[Any]]]
+"""Reads a slice of rows, by the names of an episode's fields.
 
-An array over states may come with its `NEXT` twin; without it the last state is not known."""
+Arrays over states may come with those after each step (`NEXT_PREFIX`); otherwise the last state of
+an episode is unknown."""
 
 End = Literal["termination", "truncation"]
 
@@ -25,17 +26,17 @@ class Timeline:
     """Consecutive steps of several episodes, one row per step.
 
     Attributes:
-        name: what it is, for errors: a file, or a row of one.
-        terminals: whose episode ended in a step, [n, N].
-        truncations: whose was cut in a step, [n, N]; None: the format did not say.
-        read: gives the arrays of some rows.
-        has_next: whether `read` gives what was observed after each step.
+        name: a file, or a row of one; for errors.
+        terminals: which agents terminated in a step, [n, N].
+        truncations: which agents were truncated in a step, [n, N]; None: not in the format.
+        read: reads the arrays of some rows.
+        has_next: whether `read` gives the observations after each step.
     """
 
     name: str
     terminals: Bool
     truncations: Bool | None
-    read: Read
+    read: ReadRows
     has_next: bool
 
     def __len__(self) -> int:
@@ -45,7 +46,7 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Rows of one episode, and how it ended."""
+    """The rows of one episode, and how it ended."""
 
     start: int
     stop: int
@@ -56,11 +57,11 @@ class Span:
         return self.stop - self.start
 
 
-def spans_of(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
-    """Finds the episodes of each timeline, by flags and by what the user said.
+def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
+    """Finds the episodes of each timeline, by its flags and the user's choices.
 
     Raises:
-        ConversionError: the data does not say where its episodes end, or why.
+        ConversionError: the data do not tell where episodes end, or why.
     """
     found = [_spans(timeline, choices) for timeline in timelines]
     for timeline, spans in zip(timelines, found, strict=True):
@@ -77,23 +78,23 @@ def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
         ended = np.asarray((timeline.terminals | timeline.truncations).all(axis=1))
     elif choices.time_limit is None and choices.episode_length is None:
         raise ConversionError(
-            f"{timeline.name} does not say which episodes a time limit cut, so ends cannot be told "
-            "from cuts. Pass time_limit=STEPS, time_limit=0 if there is no limit, or "
-            "episode_length=STEPS if all episodes have the same length."
+            f"{timeline.name} does not say which episodes a time limit truncated, so terminations "
+            "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
+            "limit, or episode_length=STEPS if all episodes have the same length."
         )
     ends = _ends(timeline, ended, choices)
     starts = [0, *ends[:-1]]
-    spans = [
-        Span(start, stop, _reason(bool(terminated[stop - 1]), stop - start, choices))
-        for start, stop in zip(starts, ends, strict=True)
-        if stop > start
-    ]
-    tail = len(timeline) - (ends[-1] if ends else 0)
-    return spans + _tail(timeline, len(timeline) - tail, choices)
+    spans = []
+    for start, stop in zip(starts, ends, strict=True):
+        # an episode that terminates exactly at the time limit was truncated
+        is_terminated = terminated[stop - 1] and stop - start != choices.time_limit
+        if stop > start:
+            spans.append(Span(start, stop, "termination" if is_terminated else "truncation"))
+    return spans + _tail(timeline, ends[-1] if ends else 0, choices)
 
 
 def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
-    """Rows after the last of each episode."""
+    """The row after each episode."""
     n, length = len(timeline), choices.episode_length
     flagged = (np.flatnonzero(ended) + 1).tolist()
     if length is not None:
@@ -106,20 +107,13 @@ def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
         return list(range(length, n + 1, length))
     if timeline.truncations is not None or not choices.time_limit:
         return flagged
-    ends: list[int] = []  # no flags for cuts: the limit is counted
+    ends: list[int] = []  # without flags of truncations, steps are counted
     for stop in [*flagged, n]:
         start = ends[-1] if ends else 0
         ends += range(start + choices.time_limit, stop + 1, choices.time_limit)
         if stop in flagged and (not ends or ends[-1] < stop):
             ends.append(stop)
     return ends
-
-
-def _reason(terminated: bool, length: int, choices: Choices) -> End:
-    """A flag of a termination counts, but not at the limit, where it is that of the limit."""
-    if terminated and length != choices.time_limit:
-        return "termination"
-    return "truncation"
 
 
 def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
@@ -139,10 +133,10 @@ def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
 def _refuse_hidden_limit(
     timelines: Sequence[Timeline], found: Sequence[Sequence[Span]], choices: Choices
 ) -> None:
-    """Refuses data in which a time limit was probably written as a termination.
+    """Refuses data in which a time limit was probably stored as a termination.
 
-    OMAR's particle data and OG-MARL's older wrappers do so; a learner would then take the value
-    behind the limit for zero.
+    OMAR's particle data and OG-MARL's older wrappers store it so; a learner would then assume a
+    value of zero after the limit.
     """
     if choices.time_limit is not None or choices.episode_length is not None:
         return
@@ -157,22 +151,22 @@ def _refuse_hidden_limit(
         )
 
 
-def pieces(
+def cut_episodes(
     timeline: Timeline, spans: Sequence[Span], choices: Choices
 ) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
     """Yields the arrays of each episode, states with T + 1 rows, and its span.
 
     Raises:
-        ConversionError: states that do not continue each other inside an episode, or states after
-            the last step that are not there and no choice about them.
+        ConversionError: a state after a step differs from the state before the next one, or the
+            last state is missing and there is no choice about it.
     """
     for span in spans:
         kept = span
         if not timeline.has_next and choices.final is None:
             raise ConversionError(
                 f"{timeline.name} lacks the observation after the last action of each episode. "
-                "Pass final='repeat' to repeat the one before it, or final='cut' to do so only "
-                "where the episode terminated and to leave out the last step of truncated ones."
+                "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
+                "terminated episodes only and to drop the last step of truncated ones."
             )
         if not timeline.has_next and choices.final == "cut" and span.end == "truncation":
             if len(span) == 1:
@@ -186,13 +180,18 @@ def _with_last_state(
     timeline: Timeline, rows: dict[str, NDArray[Any]], span: Span
 ) -> dict[str, NDArray[Any]]:
     n = len(span)
-    after = {name: rows.pop(NEXT + name) for name in STATE_ARRAYS if NEXT + name in rows}
+    keys = {name: NEXT_PREFIX + name for name in STATE_ARRAYS}
+    after = {name: rows.pop(key) for name, key in keys.items() if key in rows}
     whole = {}
     for name, values in rows.items():
         if name not in STATE_ARRAYS:
             whole[name] = values[:n]
         elif name in after:
-            _check_continues(timeline, name, values, after[name], span)
+            check_continues(
+                name, values[:n], after[name][:n], timeline.name, span.start,
+                "The rows are shuffled, or an episode ends there: pass time_limit or "
+                "episode_length.",
+            )  # fmt: skip
             whole[name] = np.concatenate([values[:n], after[name][n - 1 : n]])
         else:
             last = values[n : n + 1] if len(values) > n else values[n - 1 :]
@@ -200,20 +199,26 @@ def _with_last_state(
     return whole
 
 
-def _check_continues(
-    timeline: Timeline, name: str, before: NDArray[Any], after: NDArray[Any], span: Span
+def check_continues(
+    name: str, before: NDArray[Any], after: NDArray[Any], source: str, start: int, advice: str
 ) -> None:
-    """What a step reached is where the next one starts, or the rows do not belong together."""
-    same = rows_equal(after[: len(span) - 1], before[1 : len(span)])
+    """Checks that each state after a step is the state before the next one.
+
+    Args:
+        name: name of the states.
+        before: states before the T steps of an episode, [T, ...].
+        after: states after them, [T, ...].
+        source: name of the source, for the error.
+        start: number of the episode's first row in it, for the error.
+        advice: last sentence of the error.
+
+    Raises:
+        ConversionError: two states differ.
+    """
+    same = (after[:-1] == before[1:]).all(axis=tuple(range(1, after.ndim)))
     if not same.all():
-        row = span.start + int(np.argmin(same))
+        row = start + int(np.argmin(same))
         raise ConversionError(
-            f"{timeline.name}: {NEXT}{name} of row {row} differs from {name} of row {row + 1}, "
-            "though both are of one episode. Its rows are shuffled, or an episode ends there: pass "
-            "time_limit or episode_length."
+            f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row {row + 1}, "
+            f"though both belong to one episode. {advice}"
         )
-
-
-def rows_equal(a: NDArray[Any], b: NDArray[Any]) -> Bool:
-    """Which rows of two arrays of the same shape are the same, [n]."""
-    return np.asarray((a == b).all(axis=tuple(range(1, a.ndim))))

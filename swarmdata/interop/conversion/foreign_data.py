@@ -1,4 +1,4 @@
-"""Data that this library did not write: from timelines, spaces by shape and the user's choices."""
+"""Imports data that this library did not write, with the user's choices."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,42 +6,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.interop.conversion.episode_cuts import Span, Timeline, pieces, spans_of
-from swarmdata.interop.conversion.incoming import (
-    UNKNOWN,
-    Incoming,
-    Shapes,
-    episode_of,
-    measured_spec,
+from swarmdata.interop.conversion.episode_cuts import Span, Timeline, cut_episodes, find_spans
+from swarmdata.interop.conversion.imported_data import (
+    UNKNOWN_POLICIES,
+    AgentShapes,
+    ImportedData,
+    build_episode,
+    spec_from_shapes,
 )
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.types import Bool, Episode, Float
+from swarmdata.types import Episode
 
 
-def unnoted(
+def import_without_note(
     task: str,
-    shapes: Shapes,
+    shapes: AgentShapes,
     timelines: Sequence[Timeline],
     choices: Choices,
     policies: tuple[PolicySource, ...] | None = None,
-) -> Incoming:
-    """Takes in data that this library did not write.
+) -> ImportedData:
+    """Imports data that this library did not write.
 
-    Seeds are the numbers of the episodes: the data has none.
+    Such data have no seeds, so the episodes' numbers take their place.
 
     Args:
         task: name of the environment.
-        shapes: of its agents.
+        shapes: sizes of its agents.
         timelines: the data.
-        choices: what the user says about it.
-        policies: who acted, one for each timeline; None: nobody knows.
+        choices: the user's answers about it.
+        policies: behavior policies, one for each timeline; None: unknown.
 
     Raises:
-        ConversionError: the data is ambiguous and `choices` does not answer; when an episode is
-            taken, that its arrays do not fit together.
+        ConversionError: the data are ambiguous and `choices` has no answer; or, when an episode is
+            taken, its arrays do not fit together.
     """
-    spans = spans_of(timelines, choices)
+    spans = find_spans(timelines, choices)
     dropped = sum(map(len, timelines)) - sum(len(span) for each in spans for span in each)
     metadata = {"seeds": "numbers of the episodes", **choices.answered()}
     if dropped:
@@ -51,22 +51,24 @@ def unnoted(
     def episodes() -> Iterator[Episode]:
         number = 0
         for index, (timeline, each) in enumerate(zip(timelines, spans, strict=True)):
-            for rows, span in pieces(timeline, each, choices):
+            for rows, span in cut_episodes(timeline, each, choices):
                 if "states" not in rows:
-                    rows["states"] = _joined_observations(rows["observations"], shapes)
+                    widths = enumerate(shapes.observations)  # without padding
+                    rows["states"] = np.concatenate(
+                        [rows["observations"][:, k, :width] for k, width in widths], axis=1
+                    )
                 if leaves:
-                    rows.update(_leaving(timeline, span))
-                    _mask_the_dead(rows)
+                    _mark_leaving(rows, timeline, span)
                 policy = index if policies else 0
-                yield episode_of(rows, seed=number, policy=policy, end=span.end)
+                yield build_episode(rows, seed=number, policy=policy, end=span.end)
                 number += 1
 
-    spec = measured_spec(task, shapes, choices)
-    return Incoming(spec, policies or UNKNOWN, episodes(), None, metadata)
+    spec = spec_from_shapes(task, shapes, choices)
+    return ImportedData(spec, policies or UNKNOWN_POLICIES, episodes(), None, metadata)
 
 
 def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
-    """Whether some agent ends before its team does."""
+    """Whether some agent ends before its team."""
     flags = timeline.terminals
     if timeline.truncations is not None:
         flags = flags | timeline.truncations
@@ -75,14 +77,11 @@ def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
     return bool(flags[before_last].any())
 
 
-def _joined_observations(observations: Float, shapes: Shapes) -> Float:
-    """The state of an environment that has none: all observations, without padding."""
-    widths = enumerate(shapes.observations)
-    return np.concatenate([observations[:, agent, :width] for agent, width in widths], axis=1)
+def _mark_leaving(rows: dict[str, NDArray[Any]], timeline: Timeline, span: Span) -> None:
+    """Adds which agents are alive, and zeroes the values of agents that have left.
 
-
-def _leaving(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
-    """Who is there when, from flags that stay up or not after an agent has left."""
+    Flags may or may not stay set after an agent has left.
+    """
     window = slice(span.start, span.stop)
     terminated = timeline.terminals[window]
     cut = np.zeros_like(terminated)
@@ -91,23 +90,11 @@ def _leaving(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
     gone = np.logical_or.accumulate(terminated | cut, axis=0)
     alive = np.ones((len(span) + 1, terminated.shape[1]), dtype=np.bool_)
     alive[1:] = ~gone
-    return {
-        "alive": alive,
-        "agent_terminations": terminated & alive[:-1],
-        "agent_truncations": cut & alive[:-1],
-    }
-
-
-def _mask_the_dead(rows: dict[str, NDArray[Any]]) -> None:
-    """Zeroes what agents that left would have seen and done, as every dataset here has it."""
-    alive: Bool = rows["alive"]
-    rows["observations"] = rows["observations"] * _before_end(alive)[..., None]
+    rows["alive"] = alive
+    rows["agent_terminations"] = terminated & alive[:-1]
+    rows["agent_truncations"] = cut & alive[:-1]
+    seen = alive.copy()
+    seen[1:] |= alive[:-1]  # an agent also observes the state in which it leaves
+    rows["observations"] = rows["observations"] * seen[..., None]
     rows["actions"] = rows["actions"] * alive[:-1, :, None]
     rows["rewards"] = rows["rewards"] * alive[:-1]
-
-
-def _before_end(alive: Bool) -> Bool:
-    """Who sees a state: agents that are there, and those that left by reaching it."""
-    seen = alive.copy()
-    seen[1:] |= alive[:-1]
-    return seen

@@ -1,6 +1,6 @@
-"""Rows of numbers to values of a space and back, a whole episode at a time.
+"""Converts rows of numbers to values of a space and back, for whole episodes.
 
-The layout of a row is that of `spaces.flatten`; here every leaf keeps its time axis.
+Rows have the layout of `spaces.flatten`; here every leaf keeps its time axis.
 """
 
 from collections.abc import Mapping
@@ -25,12 +25,12 @@ from swarmdata.specs.spaces import (
 from swarmdata.types import Float
 
 
-def agents_of(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
-    """The agents' spaces; those of our tasks are boxes of [-1, 1] actions.
+def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
+    """The agents and their spaces; our tasks have boxes, with actions in [-1, 1].
 
     Args:
-        spec: of the dataset.
-        n_columns: of an observation, O.
+        spec: spec of the dataset.
+        n_columns: number of columns of an observation, O.
     """
     spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
     return tuple(
@@ -40,10 +40,10 @@ def agents_of(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
 
 
 def split_rows(space: Space, rows: Float) -> Any:
-    """Returns the values that rows hold, in the structure and dtypes of their space.
+    """Returns the values in rows, in the structure and dtypes of their space.
 
     Args:
-        space: of the values.
+        space: space of the values.
         rows: [n, at least width(space)]; further columns are padding.
     """
     n = len(rows)
@@ -69,12 +69,12 @@ def join_rows(space: Space, values: Any, where: str) -> Float:
     """Returns values as rows, float32 [n, width(space)]; the inverse of `split_rows`.
 
     Args:
-        space: of the values.
+        space: space of the values.
         values: arrays [n, ...] in its structure.
-        where: names them in errors.
+        where: name of the values in errors.
 
     Raises:
-        ConversionError: another structure or size, or whole numbers that float32 cannot hold.
+        ConversionError: the structure or size differs, or float32 cannot hold a whole number.
     """
     if isinstance(space, DictSpace | TupleSpace):
         if isinstance(space, DictSpace) and not isinstance(values, Mapping):
@@ -93,7 +93,7 @@ def join_rows(space: Space, values: Any, where: str) -> Float:
 
 
 def _parts(space: DictSpace | TupleSpace) -> list[tuple[Any, Space]]:
-    """Keys and spaces inside, in the order of their columns."""
+    """Keys and spaces of the entries, in the order of their columns."""
     if isinstance(space, TupleSpace):
         return list(enumerate(space.spaces))
     return [(key, space.spaces[key]) for key in sorted(space.spaces)]

@@ -1,4 +1,4 @@
-"""Choices, what only the user knows about foreign data and no file says."""
+"""Choices: what only the user knows about foreign data."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -8,22 +8,21 @@ from swarmdata.errors import ConversionError
 
 @dataclass(frozen=True)
 class Choices:
-    """Answers to what a format leaves open; None where an answer is only asked for when needed.
+    """Answers to questions that a format leaves open; None: not answered.
 
     Attributes:
-        time_limit: steps after which the environment cuts an episode: an end at exactly this step
-            is a truncation, whatever its flag says. 0: there is no such limit, the flags are right.
-        episode_length: the same number of steps in every episode, where the data has no usable
-            flags at all.
-        final: what to do where the observation after an episode's last action was not stored.
-            `repeat` copies the last one that was. `cut` does so only for terminated episodes, where
-            no learner reads it, and leaves out the last step of truncated ones.
-        unfinished: what to do with rows behind the last end: `truncate` makes an episode of them,
-            `drop` leaves them out.
-        n_agents: of data that concatenates the agents' columns.
-        action_low: least value of every action, for the recorded spaces; None: not bounded.
-        action_high: greatest value of every action.
-        agents: names, in order; by default `agent_0` and on.
+        time_limit: steps after which the environment truncates an episode. An end at exactly this
+            step is then a truncation, whatever its flag says. 0: no limit, the flags are right.
+        episode_length: number of steps of every episode, for data without usable flags.
+        final: what to do if the observation after an episode's last action was not stored:
+            `repeat` copies the one before it; `cut` does so only for terminated episodes, where no
+            learner reads it, and drops the last step of truncated ones.
+        unfinished: what to do with rows after the last end: `truncate` makes a truncated episode
+            of them, `drop` leaves them out.
+        n_agents: number of agents whose columns are concatenated.
+        action_low: least value of every action; None: unbounded.
+        action_high: greatest value of every action; None: unbounded.
+        agents: names, in order; by default `agent_0`, `agent_1`, ...
     """
 
     time_limit: int | None = None
@@ -65,7 +64,7 @@ class Choices:
 
     @classmethod
     def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
-        """Choices from the command line, where agents are a number or names with commas.
+        """Choices from the command line, where agents are a number or names separated by commas.
 
         Raises:
             ConversionError: an answer is out of range.

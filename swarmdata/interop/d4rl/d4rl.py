@@ -1,10 +1,10 @@
 """D4RL-style HDF5: flat arrays over time with `terminals` and `timeouts`.
 
-Written for tools that expect one agent, so jointly: observations [n, N * O], actions [n, N * A],
-rewards [n] the team's. The rest lies in `infos/`, which D4RL's loaders read as further keys. Read:
-such files, files with an agent axis, and files of one agent as D4RL has them (Fu et al. 2020,
-"D4RL: Datasets for Deep Data-Driven Reinforcement Learning", and its repository). We write
-`next_observations`, so that no transition has to be left out; where a file lacks them or
+Files are written for tools that expect one agent: joint observations [n, N * O], joint actions
+[n, N * A], and the team's rewards [n]. Everything else is in `infos/`, which D4RL's loaders read as
+further keys. Such files are read, as well as files with an agent axis, and files of one agent as in
+D4RL (Fu et al. 2020, "D4RL: Datasets for Deep Data-Driven Reinforcement Learning", and its
+repository). `next_observations` is written, so that no transition is lost; if a file lacks them or
 `timeouts`, the user is asked.
 """
 
@@ -18,25 +18,25 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.hdf5 import created
-from swarmdata.interop.conversion.incoming import Incoming
-from swarmdata.interop.conversion.kept_facts import (
-    NEXT,
+from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.interop.conversion.dataset_facts import (
+    NEXT_PREFIX,
     STATE_ARRAYS,
     TIME_ARRAYS,
-    blocks,
     row_shapes,
+    step_blocks,
 )
-from swarmdata.interop.conversion.note import note_of, parse_note
-from swarmdata.interop.conversion.noted_data import noted
-from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.export_note import note_of, parse_note
+from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.hdf5_writer import create_hdf5
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.interop.d4rl.d4rl_foreign import unnoted_file
+from swarmdata.interop.d4rl.d4rl_foreign import read_foreign_file
 from swarmdata.interop.formats import Format
 
-NOTE, LAYOUTS = "metadata/swarmdata", "metadata/layouts"
+NOTE_KEY, LAYOUTS_KEY = "metadata/swarmdata", "metadata/layouts"
 
-KEPT = {
+KEPT_NAMES = {
     "observations": "observations",
     "states": "infos/states",
     "sent": "infos/sent",
@@ -52,24 +52,24 @@ KEPT = {
     "action_masks": "infos/action_masks",
     "agent_terminations": "infos/agent_terminals",
     "agent_truncations": "infos/agent_timeouts",
-    "layout": LAYOUTS,
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
+    "layout": LAYOUTS_KEY,
+    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_KEY),
 }
-LOST: dict[str, str] = {}
+LOST_REASONS: dict[str, str] = {}
 
 _CHUNK_ROWS = 4096
 
 
 def write(dataset: Dataset, path: Path) -> None:
     """Writes a view as one HDF5 file."""
-    with created(path) as writer:
+    with create_hdf5(path) as writer:
         file = writer.file
         for name, (shape, dtype) in row_shapes(dataset).items():
             if key := _key(name):
                 flat = (int(np.prod(shape)),) if _is_joint(name) else shape
                 _create(file, key, dataset.n_steps, flat, dtype)
         _create(file, "rewards", dataset.n_steps, (), np.dtype(np.float32))
-        for first, arrays in blocks(dataset):
+        for first, arrays in step_blocks(dataset):
             for name, values in arrays.items():
                 if key := _key(name):
                     rows = values.reshape(len(values), -1) if _is_joint(name) else values
@@ -77,27 +77,27 @@ def write(dataset: Dataset, path: Path) -> None:
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
             file["rewards"][first : first + len(team)] = team.astype(np.float32)
             writer.check()
-        file[NOTE] = note_of(dataset).to_json()
+        file[NOTE_KEY] = note_of(dataset).to_json()
         layouts = dataset.episodes.layouts
         if layouts.size:
-            file[LAYOUTS] = layouts
+            file[LAYOUTS_KEY] = layouts
 
 
 def _key(name: str) -> str | None:
-    """Where an array of ours lies in the file, None where it is lost."""
-    if not name.startswith(NEXT):
-        return KEPT.get(name)
-    key = KEPT.get(name.removeprefix(NEXT))
+    """The key of an array in the file, None if it is lost."""
+    if not name.startswith(NEXT_PREFIX):
+        return KEPT_NAMES.get(name)
+    key = KEPT_NAMES.get(name.removeprefix(NEXT_PREFIX))
     return None if key is None else _next(key)
 
 
 def _next(key: str) -> str:
     folder, slash, last = key.rpartition("/")
-    return f"{folder}{slash}{NEXT}{last}"
+    return f"{folder}{slash}{NEXT_PREFIX}{last}"
 
 
 def _is_joint(name: str) -> bool:
-    return name.removeprefix(NEXT) in ("observations", "actions")
+    return name.removeprefix(NEXT_PREFIX) in ("observations", "actions")
 
 
 def _create(file: Any, key: str, n_rows: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -106,8 +106,8 @@ def _create(file: Any, key: str, n_rows: int, shape: tuple[int, ...], dtype: np.
 
 
 @contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
-    """Opens a file that this library, D4RL or somebody in its style wrote.
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
+    """Opens a file that this library or others wrote in the style of D4RL.
 
     Raises:
         ConversionError: it is no such file, or is ambiguous.
@@ -119,14 +119,17 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
     except OSError as error:
         raise ConversionError(f"{source} is not an HDF5 file that can be read: {error}") from error
     with file:
-        yield _noted(file, source) if NOTE in file else unnoted_file(file, source, task, choices)
+        if NOTE_KEY in file:
+            yield _read_exported(file, source)
+        else:
+            yield read_foreign_file(file, source, task, choices)
 
 
-def _noted(file: Any, source: Path) -> Incoming:
-    note = parse_note(file[NOTE][()], source)
-    n_agents = file[KEPT["rewards"]].shape[1]
-    keys = {name: key for name, key in KEPT.items() if name in TIME_ARRAYS and key in file}
-    keys |= {NEXT + name: _next(key) for name, key in keys.items() if name in STATE_ARRAYS}
+def _read_exported(file: Any, source: Path) -> ImportedData:
+    note = parse_note(file[NOTE_KEY][()], source)
+    n_agents = file[KEPT_NAMES["rewards"]].shape[1]
+    keys = {name: key for name, key in KEPT_NAMES.items() if name in TIME_ARRAYS and key in file}
+    keys |= {NEXT_PREFIX + name: _next(key) for name, key in keys.items() if name in STATE_ARRAYS}
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
         arrays = {name: file[key][window] for name, key in keys.items()}
@@ -135,10 +138,10 @@ def _noted(file: Any, source: Path) -> Incoming:
             for name, values in arrays.items()
         }
 
-    layouts = file[LAYOUTS][:] if LAYOUTS in file else None
-    n = len(file[KEPT["actions"]])
+    layouts = file[LAYOUTS_KEY][:] if LAYOUTS_KEY in file else None
+    n = len(file[KEPT_NAMES["actions"]])
     row_bytes = sum(file[key].nbytes // n for key in keys.values())
-    return noted(note, Ahead(rows, n, row_bytes), n, str(source), layouts)
+    return import_with_note(note, BlockReader(rows, n, row_bytes), n, str(source), layouts)
 
 
-FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT, LOST, read, write)
+FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, LOST_REASONS, read, write)

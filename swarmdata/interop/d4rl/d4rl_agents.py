@@ -1,8 +1,8 @@
-"""D4RL-style HDF5 files, one for each agent, for tools that learn a single agent. Written only.
+"""D4RL-style HDF5 files, one for each agent, for tools that learn a single agent. Write only.
 
-A folder with `<agent>.hdf5`: the agent's own observations, actions, rewards and ends, without
-padding. Where agents leave, a file ends the agent's episode when it left and has no rows behind it.
-Each file can be read again with the format `d4rl`, as the data of one agent.
+A folder with files `<agent>.hdf5`, which hold the agent's own observations, actions, rewards and
+ends, without padding. If an agent leaves, its episode ends in the file when it left. Each file can
+be read again with the format `d4rl`, as the data of one agent.
 """
 
 from pathlib import Path
@@ -12,13 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.hdf5 import created
-from swarmdata.interop.conversion.kept_facts import FACTS, NEXT, Arrays, blocks
-from swarmdata.interop.conversion.space_columns import agents_of
+from swarmdata.interop.conversion.dataset_facts import (
+    DATASET_FACTS,
+    NEXT_PREFIX,
+    Arrays,
+    step_blocks,
+)
+from swarmdata.interop.conversion.hdf5_writer import create_hdf5
+from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
 from swarmdata.specs.spaces import width
 
-KEPT = {
+KEPT_NAMES = {
     "observations": "observations",
     "states": "infos/states",
     "actions": "actions",
@@ -29,7 +34,9 @@ KEPT = {
     "agent_terminations": "terminals",
     "agent_truncations": "timeouts",
 }
-LOST = {name: "each file holds one agent" for name in FACTS if name not in KEPT}
+LOST_REASONS = {
+    name: "each file holds one agent" for name in DATASET_FACTS if name not in KEPT_NAMES
+}
 
 _CHUNK_ROWS = 4096
 
@@ -37,21 +44,21 @@ _CHUNK_ROWS = 4096
 def write(dataset: Dataset, path: Path) -> None:
     """Writes a view as one HDF5 file per agent."""
     path.mkdir()
-    agents = agents_of(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     for index, agent in enumerate(agents):
-        with created(path / f"{agent.name}.hdf5") as writer:
+        with create_hdf5(path / f"{agent.name}.hdf5") as writer:
             sizes = width(agent.observation), width(agent.action)
-            for _, arrays in blocks(dataset):
+            for _, arrays in step_blocks(dataset):
                 for key, values in _rows(arrays, index, *sizes).items():
                     _append(writer.file, key, values)
                 writer.check()
 
 
 def _rows(arrays: Arrays, agent: int, n_columns: int, action_size: int) -> dict[str, NDArray[Any]]:
-    """The rows of one agent while it is there."""
+    """The rows in which one agent is alive."""
     columns = {
         "observations": arrays["observations"][:, agent, :n_columns],
-        "next_observations": arrays[NEXT + "observations"][:, agent, :n_columns],
+        "next_observations": arrays[NEXT_PREFIX + "observations"][:, agent, :n_columns],
         "actions": arrays["actions"][:, agent, :action_size],
         "rewards": arrays["rewards"][:, agent],
         "terminals": arrays["terminations"],
@@ -62,13 +69,13 @@ def _rows(arrays: Arrays, agent: int, n_columns: int, action_size: int) -> dict[
         columns["timeouts"] = arrays["agent_truncations"][:, agent]
     if "states" in arrays:
         columns["infos/states"] = arrays["states"]
-        columns["infos/next_states"] = arrays[NEXT + "states"]
+        columns["infos/next_states"] = arrays[NEXT_PREFIX + "states"]
     if "log_probs" in arrays:
         columns["infos/action_log_probs"] = arrays["log_probs"][:, agent]
     if "alive" not in arrays:
         return columns
-    here = arrays["alive"][:, agent]
-    return {key: values[here] for key, values in columns.items()}
+    alive = arrays["alive"][:, agent]
+    return {key: values[alive] for key, values in columns.items()}
 
 
 def _append(file: Any, key: str, values: NDArray[Any]) -> None:
@@ -83,4 +90,4 @@ def _append(file: Any, key: str, values: NDArray[Any]) -> None:
     target[first:] = np.ascontiguousarray(values)
 
 
-FORMAT = Format("d4rl-agents", "D4RL-style HDF5 per agent", KEPT, LOST, None, write)
+FORMAT = Format("d4rl-agents", "D4RL-style HDF5 per agent", KEPT_NAMES, LOST_REASONS, None, write)

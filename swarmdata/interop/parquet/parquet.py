@@ -1,11 +1,11 @@
 """Parquet for Hugging Face `datasets`: one row per step, lists of fixed length, a file per split.
 
 A folder with `data/<split>-00000-of-00001.parquet`, `episodes.parquet` and a README.md whose front
-matter names them, so that `datasets.load_dataset(FOLDER)`, the Hub's viewer, DuckDB and pandas read
-it. Rows are in the order of their episodes and steps, columns are named as our arrays are; every
-row also has what its step reached, so rows may be shuffled. Read: such folders, or one file with
-the columns observations, actions, rewards, terminations, truncations, and maybe next_observations,
-states, next_states; nested lists or flat ones.
+matter names them, so that `datasets.load_dataset(FOLDER)`, the Hub's viewer, DuckDB and pandas can
+read it. Rows are in the order of episodes and steps, and columns have the names of our arrays. Each
+row includes its next state, so rows may be shuffled. Such folders are read, as well as one file
+with the columns observations, actions, rewards, terminations, truncations, and optionally
+next_observations, states and next_states, as nested or flat lists.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,30 +24,30 @@ from swarmdata.hub.publishing.metadata.episode_parquet import (
     episode_table,
     parquet_bytes,
 )
-from swarmdata.interop.conversion.incoming import Incoming
-from swarmdata.interop.conversion.kept_facts import (
-    NEXT,
+from swarmdata.interop.conversion.dataset_facts import (
+    NEXT_PREFIX,
     STATE_ARRAYS,
     TIME_ARRAYS,
-    blocks,
     row_shapes,
+    step_blocks,
 )
-from swarmdata.interop.conversion.note import Note, note_of, parse_note
-from swarmdata.interop.conversion.noted_data import noted
+from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet.parquet_foreign import unnoted_file
+from swarmdata.interop.parquet.parquet_foreign import read_foreign_file
 from swarmdata.interop.parquet.parquet_rows import Table, arrow
 from swarmdata.store import SPLITS
 from swarmdata.types import Int
 
-NOTE = "swarmdata.json"
+NOTE_FILE = "swarmdata.json"
 
-KEPT = {
+KEPT_NAMES = {
     **{name: name for name in TIME_ARRAYS},
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
+    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
 }
-LOST = {"layout": "it only has rows over time"}
+LOST_REASONS = {"layout": "it only has rows over time"}
 
 _GROUP_ROWS = 8192
 
@@ -59,7 +59,7 @@ def write(dataset: Dataset, path: Path) -> None:
     for name in names:
         _write_split(dataset.split(name), path / _file(name))  # type: ignore[arg-type]
     (path / EPISODES_FILE).write_bytes(parquet_bytes(episode_table(dataset)))
-    (path / NOTE).write_text(note_of(dataset).to_json(), encoding="utf-8")
+    (path / NOTE_FILE).write_text(note_of(dataset).to_json(), encoding="utf-8")
     configs = [
         {
             "config_name": "steps",
@@ -88,7 +88,7 @@ def _write_split(dataset: Dataset, path: Path) -> None:
     episodes = np.repeat(dataset.selection, lengths)
     steps = np.arange(len(episodes)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     with library.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for first, arrays in blocks(dataset):
+        for first, arrays in step_blocks(dataset):
             rows = slice(first, first + len(arrays["actions"]))
             columns = {name: _column(arrays[name]) for name in shapes}
             table = {"episode": episodes[rows], "step": steps[rows], **columns}
@@ -112,32 +112,36 @@ def _column(values: NDArray[Any]) -> Any:
 
 
 @contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     """Opens a folder that this library wrote, or one Parquet file of steps.
 
     Raises:
         ConversionError: it is neither, lacks columns, or is ambiguous.
     """
-    note = source / NOTE
+    note = source / NOTE_FILE
     if source.is_dir() and note.is_file():
-        yield _noted(source, parse_note(note.read_bytes(), note))
+        yield _read_exported(source, parse_note(note.read_bytes(), note))
     elif source.is_dir():
         files = sorted(source.rglob("*.parquet"))
         if len(files) != 1:
             raise ConversionError(
-                f"{source} has no {NOTE} of an export and {len(files)} Parquet files, expected "
-                "one with all steps. Convert a single file."
+                f"{source} has no {NOTE_FILE} of an export, but {len(files)} Parquet files, "
+                "expected one with all steps. Convert a single file."
             )
-        yield unnoted_file(files[0], task, choices)
+        yield read_foreign_file(files[0], task, choices)
     else:
-        yield unnoted_file(source, task, choices)
+        yield read_foreign_file(source, task, choices)
 
 
-def _noted(source: Path, note: Note) -> Incoming:
+def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     episodes = note.episodes
     codes, lengths = np.array(episodes.split), np.array(episodes.lengths)
     tables = {code: Table.open(source / _file(SPLITS[code])) for code in set(episodes.split)}
-    readers = {code: table.reader(_names(table)) for code, table in tables.items()}
+    names = [*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS)]
+    readers = {
+        code: table.reader([name for name in names if name in table.columns])
+        for code, table in tables.items()
+    }
     starts = np.cumsum(lengths) - lengths
     inside = _starts_in_split(codes, lengths)
 
@@ -146,13 +150,7 @@ def _noted(source: Path, note: Note) -> Incoming:
         first = int(inside[episode])
         return readers[int(codes[episode])](slice(first, first + window.stop - window.start))
 
-    return noted(note, rows, sum(table.n_rows for table in tables.values()), str(source))
-
-
-def _names(table: Table) -> list[str]:
-    """The columns that are arrays of ours."""
-    names = [name for name in TIME_ARRAYS if name in table.columns]
-    return names + [NEXT + name for name in names if name in STATE_ARRAYS]
+    return import_with_note(note, rows, sum(table.n_rows for table in tables.values()), str(source))
 
 
 def _starts_in_split(codes: NDArray[Any], lengths: Int) -> Int:
@@ -164,4 +162,4 @@ def _starts_in_split(codes: NDArray[Any], lengths: Int) -> Int:
     return starts
 
 
-FORMAT = Format("parquet", "Parquet (Hugging Face datasets)", KEPT, LOST, read, write)
+FORMAT = Format("parquet", "Parquet (Hugging Face datasets)", KEPT_NAMES, LOST_REASONS, read, write)

@@ -1,4 +1,4 @@
-"""Reads columns of a Parquet file as arrays, some row groups at a time."""
+"""Table: columns of a Parquet file as arrays, read by row groups."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.conversion.episode_cuts import Read
-from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.interop.conversion.episode_cuts import ReadRows
 
 
 def arrow() -> Any:
-    """The library.
+    """Returns the library pyarrow.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -29,11 +29,11 @@ def arrow() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A Parquet file of numbers and of lists of them.
+    """A Parquet file of numbers and lists of numbers.
 
     Attributes:
-        path: of the file.
-        columns: shape of a row of each column, by name; all rows have to have it.
+        path: the file.
+        columns: shape of a row of each column, by name; the same in all rows.
         n_rows: number of rows.
     """
 
@@ -46,7 +46,7 @@ class Table:
         """Opens a file.
 
         Raises:
-            ConversionError: it is no Parquet file, or is empty.
+            ConversionError: it is not a Parquet file, or is empty.
         """
         file = _open(path)
         if not file.metadata.num_rows:
@@ -55,8 +55,8 @@ class Table:
         shapes = {name: _shape(first.column(name)[0].as_py()) for name in first.schema.names}
         return cls(path, shapes, file.metadata.num_rows)
 
-    def reader(self, names: list[str]) -> Read:
-        """Gives windows of rows of some columns, [n, *shape]."""
+    def reader(self, names: list[str]) -> ReadRows:
+        """Returns a reader of windows of rows of some columns, [n, *shape]."""
         file = _open(self.path)
         sizes = [file.metadata.row_group(k).num_rows for k in range(file.num_row_groups)]
         ends = np.cumsum(sizes)
@@ -70,7 +70,7 @@ class Table:
             return {name: self._array(name, part.column(name)) for name in names}
 
         row_bytes = sum(4 * int(np.prod(self.columns[name])) for name in names)
-        return Ahead(read, self.n_rows, row_bytes)
+        return BlockReader(read, self.n_rows, row_bytes)
 
     def whole(self, name: str) -> NDArray[Any]:
         """All rows of one column."""
@@ -93,7 +93,7 @@ class Table:
 
 
 def _shape(value: Any) -> tuple[int, ...]:
-    """Shape of a row; of a row that is no array of numbers that of a single value."""
+    """Shape of nested lists; () for a single value."""
     sizes = []
     while isinstance(value, list):
         sizes.append(len(value))

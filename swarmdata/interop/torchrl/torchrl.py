@@ -1,11 +1,12 @@
 """TorchRL: a memory-mapped TensorDict of transitions with nested multi-agent keys.
 
-One group, `agents`, with the agent axis behind the batch axis, as TorchRL's multi-agent
-environments and BenchMARL have it ("agents", "observation") and ("next", "agents", "reward");
-`state` for critics; ("collector", "traj_ids") tells episodes apart, for `SliceSampler`. What was
-reached lies under "next", so no transition is lost and none crosses episodes. `replay_buffer` makes
-a buffer of it without copying. Read: such folders, folders that a replay buffer's `dumps` wrote,
-several groups, and batches [B, T] of a collector; whole trajectories are put together by their ids.
+There is one group, `agents`, with the agent axis after the batch axis, as in TorchRL's multi-agent
+environments and BenchMARL: ("agents", "observation"), ("next", "agents", "reward"). `state` is for
+critics; ("collector", "traj_ids") separates episodes, for `SliceSampler`. Next states are under
+"next", so no transition is lost and none crosses episodes. `replay_buffer` makes a buffer of the
+folder without copying. Such folders are read, as well as folders written by a replay buffer's
+`dumps`, several groups, and batches [B, T] of a collector, whose trajectories are joined by their
+ids.
 """
 
 import os
@@ -19,29 +20,29 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.conversion.incoming import Incoming
-from swarmdata.interop.conversion.kept_facts import (
-    NEXT,
+from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.interop.conversion.dataset_facts import (
+    NEXT_PREFIX,
     STATE_ARRAYS,
     TIME_ARRAYS,
-    blocks,
     row_shapes,
+    step_blocks,
 )
-from swarmdata.interop.conversion.note import Note, note_of, parse_note
-from swarmdata.interop.conversion.noted_data import noted
-from swarmdata.interop.conversion.read_ahead import Ahead
-from swarmdata.interop.conversion.space_columns import agents_of
+from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.imported_data import ImportedData
+from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.torchrl.torchrl_foreign import unnoted_rows
+from swarmdata.interop.torchrl.torchrl_foreign import leaf_keys, read_foreign_rows
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.spaces import DiscreteSpace
 
-NOTE = "swarmdata.json"
+NOTE_FILE = "swarmdata.json"
 
 Key = tuple[str, ...]
 
-_KEYS: dict[str, Key] = {
+_ARRAY_KEYS: dict[str, Key] = {
     "observations": ("agents", "observation"),
     "states": ("state",),
     "sent": ("agents", "sent"),
@@ -61,16 +62,16 @@ _KEYS: dict[str, Key] = {
 _WITH_LAST_AXIS = frozenset(
     ("rewards", "terminations", "truncations", "agent_terminations", "agent_truncations")
 )
-"""TorchRL gives rewards and ends an axis of 1 at the end."""
+"""Arrays that have a last axis of size 1 in TorchRL."""
 
-_TRAJECTORY: Key = ("collector", "traj_ids")
-_DONE: Key = ("next", "done")
+_TRAJECTORY_KEY: Key = ("collector", "traj_ids")
+_DONE_KEY: Key = ("next", "done")
 
-KEPT = {
-    **{name: ".".join(key) for name, key in _KEYS.items()},
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE),
+KEPT_NAMES = {
+    **{name: ".".join(key) for name, key in _ARRAY_KEYS.items()},
+    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
 }
-LOST = {"layout": "it only has rows over time"}
+LOST_REASONS = {"layout": "it only has rows over time"}
 
 
 def _library() -> Any:
@@ -86,48 +87,44 @@ def write(dataset: Dataset, path: Path) -> None:
     tensordict = _library()
     import torch  # noqa: PLC0415  (an extra, and heavy)
 
-    discrete = _is_discrete(dataset)
+    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    # TorchRL stores actions as integers [n, N] if every agent has one discrete action
+    discrete = all(isinstance(agent.action, DiscreteSpace) for agent in agents)
     n = dataset.n_steps
     empty: dict[str, Any] = {}
     shapes = {name: _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
               for name, (shape, dtype) in row_shapes(dataset).items() if _key(name)}  # fmt: skip
     for name, row in shapes.items():
         _put(empty, _key(name) or (), torch.from_numpy(row).expand(n, *row.shape[1:]))
-    _put(empty, _DONE, torch.zeros(1, dtype=torch.bool).expand(n, 1))
-    _put(empty, _TRAJECTORY, torch.zeros(1, dtype=torch.int64).expand(n))
+    _put(empty, _DONE_KEY, torch.zeros(1, dtype=torch.bool).expand(n, 1))
+    _put(empty, _TRAJECTORY_KEY, torch.zeros(1, dtype=torch.int64).expand(n))
     target = tensordict.TensorDict(empty, [n]).memmap_like(prefix=str(path))
     _reserve(path)
     trajectories = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
-    for first, arrays in blocks(dataset):
+    for first, arrays in step_blocks(dataset):
         rows = slice(first, first + len(arrays["actions"]))
         for name, values in arrays.items():
             if name in shapes:
                 theirs = _like_theirs(name, values, discrete)
                 target[_key(name)][rows] = torch.from_numpy(theirs)
         ended = arrays["terminations"] | arrays["truncations"]
-        target[_DONE][rows] = torch.from_numpy(ended[:, None])
-        target[_TRAJECTORY][rows] = torch.from_numpy(trajectories[rows])
-    (path / NOTE).write_text(note_of(dataset).to_json(), encoding="utf-8")
+        target[_DONE_KEY][rows] = torch.from_numpy(ended[:, None])
+        target[_TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
+    (path / NOTE_FILE).write_text(note_of(dataset).to_json(), encoding="utf-8")
 
 
 def _reserve(folder: Path) -> None:
-    """Takes the space of every map now: on a full disk, writing to one ends the process."""
+    """Allocates every memory map now: writing to one on a full disk would end the process."""
     for file in folder.rglob("*.memmap"):
         if size := file.stat().st_size:
             with file.open("r+b") as opened:
                 os.posix_fallocate(opened.fileno(), 0, size)
 
 
-def _is_discrete(dataset: Dataset) -> bool:
-    """Whether every agent has one discrete action: TorchRL then has whole numbers, [n, N]."""
-    agents = agents_of(dataset.spec, dataset.stored.arrays["observations"].shape[2])
-    return all(isinstance(agent.action, DiscreteSpace) for agent in agents)
-
-
 def _key(name: str) -> Key | None:
-    if not name.startswith(NEXT):
-        return _KEYS.get(name)
-    key = _KEYS.get(name.removeprefix(NEXT))
+    if not name.startswith(NEXT_PREFIX):
+        return _ARRAY_KEYS.get(name)
+    key = _ARRAY_KEYS.get(name.removeprefix(NEXT_PREFIX))
     return None if key is None else ("next", *key)
 
 
@@ -144,13 +141,13 @@ def _like_theirs(name: str, values: NDArray[Any], discrete: bool) -> NDArray[Any
 
 
 def replay_buffer(path: Path | str, batch_size: int, slice_length: int | None = None) -> Any:
-    """Makes a TorchRL replay buffer of a converted dataset; nothing is copied.
+    """Makes a TorchRL replay buffer of a converted dataset, without copying.
 
     Args:
-        path: folder that `write` made.
-        batch_size: transitions of a sample.
-        slice_length: consecutive steps of one episode that a sample is made of, a divisor of
-            `batch_size`; None for single transitions.
+        path: folder of a dataset converted to this format.
+        batch_size: number of transitions of a sample.
+        slice_length: samples consist of so many consecutive steps of one episode; a divisor of
+            `batch_size`. None: single transitions.
 
     Raises:
         MissingExtraError: TorchRL is not installed.
@@ -168,25 +165,25 @@ def replay_buffer(path: Path | str, batch_size: int, slice_length: int | None = 
     rows = tensordict.TensorDict.load_memmap(str(path))
     sampler = RandomSampler()
     if slice_length is not None:
-        sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY)
+        sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
     return TensorDictReplayBuffer(
         storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size
     )
 
 
 @contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[Incoming]:
-    """Opens the folder of a memory-mapped TensorDict, or one that a replay buffer's `dumps` wrote.
+def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
+    """Opens the folder of a memory-mapped TensorDict, or one written by a replay buffer's `dumps`.
 
     Raises:
         ConversionError: it is no such folder, lacks keys, or is ambiguous.
     """
     rows = _load(source)
-    note = source / NOTE
+    note = source / NOTE_FILE
     if note.is_file():
-        yield _noted(rows, source, parse_note(note.read_bytes(), note))
+        yield _read_exported(rows, source, parse_note(note.read_bytes(), note))
     else:
-        yield unnoted_rows(rows, source, task, choices)
+        yield read_foreign_rows(rows, source, task, choices)
 
 
 def _load(source: Path) -> Any:
@@ -194,37 +191,29 @@ def _load(source: Path) -> Any:
     storage = source / "storage"
     folder = storage if storage.is_dir() else source
     if not (folder / "meta.json").is_file():
-        raise ConversionError(f"{source} has no meta.json, so it is no memory-mapped TensorDict")
+        raise ConversionError(f"{source} has no meta.json, so it is not a memory-mapped TensorDict")
     rows = tensordict.TensorDict.load_memmap(str(folder))
     counted = folder / "storage_metadata.json"
     if counted.is_file():  # a storage has room for more rows than were written
-        rows = rows[: _length(counted)]
+        try:
+            rows = rows[: int(read_document(counted)["len"])]
+        except (OSError, ValueError, TypeError, LookupError) as error:
+            raise ConversionError(
+                f"{counted} does not have the storage's length, `len`: {error!r}"
+            ) from error
     return rows
 
 
-def _length(file: Path) -> int:
-    """Rows of a storage that were written.
-
-    Raises:
-        ConversionError: its note is damaged.
-    """
-    try:
-        return int(read_document(file)["len"])
-    except (OSError, ValueError, TypeError, LookupError) as error:
-        raise ConversionError(f"{file} does not say the storage's `len`: {error!r}") from error
-
-
-def _noted(rows: Any, source: Path, note: Note) -> Incoming:
-    there = rows.keys(include_nested=True, leaves_only=True)
-    there = {key if isinstance(key, tuple) else (key,) for key in there}
-    names = {name: key for name in TIME_ARRAYS if (key := _key(name)) in there}
-    names |= {NEXT + k: key for k in STATE_ARRAYS if (key := _key(NEXT + k)) in there}
+def _read_exported(rows: Any, source: Path, note: ExportNote) -> ImportedData:
+    stored = leaf_keys(rows)
+    ours = (*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS))
+    names = {name: key for name in ours if (key := _key(name)) in stored}
 
     def get(window: slice) -> Mapping[str, NDArray[Any]]:
         return {name: _like_ours(name, rows[key][window].numpy()) for name, key in names.items()}
 
     row_bytes = sum(rows[key][:1].numpy().nbytes for key in names.values())
-    return noted(note, Ahead(get, len(rows), row_bytes), len(rows), str(source))
+    return import_with_note(note, BlockReader(get, len(rows), row_bytes), len(rows), str(source))
 
 
 def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
@@ -235,4 +224,4 @@ def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-FORMAT = Format("torchrl", "TorchRL TensorDict", KEPT, LOST, read, write)
+FORMAT = Format("torchrl", "TorchRL TensorDict", KEPT_NAMES, LOST_REASONS, read, write)

@@ -1,4 +1,4 @@
-"""TensorDicts that TorchRL, BenchMARL or somebody in their style collected."""
+"""Reads TensorDicts that TorchRL, BenchMARL or others in their style collected."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
+from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.foreign_data import unnoted
-from swarmdata.interop.conversion.incoming import Incoming, Shapes, stacked
-from swarmdata.interop.conversion.read_ahead import Ahead
+from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.specs.spaces import stack_agents
 from swarmdata.types import Bool, Int
 
-_TRAJECTORY = ("collector", "traj_ids")
+_TRAJECTORY_KEY = ("collector", "traj_ids")
 
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Agents with tensors in common; `name` is empty for a single agent at the root."""
+    """Agents that share tensors; `name` is empty for a single agent at the root."""
 
     name: tuple[str, ...]
     n_agents: int
@@ -29,41 +30,44 @@ class _Group:
     action_size: int
 
 
-def unnoted_rows(rows: Any, source: Path, task: str, choices: Choices) -> Incoming:
-    """Takes in transitions [n] or [B, T] that this library did not write.
+def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> ImportedData:
+    """Imports transitions [n] or [B, T] that this library did not write.
 
     Raises:
         ConversionError: keys are missing, or ends are ambiguous.
     """
     if rows.batch_dims == 2:
-        rows = rows.reshape(-1) if _TRAJECTORY in _keys(rows) else _with_rows(rows)
+        rows = rows.reshape(-1) if _TRAJECTORY_KEY in leaf_keys(rows) else _with_rows(rows)
     if rows.batch_dims != 1:
         raise ConversionError(f"{source} has batch size {tuple(rows.batch_size)}, expected [n]")
     groups = _groups(rows, source)
-    is_discrete = all(_numpy(rows, (*g.name, "action"), 1).dtype.kind in "iu" for g in groups)
+    action_keys = [(*group.name, "action") for group in groups]
+    is_discrete = all(_numpy(rows, key, 1).dtype.kind in "iu" for key in action_keys)
     order, terminals, truncations = _ends(rows, groups, source, choices)
-    read = Ahead(_reader(rows, groups, order), len(order), _row_bytes(groups))
+    row_bytes = sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
+    read = BlockReader(_reader(rows, groups, order), len(order), row_bytes)
     timeline = Timeline(str(source), terminals, truncations, read, has_next=True)
-    shapes = Shapes(
+    shapes = AgentShapes(
         observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
         actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
-        choices=_greatest(rows, groups) + 1 if is_discrete else 0,
-        states=rows["state"].shape[1:].numel() if ("state",) in _keys(rows) else 0,
+        choices=max(int(rows[key].max()) for key in action_keys) + 1 if is_discrete else 0,
+        states=rows["state"].shape[1:].numel() if ("state",) in leaf_keys(rows) else 0,
     )
-    return unnoted(task, shapes, [timeline], choices)
+    return import_without_note(task, shapes, [timeline], choices)
 
 
 def _with_rows(rows: Any) -> Any:
-    """Flattens [B, T], naming each of the B rows as a trajectory of its own."""
+    """Flattens [B, T]; each of the B rows becomes a trajectory."""
     import torch  # noqa: PLC0415  (an extra)
 
     n_rows, n_steps = rows.batch_size
     flat = rows.reshape(-1)
-    flat[_TRAJECTORY] = torch.arange(n_rows).repeat_interleave(n_steps)
+    flat[_TRAJECTORY_KEY] = torch.arange(n_rows).repeat_interleave(n_steps)
     return flat
 
 
-def _keys(rows: Any) -> set[tuple[str, ...]]:
+def leaf_keys(rows: Any) -> set[tuple[str, ...]]:
+    """Keys of all leaves of a TensorDict, as tuples."""
     found = rows.keys(include_nested=True, leaves_only=True)
     return {key if isinstance(key, tuple) else (key,) for key in found}
 
@@ -74,8 +78,8 @@ def _numpy(rows: Any, key: tuple[str, ...], n: int | None = None) -> NDArray[Any
 
 
 def _groups(rows: Any, source: Path) -> list[_Group]:
-    """Groups with observations and actions, in the order of their names; or a single agent."""
-    keys = _keys(rows)
+    """The groups in the order of their names, or a single agent."""
+    keys = leaf_keys(rows)
     names = sorted({key[:-1] for key in keys if key[-1] == "action" and key[0] != "next"})
     if not names:
         raise ConversionError(
@@ -100,20 +104,12 @@ def _groups(rows: Any, source: Path) -> list[_Group]:
     return groups
 
 
-def _row_bytes(groups: Sequence[_Group]) -> int:
-    return sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
-
-
-def _greatest(rows: Any, groups: Sequence[_Group]) -> int:
-    return max(int(rows[(*group.name, "action")].max()) for group in groups)
-
-
 def _flags(rows: Any, groups: Sequence[_Group], name: str) -> Bool | None:
-    """Whose episode ended so in each row, [n, N]; the team's flag counts for every agent."""
+    """A flag of each agent in each row, [n, N]; a team's flag counts for every agent."""
     columns = []
     for group in groups:
         keys = [("next", *group.name, name), ("next", name)]
-        key = next((key for key in keys if key in _keys(rows)), None)
+        key = next((key for key in keys if key in leaf_keys(rows)), None)
         if key is None:
             return None
         values = _numpy(rows, key).reshape(len(rows), -1) != 0
@@ -124,16 +120,16 @@ def _flags(rows: Any, groups: Sequence[_Group], name: str) -> Bool | None:
 def _ends(
     rows: Any, groups: Sequence[_Group], source: Path, choices: Choices
 ) -> tuple[Int, Bool, Bool | None]:
-    """The rows trajectory by trajectory, and their flags in that order."""
+    """The order of rows by trajectory, and their flags in that order."""
     terminals = _flags(rows, groups, "terminated")
     truncations = _flags(rows, groups, "truncated")
     if terminals is None:
         terminals, truncations = _flags(rows, groups, "done"), None
     if terminals is None:
         raise ConversionError(f"{source} has neither ('next', 'terminated') nor ('next', 'done')")
-    if _TRAJECTORY not in _keys(rows):
+    if _TRAJECTORY_KEY not in leaf_keys(rows):
         return np.arange(len(rows)), terminals, truncations
-    ids = _numpy(rows, _TRAJECTORY).reshape(-1)
+    ids = _numpy(rows, _TRAJECTORY_KEY).reshape(-1)
     order = np.argsort(ids, kind="stable")
     ended = terminals if truncations is None else terminals | truncations
     last = np.append(ids[order][1:] != ids[order][:-1], True)
@@ -153,7 +149,7 @@ def _ends(
 
 
 def _reader(rows: Any, groups: Sequence[_Group], order: Int) -> Any:
-    keys = _keys(rows)
+    keys = leaf_keys(rows)
     sizes = {g.name: (g.n_agents, g.n_columns, g.action_size) for g in groups}
 
     def read(window: slice) -> Mapping[str, NDArray[Any]]:
@@ -163,14 +159,14 @@ def _reader(rows: Any, groups: Sequence[_Group], order: Int) -> Any:
             agents = []
             for group, size in sizes.items():
                 key = (*prefix, *group, name)
-                key = key if key in keys else (*prefix, name)  # one reward for the team
+                key = key if key in keys else (*prefix, name)  # the team shares one reward
                 values = rows[key][index].numpy()
                 columns = size[last] if last else 1
                 values = values.reshape(len(index), -1, columns)
                 agents += list(
                     np.broadcast_to(values, (len(index), size[0], columns)).swapaxes(0, 1)
                 )
-            return stacked(agents)
+            return stack_agents(agents)
 
         found = {
             "observations": joint((), "observation", 1),

@@ -15,7 +15,7 @@ from swarmdata.registry.components import make_env, reward_terms
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import Payload, TransportRewards, TransportRules
 from swarmdata.types import EVENTS, Step
-from tests.examples.read_with_zarr import gap
+from tests.examples.read_with_zarr import distance
 
 Values = dict[str, Any]
 """What formulas mention, each [E, N] or wider."""
@@ -58,7 +58,7 @@ def common(task: Task, before: Step, now: Step) -> Values:
     gaps = np.minimum(others.min(-1), walls)
     for e, layout in enumerate(now.layouts):
         for row in layout:
-            gaps[e] = np.minimum(gaps[e], gap(p[e], row))
+            gaps[e] = np.minimum(gaps[e], distance(p[e], row))
     events = {name: now.events[..., k].astype(float) for k, name in enumerate(EVENTS)}
     return {**events, "gap": gaps - radius, "solved": now.successes[:, None]}
 
@@ -99,7 +99,7 @@ def transport(task: Task, before: Step, now: Step) -> Values:
         size = (payload.half_length, payload.half_width if is_box else payload.half_length)
         body = np.stack([np.full_like(x, is_box), x, y, ux, uy, *(np.full_like(x, s) for s in size),
                          np.zeros_like(x)], axis=-1)  # fmt: skip
-        g = np.array([gap(r[e, :, :2], body[e]) for e in range(len(r))])
+        g = np.array([distance(r[e, :, :2], body[e]) for e in range(len(r))])
         own, s = own_columns(task, step.states), 0.0
         if own:
             s = abs(ux[:, None] * own["goal_uy"] - uy[:, None] * own["goal_ux"])

@@ -167,7 +167,7 @@ def test_no_timeouts_is_ambiguous(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([4] * 25 + [2], [True] * 25 + [False])
     del arrays["timeouts"]
     path = write_foreign(tmp_path / "x.hdf5", **arrays)
-    with pytest.raises(ConversionError, match="does not say which episodes a time limit cut"):
+    with pytest.raises(ConversionError, match="does not say which episodes a time limit truncated"):
         take_in(path, "d4rl")
     dataset = take_in(path, "d4rl", time_limit=4)
     assert dataset.lengths == [4] * 25 + [2]

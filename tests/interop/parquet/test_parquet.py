@@ -30,8 +30,8 @@ def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
 def test_blocks_do_not_matter(
     ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.interop.conversion.kept_facts.BLOCK_BYTES", 2000)
-    monkeypatch.setattr("swarmdata.interop.conversion.read_ahead.BLOCK_BYTES", 1500)
+    monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
+    monkeypatch.setattr("swarmdata.interop.conversion.block_reader.BLOCK_BYTES", 1500)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
     monkeypatch.setattr("swarmdata.interop.parquet.parquet._GROUP_ROWS", 3)
     round_trip(ours, "parquet")
@@ -116,7 +116,7 @@ def test_what_cannot_be_read(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> 
     (tmp_path / "d.parquet").write_text("no")
     with pytest.raises(ConversionError, match="not a Parquet file"):
         take_in(tmp_path / "d.parquet", "parquet")
-    with pytest.raises(ConversionError, match=r"no swarmdata\.json of an export and 4 Parq"):
+    with pytest.raises(ConversionError, match=r"no swarmdata\.json of an export, but 4 Parq"):
         take_in(tmp_path, "parquet")
     exported = export_dataset(ours, tmp_path / "x", format="parquet")
     theirs = write_theirs(tmp_path / "e.parquet", lengths, cut)

@@ -174,5 +174,5 @@ def test_open_trajectories_are_asked_about(tmp_path: Path) -> None:
 
 def test_other_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
-    with pytest.raises(ConversionError, match="no memory-mapped TensorDict"):
+    with pytest.raises(ConversionError, match="not a memory-mapped TensorDict"):
         import_dataset(tmp_path / "x", tmp_path / "out", format="torchrl", id="tag-b-v0")

@@ -1,8 +1,8 @@
-"""HDF5 files that are written by ourselves, so that a full disk is an error.
+"""Writes HDF5 files so that a full disk is an error and not a crash.
 
 The HDF5 library cannot close a file after a failed write: it crashes the process (h5py 3.16 with
-HDF5 1.14 and 2.0, in `H5F_close`). So it gets a file of Python's, which keeps the first failure to
-itself, holds what is written afterwards in memory, and raises once the library is done.
+HDF5 1.14 and 2.0, in `H5F_close`). It therefore writes to a Python file that hides the first
+failure, holds everything written afterwards in memory, and raises when the library has finished.
 """
 
 import os
@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 
-class _Sink:
-    """What h5py needs of a file; never fails while the HDF5 library calls it."""
+class _FailSafeFile:
+    """The file interface that h5py needs; its methods never fail."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor, self.position = descriptor, 0
@@ -23,19 +23,18 @@ class _Sink:
     def write(self, data: Any) -> int:
         content = memoryview(data).cast("B")
         if self.failure is None:
+            n_written = 0
             try:
-                self._put(content)
+                while n_written < len(content):
+                    n_written += os.pwrite(
+                        self.descriptor, content[n_written:], self.position + n_written
+                    )
             except OSError as error:
                 self.failure = error
         if self.failure is not None:
             self.later.append((self.position, bytes(content)))
         self.position += len(content)
         return len(content)
-
-    def _put(self, content: memoryview) -> None:
-        n = 0
-        while n < len(content):
-            n += os.pwrite(self.descriptor, content[n:], self.position + n)
 
     def read(self, size: int) -> bytes:
         buffer = bytearray(size)
@@ -45,8 +44,8 @@ class _Sink:
     def readinto(self, buffer: Any) -> int:
         target = memoryview(buffer).cast("B")
         begin, end = self.position, self.position + len(target)
-        there = os.pread(self.descriptor, len(target), begin)
-        target[:] = there.ljust(len(target), b"\0")
+        on_disk = os.pread(self.descriptor, len(target), begin)
+        target[:] = on_disk.ljust(len(target), b"\0")
         for first, content in self.later:
             low, high = max(first, begin), min(first + len(content), end)
             if low < high:
@@ -55,13 +54,11 @@ class _Sink:
         return len(target)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        base = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: self._size()}
-        self.position = base[whence] + offset
-        return self.position
-
-    def _size(self) -> int:
         ends = [first + len(content) for first, content in self.later]
-        return max([os.fstat(self.descriptor).st_size, *ends])
+        size = max([os.fstat(self.descriptor).st_size, *ends])
+        self.position = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: size}[whence]
+        self.position += offset
+        return self.position
 
     def tell(self) -> int:
         return self.position
@@ -75,39 +72,39 @@ class _Sink:
         return size
 
     def flush(self) -> None:
-        """Nothing is held back before a failure, and nothing can be done after one."""
+        """Does nothing: writes are not buffered."""
 
 
-class Writer:
-    """An open HDF5 file: `file` is h5py's, and `check` raises what went wrong so far."""
+class HDF5Writer:
+    """An open HDF5 file: `file` is h5py's; `check` raises the first failed write."""
 
-    def __init__(self, file: Any, sink: _Sink) -> None:
+    def __init__(self, file: Any, sink: _FailSafeFile) -> None:
         self.file, self._sink = file, sink
 
     def check(self) -> None:
-        """Raises the first failure to write; call it after each block, the rest stays in memory.
+        """Raises the first failed write; to be called after each block, which bounds the memory.
 
         Raises:
-            OSError: such as that no space is left.
+            OSError: for example because no space is left.
         """
         if self._sink.failure is not None:
             raise self._sink.failure
 
 
 @contextmanager
-def created(path: Path) -> Iterator[Writer]:
+def create_hdf5(path: Path) -> Iterator[HDF5Writer]:
     """Opens a new HDF5 file for writing.
 
     Raises:
-        OSError: it could not be written, which is known for sure at the end of the block only.
+        OSError: the file could not be written; known for certain only at the end of the block.
     """
     import h5py  # noqa: PLC0415  (heavy)
 
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
     try:
-        sink = _Sink(descriptor)
+        sink = _FailSafeFile(descriptor)
         with h5py.File(sink, "w") as file:
-            writer = Writer(file, sink)
+            writer = HDF5Writer(file, sink)
             yield writer
         writer.check()
     finally:

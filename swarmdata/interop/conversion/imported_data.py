@@ -1,6 +1,6 @@
-"""Incoming, foreign data on its way into a dataset: its spec, and its episodes one by one."""
+"""ImportedData: the spec and the episodes that a format's reader hands over."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,22 +14,22 @@ from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, Space
 from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
 
-UNKNOWN = (PolicySource(label="unknown", name="external"),)
-"""Behavior policies of data that does not say who acted."""
+UNKNOWN_POLICIES = (PolicySource(label="unknown", name="external"),)
+"""Behavior policies of data that do not name them."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Incoming:
+class ImportedData:
     """What a format's reader hands over.
 
     Attributes:
-        spec: of the environment.
-        policies: who acted.
-        episodes: in order; read while they are taken, so valid while the source is open.
-        splits: of each episode, if they are known.
-        metadata: what the reader was told and what it left out.
+        spec: spec of the environment.
+        policies: the behavior policies.
+        episodes: in order; read lazily, so valid only while the source is open.
+        splits: split of each episode, if known.
+        metadata: the user's answers and what the reader left out.
     """
 
     spec: AnySpec
@@ -40,14 +40,14 @@ class Incoming:
 
 
 @dataclass(frozen=True, slots=True)
-class Shapes:
-    """What is known of foreign agents before any episode is read.
+class AgentShapes:
+    """Sizes of foreign agents, known before any episode is read.
 
     Attributes:
-        observations: columns of each agent's observation.
-        actions: columns of each agent's action.
-        choices: how many values a discrete action has, 0 for continuous ones.
-        states: columns of the state, 0 where there is none.
+        observations: number of columns of each agent's observation.
+        actions: number of columns of each agent's action.
+        choices: number of values of a discrete action, 0 for continuous actions.
+        states: number of columns of the state, 0 without states.
     """
 
     observations: tuple[int, ...]
@@ -56,12 +56,12 @@ class Shapes:
     states: int
 
 
-def measured_spec(task: str, shapes: Shapes, choices: Choices) -> RecordedSpec:
-    """The spec of an environment of which there is only data.
+def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> RecordedSpec:
+    """The spec of an environment of which only data exist.
 
     Raises:
-        ConversionError: not as many names as agents.
-        SpecError: a name or a size that a recording cannot have.
+        ConversionError: the number of names differs from the number of agents.
+        SpecError: a recording cannot have such a name or size.
     """
     n = len(shapes.observations)
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
@@ -85,26 +85,17 @@ def measured_spec(task: str, shapes: Shapes, choices: Choices) -> RecordedSpec:
     return RecordedSpec.parse(content, "the data to convert")
 
 
-def stacked(arrays: Sequence[NDArray[Any]]) -> Float:
-    """Rows of several agents as one array, [n, N, widest], float32, zeros on the right."""
-    widest = max(array.shape[1] for array in arrays)
-    rows = np.zeros((len(arrays[0]), len(arrays), widest), dtype=np.float32)
-    for agent, array in enumerate(arrays):
-        rows[:, agent, : array.shape[1]] = array
-    return rows
-
-
-def episode_of(
+def build_episode(
     rows: Arrays, *, seed: int, policy: int, end: str | int, layout: Float | None = None
 ) -> Episode:
-    """Builds an episode of what there is; everything else is empty.
+    """Builds an episode of the given arrays; all others are empty.
 
     Args:
         rows: at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N].
-        seed: of the episode.
+        seed: seed of the episode.
         policy: index into the policies.
-        end: `termination` or `truncation`, or the code of the end reason, whose flags are in
-            `rows` or follow from it.
+        end: `termination` or `truncation`, or the code of the end reason. The team's flags are in
+            `rows`, or follow from it.
         layout: obstacles, [M, 8].
     """
     n, n_agents = rows["rewards"].shape

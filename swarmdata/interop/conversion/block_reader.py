@@ -1,4 +1,4 @@
-"""Reads rows in large blocks where a format decodes whole chunks for every request."""
+"""BlockReader: reads rows in large blocks, for formats that decode whole chunks per request."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,22 +6,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.interop.conversion.episode_cuts import Read
-from swarmdata.interop.conversion.kept_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.episode_cuts import ReadRows
 
 
-class Ahead:
-    """A `Read` that asks for many rows at once and serves small slices from them.
+class BlockReader:
+    """A `ReadRows` that reads many rows at once and serves small slices from them.
 
-    Slices should come in increasing order; others work and are slow.
+    Slices should come in increasing order; other orders work but are slow.
 
     Args:
-        read: gives some rows.
-        n_rows: that there are.
-        row_bytes: about how many bytes a row has, to bound what is held.
+        read: reads some rows.
+        n_rows: number of rows.
+        row_bytes: approximate size of a row, which bounds the memory.
     """
 
-    def __init__(self, read: Read, n_rows: int, row_bytes: int) -> None:
+    def __init__(self, read: ReadRows, n_rows: int, row_bytes: int) -> None:
         self._read = read
         self._n_rows = n_rows
         self._block = max(1, BLOCK_BYTES // max(1, row_bytes))
@@ -29,7 +29,7 @@ class Ahead:
         self._start = self._stop = 0
 
     def __call__(self, window: slice) -> Mapping[str, NDArray[Any]]:
-        """Returns the rows of `window`, whose start and stop are numbers."""
+        """Returns the rows of `window`, which has a start and a stop."""
         if not self._start <= window.start <= window.stop <= self._stop:
             self._start = window.start
             self._stop = min(self._n_rows, max(window.stop, window.start + self._block))

@@ -1,7 +1,7 @@
-"""The folder of a running recording: finished parts that survive any crash, and their assembly.
+"""The folder of an unfinished recording: parts that survive a crash, and the dataset made of them.
 
-`<path>.recording/` holds `session.json`, which says what is recorded, and immutable parts. Killed
-at any time, it is whole: what was not yet in a part is lost and nothing else.
+`<path>.recording/` holds `session.json`, which describes the recording, and immutable parts. A
+process that is killed loses only the episodes that were not yet in a part.
 """
 
 import re
@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
-from swarmdata.record.episode_buffer import n_bytes
+from swarmdata.record.episode_buffer import episode_bytes
 from swarmdata.specs.frozen import Frozen, differences
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import Splits
@@ -34,25 +34,25 @@ from swarmdata.store import (
 )
 from swarmdata.types import Episode
 
-SESSION = "session.json"
-LEAVING = ("agent_terminations", "agent_truncations", "alive")
-"""Arrays that a dataset has only where agents leave an episode before its end."""
+SESSION_FILE = "session.json"
+LEAVING_ARRAYS = ("agent_terminations", "agent_truncations", "alive")
+"""Arrays that a dataset has only if agents leave an episode before its end."""
 
-_PART = re.compile(r"part-(\d+)-policy-(\d+)")
+_PART_NAME = re.compile(r"part-(\d+)-policy-(\d+)")
 
 
 class Session(Frozen):
-    """What is recorded; the same in every process that goes on with it."""
+    """Description of a recording; the same in every process that continues it."""
 
     format_version: Literal[1] = 1
     recording: Recording
-    log_probs: bool  # whether they are recorded
+    log_probs: bool  # whether log-probabilities are recorded
     masks: bool  # whether there are action masks
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How much a part takes at most; what is not in a part is lost when the process is killed."""
+    """When finished episodes are written as a part; a killed process loses those not written."""
 
     episodes: int = 50
     n_bytes: int = 32 << 20
@@ -60,19 +60,19 @@ class Limits:
 
 
 class RecordingFolder:
-    """The parts of one recording; one process at a time has it.
+    """The parts of one recording, locked by one process at a time.
 
     Args:
-        path: of the dataset to be.
-        limits: of a part.
+        path: where the dataset will be.
+        limits: when a part is written.
 
     Raises:
-        BuildError: another process has it.
+        BuildError: another process holds the lock.
     """
 
     def __init__(self, path: Path, limits: Limits | None = None) -> None:
         self.path, self.limits = path, limits or Limits()
-        self.folder = recording_folder(path)
+        self.folder = unfinished_folder(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = FileLock(path.resolve().parent / f".{path.resolve().name}.lock")
         try:
@@ -82,8 +82,8 @@ class RecordingFolder:
                 f"another process is recording to {path}. Wait for it, or choose another path."
             ) from error
         if self.folder.exists():
-            remove_leftovers(self.folder, SESSION, _PART)
-        self._waiting: dict[int, list[Episode]] = {}
+            remove_leftovers(self.folder, SESSION_FILE, _PART_NAME)
+        self._unwritten: dict[int, list[Episode]] = {}
         parts = self.parts()
         self._next_part = max((number for number, _ in parts), default=-1) + 1
         is_published = path.exists()  # then a killed process may have removed half of a part
@@ -92,27 +92,29 @@ class RecordingFolder:
         self._n_bytes, self._since = 0, time.monotonic()
 
     def session(self) -> Session | None:
-        """What is recorded here, None if nothing is yet."""
-        note = self.folder / SESSION
+        """The description of the recording, None before it began."""
+        note = self.folder / SESSION_FILE
         return Session.from_file(note) if note.exists() else None
 
     def claim(self, session: Session) -> None:
-        """Begins the recording, or checks that the one that was begun here is the same.
+        """Begins the recording, or checks that the unfinished one has the same description.
 
         Raises:
-            RecipeConflictError: it is not.
+            BuildError: the folder has other files.
+            RecipeConflictError: the descriptions differ.
         """
-        there = self.session()
-        if there is None:
+        stored = self.session()
+        if stored is None:
             if self.folder.exists() and any(self.folder.iterdir()):
                 raise BuildError(
                     f"{self.folder} is not the folder of an unfinished recording: it has other "
-                    f"files and no {SESSION}. Move it away, or choose another path for the dataset."
+                    f"files and no {SESSION_FILE}. Move it away, or choose another path for the "
+                    "dataset."
                 )
             self.folder.mkdir(exist_ok=True)
-            write_file(self.folder / SESSION, session.to_json().encode())
+            write_file(self.folder / SESSION_FILE, session.to_json().encode())
             return
-        if different := list(differences(there, session)):
+        if different := list(differences(stored, session)):
             words = "; ".join(
                 f"{path} is {old!r} there, {new!r} here" for path, old, new in different
             )
@@ -122,38 +124,38 @@ class RecordingFolder:
             )
 
     def add(self, episode: Episode) -> None:
-        """Takes a finished episode; writes all that wait once they reach a limit."""
-        self._waiting.setdefault(episode.policy, []).append(episode)
+        """Adds a finished episode, and writes all unwritten ones when they reach a limit."""
+        self._unwritten.setdefault(episode.policy, []).append(episode)
         self._n_episodes += 1
-        self._n_bytes += n_bytes(episode)
-        count = sum(map(len, self._waiting.values()))
+        self._n_bytes += episode_bytes(episode)
+        count = sum(map(len, self._unwritten.values()))
         is_late = time.monotonic() - self._since >= self.limits.seconds
         if is_late or count >= self.limits.episodes or self._n_bytes >= self.limits.n_bytes:
             self.flush()
 
     def flush(self) -> None:
-        """Writes the episodes that wait as parts, one for each policy."""
-        for policy, episodes in sorted(self._waiting.items()):
+        """Writes the unwritten episodes as parts, one for each policy."""
+        for policy, episodes in sorted(self._unwritten.items()):
             write_part(self.folder / f"part-{self._next_part:06d}-policy-{policy}", episodes)
-        self._waiting.clear()
+        self._unwritten.clear()
         self._next_part += 1
         self._n_bytes, self._since = 0, time.monotonic()
 
     def parts(self) -> dict[tuple[int, int], Path]:
-        """Finished parts by (number, policy), in the order in which they were recorded."""
+        """Finished parts by (number, policy), in the order of recording."""
         return _parts(self.folder)
 
     @property
     def n_episodes(self) -> int:
-        """Finished episodes, those that wait included."""
+        """Number of finished episodes, including unwritten ones."""
         return self._n_episodes
 
     def seeds(self) -> set[int]:
-        """Seeds of the finished episodes, those that wait included."""
+        """Seeds of the finished episodes, including unwritten ones."""
         written = {
             int(seed) for path in self.parts().values() for seed in read_part_table(path).seeds
         }
-        return written | {e.seed for episodes in self._waiting.values() for e in episodes}
+        return written | {e.seed for episodes in self._unwritten.values() for e in episodes}
 
     def finish(self) -> Dataset:
         """Makes the dataset of all finished episodes, with its card, and removes the folder.
@@ -164,8 +166,8 @@ class RecordingFolder:
             DatasetError: a part is damaged.
         """
         session = self.session()
-        is_published = self.path.exists()  # by a process that was killed before it had tidied up
-        if session is None or not (self._waiting or self.parts() or is_published):
+        is_published = self.path.exists()  # by a process that was killed before it cleaned up
+        if session is None or not (self._unwritten or self.parts() or is_published):
             raise BuildError(f"nothing was recorded to {self.path}: no episode was finished.")
         if not is_published:
             self.flush()
@@ -173,7 +175,7 @@ class RecordingFolder:
         elif read_manifest(self.path).recipe_hash != session.recording.hash():
             raise RecipeConflictError(
                 f"{self.path} holds another dataset than the recording {session.recording.id} in "
-                f"{self.folder}. Move one of them."
+                f"{self.folder}. Move one of the two."
             )
         finish(self.path)
         self._remove()
@@ -181,79 +183,80 @@ class RecordingFolder:
         return Dataset.open(self.path, source="recorded")
 
     def _remove(self) -> None:
-        """Deletes what was recorded, the note last: killed in the middle, it can be done again.
+        """Deletes the parts, then the description, so that a killed removal can be repeated.
 
-        The folder goes with it, unless somebody has put something else there.
+        The folder is deleted as well unless it holds other files.
         """
         for part in self.parts().values():
             shutil.rmtree(part)
-        (self.folder / SESSION).unlink(missing_ok=True)
+        (self.folder / SESSION_FILE).unlink(missing_ok=True)
         if self.folder.exists() and not any(self.folder.iterdir()):
             self.folder.rmdir()
 
     def release(self) -> None:
-        """Lets other processes have the recording; what waits is lost."""
+        """Unlocks the recording for other processes; unwritten episodes are lost."""
         self._lock.release()
 
 
-def recording_folder(path: Path) -> Path:
-    """Where the parts of an unfinished recording are."""
-    whole = path.resolve()  # `.` has no name
-    return whole.parent / f"{whole.name}.recording"
+def unfinished_folder(path: Path) -> Path:
+    """The folder with the parts of an unfinished recording."""
+    resolved = path.resolve()  # `.` has no name
+    return resolved.parent / f"{resolved.name}.recording"
 
 
 def recover(path: Path | str) -> Dataset:
-    """Finishes a recording whose process ended early, with the episodes that it had finished.
+    """Makes a dataset of the finished episodes of a recording whose process ended early.
 
     Args:
-        path: of the dataset to be, or its `.recording` folder.
+        path: where the dataset will be, or its `.recording` folder.
 
     Raises:
         DatasetNotFoundError: there is no unfinished recording.
         BuildError: a process is still recording, or no episode was finished.
     """
-    path = _unfinished(Path(path))
-    parts = RecordingFolder(path)
+    folder = RecordingFolder(_dataset_path(Path(path)))
     try:
-        return parts.finish()
+        return folder.finish()
     finally:
-        parts.release()
+        folder.release()
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
-    """What an unfinished recording holds."""
+class RecordingContents:
+    """Contents of an unfinished recording."""
 
     session: Session
     policies: tuple[tuple[str, int, int], ...]  # label, finished episodes, their joint steps
 
 
-def look(path: Path | str) -> Contents:
-    """Looks into an unfinished recording, which may be running.
+def inspect_recording(path: Path | str) -> RecordingContents:
+    """Counts the episodes of an unfinished recording, which may be running.
 
     Args:
-        path: of the dataset to be, or its `.recording` folder.
+        path: where the dataset will be, or its `.recording` folder.
 
     Raises:
         DatasetNotFoundError: there is no unfinished recording.
     """
-    folder = recording_folder(_unfinished(Path(path)))
-    session = Session.from_file(folder / SESSION)
+    folder = unfinished_folder(_dataset_path(Path(path)))
+    session = Session.from_file(folder / SESSION_FILE)
     counts = {source.label: [0, 0] for source in session.recording.policies}
     labels = list(counts)
     for (_, policy), part in _parts(folder).items():
         table = read_part_table(part)
         counts[labels[policy]][0] += len(table)
         counts[labels[policy]][1] += table.n_steps
-    return Contents(session, tuple((label, n, steps) for label, (n, steps) in counts.items()))
+    return RecordingContents(
+        session, tuple((label, n, steps) for label, (n, steps) in counts.items())
+    )
 
 
-def _unfinished(path: Path) -> Path:
-    """The path of the dataset to be."""
+def _dataset_path(path: Path) -> Path:
+    """Where the dataset of an unfinished recording will be."""
     if path.suffix == ".recording":
         path = path.with_suffix("")
-    folder = recording_folder(path)
-    if not (folder / SESSION).exists():
+    folder = unfinished_folder(path)
+    if not (folder / SESSION_FILE).exists():
         raise DatasetNotFoundError(
             f"there is no unfinished recording {folder}"
             + (f"; {path} is finished already." if path.exists() else ".")
@@ -262,16 +265,16 @@ def _unfinished(path: Path) -> Path:
 
 
 def _parts(folder: Path) -> dict[tuple[int, int], Path]:
-    """Finished parts by (number, policy), in the order in which they were recorded."""
+    """Finished parts by (number, policy), in the order of recording."""
     found = {}
     for path in folder.glob("part-*"):
-        if match := _PART.fullmatch(path.name):
+        if match := _PART_NAME.fullmatch(path.name):
             found[int(match[1]), int(match[2])] = path
     return dict(sorted(found.items()))
 
 
 def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) -> Manifest:
-    """Puts the parts together: part by part, as they were recorded."""
+    """Makes the dataset of the parts, in the order of recording."""
     streams: dict[int, list[Path]] = {}
     taken: dict[int, int] = {}
     order = []
@@ -282,23 +285,20 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
             taken[policy] += 1
     recording = session.recording
     if SPLITS.index("train") not in assign_splits(recording, order):
+        splits = recording.splits or Splits()
         raise BuildError(
             f"{recording.id} has {len(order)} episodes, none of which falls into the train split "
-            f"({_rule(recording)}). Record more; the episodes are kept."
+            f"({splits.validation} + {splits.test} of every {splits.block} episodes are held out). "
+            "Record more; the episodes are kept."
         )
     optional = ["action_masks"] * session.masks
-    optional += LEAVING if any(_agents_leave(folder) for folder in parts.values()) else ()
+    optional += LEAVING_ARRAYS if any(_agents_leave(folder) for folder in parts.values()) else ()
     return assemble(path, recipe=recording, parts=streams, order=order, optional=optional)
 
 
-def _rule(recording: Recording) -> str:
-    splits = recording.splits or Splits()
-    return f"{splits.validation} + {splits.test} of every {splits.block} episodes are held out"
-
-
 def _agents_leave(part: Path) -> bool:
-    """Whether the flags of any episode say more of its agents than those of the team."""
-    arrays = {name: np.load(part / f"{name}.npy", mmap_mode="r") for name in LEAVING}
+    """Whether some agent ends before its team, or otherwise than its team."""
+    arrays = {name: np.load(part / f"{name}.npy", mmap_mode="r") for name in LEAVING_ARRAYS}
     lengths = read_part_table(part).lengths
     ends = np.cumsum(lengths) - 1
     acted = np.delete(arrays["alive"], np.cumsum(lengths + 1) - 1, axis=0)  # without last states

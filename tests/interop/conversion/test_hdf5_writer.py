@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from swarmdata.interop.conversion.hdf5 import Writer, created
+from swarmdata.interop.conversion.hdf5_writer import HDF5Writer, create_hdf5
 
 
-def fill(writer: Writer, n_blocks: int = 40) -> None:
+def fill(writer: HDF5Writer, n_blocks: int = 40) -> None:
     rows = writer.file.create_dataset(
         "deep/rows", (0, 8), "f4", maxshape=(None, 8), chunks=(512, 8), fletcher32=True
     )
@@ -23,12 +23,12 @@ def fill(writer: Writer, n_blocks: int = 40) -> None:
 
 
 def test_what_is_written_is_read_by_h5py(tmp_path: Path) -> None:
-    with created(tmp_path / "x.hdf5") as writer:
+    with create_hdf5(tmp_path / "x.hdf5") as writer:
         fill(writer)
     with h5py.File(tmp_path / "x.hdf5") as file:
         np.testing.assert_array_equal(file["deep/rows"][:, 3], np.repeat(np.arange(40), 512))
         assert file["text"][()] == b"a note"
-    with pytest.raises(FileExistsError), created(tmp_path / "x.hdf5"):
+    with pytest.raises(FileExistsError), create_hdf5(tmp_path / "x.hdf5"):
         pass
 
 
@@ -44,7 +44,7 @@ def test_a_failed_write_is_raised_wherever_it_happens(
         return pwrite(descriptor, content, position)
 
     monkeypatch.setattr(os, "pwrite", some)
-    with pytest.raises(OSError, match="No space left"), created(tmp_path / "x") as writer:
+    with pytest.raises(OSError, match="No space left"), create_hdf5(tmp_path / "x") as writer:
         fill(writer)
 
 
@@ -57,7 +57,7 @@ def test_what_fails_at_the_very_end_is_raised_too(
     monkeypatch.setattr(os, "ftruncate", refuse)
 
     def fill_then_fail() -> None:
-        with created(tmp_path / "x") as writer:
+        with create_hdf5(tmp_path / "x") as writer:
             fill(writer, 1)
             monkeypatch.setattr(os, "pwrite", refuse)
 

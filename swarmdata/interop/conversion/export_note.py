@@ -1,7 +1,7 @@
-"""Note, what travels with exported data: identity, spec, and the episode table.
+"""ExportNote: the identity, spec and episode table that travel with exported data.
 
-Other formats have attributes or files for such text. With it an import needs no guessing: episode
-boundaries, spaces, splits and policies are read, not inferred.
+It is stored as text in an attribute or file of the foreign format. An import then reads episode
+boundaries, spaces, splits and policies instead of inferring them.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ Lengths = tuple[Annotated[int, Field(ge=1)], ...]
 
 
 class EpisodeColumns(Frozen):
-    """The episodes in the order of their rows; all columns have the same length."""
+    """Columns over the episodes, in the order of their rows, all of the same length."""
 
     lengths: Lengths  # steps
     seeds: tuple[Annotated[int, Field(ge=0, lt=1 << 64)], ...]
@@ -46,21 +46,21 @@ class EpisodeColumns(Frozen):
         return np.array(self.split, dtype=np.uint8)
 
 
-class Note(Frozen):
-    """What a foreign format has no place for."""
+class ExportNote(Frozen):
+    """What a foreign format has no field for."""
 
     swarmdata_note: Literal[1] = 1
     id: Id  # of the dataset that was exported
-    digest: Sha256  # of that dataset, whole; the export may be a view of it
+    digest: Sha256  # of that whole dataset; the export may be a view
     spec: AnySpec
     policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
     episodes: EpisodeColumns
 
 
-def note_of(dataset: Dataset) -> Note:
-    """What is to be written beside an export of this view."""
+def note_of(dataset: Dataset) -> ExportNote:
+    """Returns the note to write beside an export of this view."""
     table = dataset.episodes
-    return Note(
+    return ExportNote(
         id=dataset.id,
         digest=dataset.digest,
         spec=dataset.spec,
@@ -75,14 +75,14 @@ def note_of(dataset: Dataset) -> Note:
     )
 
 
-def parse_note(text: str | bytes, source: Path | str) -> Note:
+def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
     """Reads a note.
 
     Raises:
-        ConversionError: it is damaged.
+        ConversionError: the note is damaged.
     """
     try:
-        return Note.parse(parse_json(text, str(source)), str(source))
+        return ExportNote.parse(parse_json(text, str(source)), str(source))
     except SpecError as error:
         raise ConversionError(
             f"the note of swarmdata in {source} cannot be read: {error}. Export the dataset again."

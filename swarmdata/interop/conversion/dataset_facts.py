@@ -1,4 +1,4 @@
-"""The facts that a dataset holds, by name, so that each format can say which of them it keeps."""
+"""Names of everything that a dataset holds, and its steps in blocks, for converters."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -26,20 +26,20 @@ TIME_ARRAYS = (*STATE_ARRAYS, *STEP_ARRAYS)
 EPISODE_FACTS = ("layout", "seed", "policy", "end_reason", "split")
 """One value per episode."""
 
-FACTS = (*TIME_ARRAYS, *EPISODE_FACTS, "spec")
-"""All that a dataset holds; what is computed from it (returns, statistics) is not listed."""
+DATASET_FACTS = (*TIME_ARRAYS, *EPISODE_FACTS, "spec")
+"""Everything that a dataset holds, except what is computed from it (returns, statistics)."""
 
-NEXT = "next_"
-"""Prefix of the state reached by a step, where a format has one row per step."""
+NEXT_PREFIX = "next_"
+"""Prefix of arrays over the states after each step, for formats with one row per step."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
 BLOCK_BYTES = 32 << 20
-"""About how much of a dataset is in memory at a time."""
+"""Approximate size of the part of a dataset that is in memory at a time."""
 
 
-def present(dataset: Dataset) -> tuple[str, ...]:
-    """Names of the arrays over time that a dataset has, those without elements left out."""
+def array_names(dataset: Dataset) -> tuple[str, ...]:
+    """Names of the arrays over time that a dataset has, without empty ones."""
     arrays = dataset.stored.arrays
     return tuple(
         name for name in (*STATE_ARRAYS, *STEP_ARRAYS) if name in arrays and arrays[name].size
@@ -47,24 +47,24 @@ def present(dataset: Dataset) -> tuple[str, ...]:
 
 
 def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-    """Shape of one row, and dtype, of each array that `blocks` yields, by name."""
+    """Shape of a row and dtype of each array that `step_blocks` yields, by name."""
     shapes = {}
-    for name in present(dataset):
+    for name in array_names(dataset):
         array = dataset.stored.arrays[name]
         shapes[name] = (array.shape[1:], array.dtype)
         if name in STATE_ARRAYS:
-            shapes[NEXT + name] = shapes[name]
+            shapes[NEXT_PREFIX + name] = shapes[name]
     return shapes
 
 
-def blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
-    """Yields the steps of a view, some whole episodes at a time, one row per step.
+def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
+    """Yields the steps of a view, whole episodes at a time, one row per step.
 
     Yields:
-        number of the block's first step in the view, and its arrays by name [n, ...]; an array
-        over states is there twice, before and (with `NEXT`) after each step.
+        number of the block's first step in the view, and its arrays by name, [n, ...]; arrays over
+        states come twice, before each step and (with `NEXT_PREFIX`) after it.
     """
-    names = present(dataset)
+    names = array_names(dataset)
     first = 0
     for group in _groups(dataset):
         columns: dict[str, list[NDArray[Any]]] = {}
@@ -74,7 +74,7 @@ def blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
                 values = getattr(episode, name)
                 if name in STATE_ARRAYS:
                     columns.setdefault(name, []).append(values[:-1])
-                    columns.setdefault(NEXT + name, []).append(values[1:])
+                    columns.setdefault(NEXT_PREFIX + name, []).append(values[1:])
                 else:
                     columns.setdefault(name, []).append(values)
         yield first, {name: np.concatenate(values) for name, values in columns.items()}
@@ -82,8 +82,8 @@ def blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
 
 
 def _groups(dataset: Dataset) -> Iterator[Sequence[int]]:
-    """Consecutive episodes of a view of about `BLOCK_BYTES`."""
-    arrays, names = dataset.stored.arrays, present(dataset)
+    """Groups of consecutive episodes of about `BLOCK_BYTES`."""
+    arrays, names = dataset.stored.arrays, array_names(dataset)
     per_step = sum(2 * arrays[name].nbytes // len(arrays[name]) for name in names)
     limit = max(1, BLOCK_BYTES // max(1, per_step))
     group: list[int] = []

@@ -1,0 +1,180 @@
+"""Turns the dictionaries of a `ParallelEnv` into arrays of all agents: checked, copied, padded."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.record.episode_buffer import Outcome
+from swarmdata.record.foreign_environment import ACTION_MASK_KEY
+from swarmdata.specs.origins import RecordedAgent
+from swarmdata.specs.spaces import (
+    DiscreteSpace,
+    MultiDiscreteSpace,
+    Space,
+    flatten,
+    stack_agents,
+    width,
+)
+from swarmdata.types import Bool, Float
+
+SUCCESS_KEYS = ("success", "is_success")
+"""Keys of infos that tell whether the task was solved."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentReader:
+    """Reads values by agent, of an environment or its policies, into arrays of all agents.
+
+    Arrays are copies, because environments reuse theirs.
+
+    Attributes:
+        names: possible agents as the environment names them, [N].
+        agents: their descriptions, [N].
+    """
+
+    names: tuple[Any, ...]
+    agents: tuple[RecordedAgent, ...]
+
+    def alive(self, present: Sequence[Any]) -> Bool:
+        """Which agents are in the environment's `agents`, [N].
+
+        Raises:
+            SchemaError: an agent is not one of the possible agents.
+        """
+        unknown = [name for name in present if name not in self.names]
+        if unknown:
+            raise SchemaError(
+                f"agents {unknown} appeared, which are not in possible_agents {list(self.names)}: "
+                "a recording needs the names of all agents beforehand."
+            )
+        return np.array([name in present for name in self.names])
+
+    def observations(self, given: Mapping[Any, Any], seen: Bool) -> tuple[Float, Float]:
+        """Observations of all agents; zeros for absent ones.
+
+        Args:
+            given: observations by agent.
+            seen: agents that are present or have just left, [N].
+
+        Returns:
+            rows padded to the widest agent, [N, O], and their concatenation without padding.
+        """
+        rows = self._rows(given, seen, "observation", [a.observation for a in self.agents])
+        return stack_agents(rows), np.concatenate(rows)
+
+    def actions(self, given: Mapping[Any, Any], alive: Bool) -> Float:
+        """Actions of all agents; zeros for agents that are not alive, [N, A].
+
+        Raises:
+            SchemaError: an agent that acts has no action, or one that is not in its space.
+        """
+        return stack_agents(self._rows(given, alive, "action", [a.action for a in self.agents]))
+
+    def numbers(self, given: Mapping[Any, Any], acted: Bool, what: str) -> Float:
+        """One number, such as the reward, of each agent that acted; zero for the others, [N].
+
+        Raises:
+            SchemaError: a number is missing or not finite.
+        """
+        numbers = np.zeros(len(self.names), dtype=np.float32)
+        known = self._require(given, acted, what)
+        for index, name in enumerate(self.names):
+            value = np.asarray(known.get(name, 0.0))
+            if value.size != 1 or value.dtype.kind not in "biuf" or not np.isfinite(value).all():
+                raise SchemaError(
+                    f"{what} of {name} is {given[name]!r}, expected one finite number"
+                )
+            numbers[index] = value.item()
+        return numbers
+
+    def flags(self, given: Mapping[Any, Any], acted: Bool) -> Bool:
+        """Flags of all agents; false for agents that did not act, [N]."""
+        return np.array([bool(given.get(name, False)) for name in self.names]) & acted
+
+    def has_masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> bool:
+        """Whether any agent has an action mask."""
+        return any(_mask_of(name, observations, infos) is not None for name in self.names)
+
+    def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:
+        """Allowed choices, [N, C]: all for a living agent without a mask, none for a dead one.
+
+        The choices of a multi-discrete action are those of its parts, one after the other.
+
+        Raises:
+            SchemaError: a mask has the wrong length.
+        """
+        counts = [n_choices(agent.action) for agent in self.agents]
+        masks = np.zeros((len(counts), max(counts)), dtype=np.bool_)
+        for index, (name, count) in enumerate(zip(self.names, counts, strict=True)):
+            given = _mask_of(name, observations, infos)
+            if not alive[index]:
+                continue
+            row = np.ones(count, np.bool_)
+            if given is not None:
+                # masks of a multi-discrete action may come as a tuple
+                parts = given if isinstance(given, tuple | list) else (given,)
+                row = np.concatenate([np.ravel(part).astype(np.bool_) for part in parts])
+            if len(row) != count:
+                raise SchemaError(
+                    f"action mask of {name} has {len(row)} values, expected {count} (the choices "
+                    f"of {self.agents[index].action})"
+                )
+            masks[index, :count] = row
+        return masks
+
+    def outcome(self, infos: Mapping[Any, Any]) -> Outcome:
+        """The outcome that the infos of the last step report."""
+        return combine_outcomes(
+            bool(np.all(info[key]))
+            for info in infos.values()
+            for key in SUCCESS_KEYS
+            if isinstance(info, Mapping) and key in info
+        )
+
+    def _require(self, given: Mapping[Any, Any], wanted: Bool, what: str) -> dict[Any, Any]:
+        """The given values of the wanted agents; none may be missing."""
+        names = [name for name, is_wanted in zip(self.names, wanted, strict=True) if is_wanted]
+        if missing := [name for name in names if name not in given]:
+            raise SchemaError(f"no {what} of {missing}, expected one of each of {names}")
+        return {name: given[name] for name in names}
+
+    def _rows(
+        self, given: Mapping[Any, Any], wanted: Bool, what: str, spaces: Sequence[Space]
+    ) -> list[Float]:
+        """The values of the wanted agents as rows, zeros for the others."""
+        known = self._require(given, wanted, what)
+        return [
+            flatten(space, known[name], f"{what} of {name}")
+            if name in known
+            else np.zeros(width(space), dtype=np.float32)
+            for space, name in zip(spaces, self.names, strict=True)
+        ]
+
+
+def combine_outcomes(successes: Iterable[bool]) -> Outcome:
+    """Success if every agent that reported an outcome succeeded; None if none reported one."""
+    reported = list(successes)
+    if not reported:
+        return None
+    return "success" if all(reported) else "failure"
+
+
+def n_choices(space: Space) -> int:
+    """Number of entries of an action mask; 0 for actions that are not discrete."""
+    match space:
+        case DiscreteSpace():
+            return space.n
+        case MultiDiscreteSpace():
+            return sum(space.n)
+    return 0
+
+
+def _mask_of(name: Any, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Any:
+    """The mask in an agent's info or observation (PettingZoo has both conventions), or None."""
+    for source in (infos.get(name), observations.get(name)):
+        if isinstance(source, Mapping) and source.get(ACTION_MASK_KEY) is not None:
+            return source[ACTION_MASK_KEY]
+    return None
