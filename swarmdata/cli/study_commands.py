@@ -19,15 +19,10 @@ def study(
     only: Annotated[
         str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
     ] = None,
-    again: Annotated[
-        bool, typer.Option(help="delete and rerun cells with another configuration")
-    ] = False,
+    again: Annotated[bool, typer.Option(help="rerun cells of another configuration")] = False,
     check: Annotated[
         str | None,
-        typer.Option(
-            metavar="CELL",
-            help="rerun a finished cell in a temporary folder and compare the results",
-        ),
+        typer.Option(metavar="CELL", help="rerun a finished cell elsewhere and compare"),
     ] = None,
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.

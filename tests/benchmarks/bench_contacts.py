@@ -187,7 +187,7 @@ def again(episode: Episode, spec: TaskSpec, t: int) -> Float:
     commands /= np.maximum(np.hypot(*commands.T), 1.0)[:, None]
     forces, timing = np.zeros((n, 2)), (spec.n_substeps, spec.physics_dt)
     for k in range(spec.n_substeps):
-        drive(robots, commands, limits_of(spec), timing, k, forces)
+        drive(robots, commands, limits_of(spec), spec.n_substeps, spec.physics_dt, k, forces)
         for body, force in zip(bodies[:n], forces.tolist(), strict=True):
             body.force = tuple(force)
         space.step(spec.physics_dt)

@@ -25,7 +25,7 @@ from swarmdata.cards.publish import publish_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
 from swarmdata.evaluation.results.clips import write_clip
-from swarmdata.hub.catalog import catalog
+from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.interop.export import export_dataset
@@ -148,7 +148,7 @@ def read_only(folder: Path) -> dict[str, Any]:
     digest = read_manifest(make_tiny(folder / "cache" / "datasets" / TINY.id)).digest
     mount(folder, "remount,ro,size=20m")
     pytest.MonkeyPatch().setattr(
-        catalog, "find_recipe", lambda name: TINY if "tiny" in name else find_recipe(name)
+        request, "find_recipe", lambda name: TINY if "tiny" in name else find_recipe(name)
     )
     dataset = load("coop_nav-tiny", verify="full")
     return {

@@ -36,7 +36,7 @@ def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) ->
         assert (ours.seed, ours.end_reason) == (theirs.seed, theirs.end_reason)
         assert ours.optional == ()
     assert "## Coverage" in dataset.card, "the usual card of the task"
-    assert "A recording cannot be made again" in dataset.card
+    assert "cannot be generated again" in dataset.card
     assert "## Log-probabilities" not in dataset.card
     seen = dataset.reobserve("state", progress=False)
     assert seen.task.observation != SPEC.observation
@@ -45,5 +45,5 @@ def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) ->
 def test_what_the_spec_says_is_not_said_again(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"already has .*'horizon'"):
         Recorder(ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds", horizon=3)
-    with pytest.raises(SchemaError, match="not reset yet"):
+    with pytest.raises(SchemaError, match="has not been reset"):
         _ = ParallelWorld(SPEC).current_step
