@@ -157,7 +157,7 @@ def links_in(path: Path) -> tuple[str, ...]:
 def blocking_links(path: Path) -> tuple[str, ...]:
     """The links below a dataset's folder where a file or folder of the dataset belongs, sorted.
 
-    Somebody's own links elsewhere in the folder are never followed, and are none of our business.
+    The user's own links elsewhere in the folder are never followed, and do no harm.
     """
     found = links_in(path)
     if not found:
@@ -300,7 +300,7 @@ def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, by
 
 
 def check_widths(stored: StoredDataset) -> None:
-    """Compares what `open_store` with `widths=False` has not.
+    """Compares the widths that `open_store` with `widths=False` does not.
 
     Raises:
         ManifestError: naming what contradicts the spec.

@@ -129,7 +129,7 @@ def croissant(
 
 
 def license_of(dataset: Dataset) -> str:
-    """The Hub's name of the license: what the recording says, that of ours, or `unknown`."""
+    """The Hub's name of the license: the recording's, swarmdata's own, or `unknown`."""
     recipe = dataset.recipe
     if isinstance(recipe, Recording):
         return recipe.metadata.get("license", "unknown")
