@@ -1,4 +1,4 @@
-"""What is written beside a dataset's own files: the card, and the references for programs.
+"""The files beside a dataset's own ones: the card, and the references for programs.
 
 Neither is in a digest. They are compared with what this version of the package writes.
 """
@@ -13,9 +13,9 @@ from swarmdata.store.arrays.layout import CARD, REFERENCES
 
 
 def finish(folder: Path) -> None:
-    """Writes what a dataset lacks beside its own files: the last step of everything that makes one.
+    """Writes the missing side files; this is the last step of everything that makes a dataset.
 
-    A card comes last, so a dataset that has one is finished. What is there already is kept.
+    The card is written last, so a dataset with a card is finished. Existing files are kept.
 
     Raises:
         DatasetError: the dataset cannot be used.
@@ -31,7 +31,7 @@ def finish(folder: Path) -> None:
 
 
 def damage_of(folder: Path) -> tuple[Damage, ...]:
-    """What is wrong with the card and its companions, where the dataset's own files are sound.
+    """Compares the side files of a dataset, whose own files are sound, with what we would write.
 
     Raises:
         DatasetError: the dataset cannot be used.
@@ -47,7 +47,7 @@ def damage_of(folder: Path) -> tuple[Damage, ...]:
 
 
 def _problem(path: Path, expected: bytes) -> str:
-    """What is wrong with one file; empty if nothing."""
+    """Describes how one file differs; empty if it does not."""
     if path.is_symlink():
         return "is a symbolic link, expected a plain file"
     try:

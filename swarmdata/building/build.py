@@ -77,7 +77,7 @@ def build_under_lock(
 ) -> None:
     """Does what `build` does, for a caller that holds the lock of `out`."""
     if is_finished(out, recipe):
-        return  # somebody else's, while we waited for the lock
+        return  # another process built it while this one waited for the lock
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
     if not out.exists():
@@ -95,8 +95,8 @@ def build_folder(out: Path) -> Path:
 def remove_parts(recipe: Recipe, out: Path) -> None:
     """Removes the parts of a recipe in `build_folder(out)`, the note of the recipe last.
 
-    The folder goes with them, unless somebody has put something else there. A folder without the
-    note of this recipe is not touched: its parts are of another one, or it is somebody else's.
+    The folder is removed as well, unless it holds other files. A folder without the note of this
+    recipe is not touched: it belongs to another recipe or to the user.
     """
     parts = _Parts(recipe, build_folder(out))
     if not parts.folder.is_dir():
@@ -137,10 +137,8 @@ def work() -> None:
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         recipe = Recipe.from_text(payload["recipe"])
-        kind = (
-            recipe.spec,
-            min(SIMULATED_COPIES, recipe.part_episodes),
-        )  # more copies would run in vain
+        n_copies = min(SIMULATED_COPIES, recipe.part_episodes)  # more would have no episode to run
+        kind = recipe.spec, n_copies
         if kind not in copies:
             copies[kind] = make_env(*kind)
         env = copies[kind]
@@ -215,8 +213,12 @@ class _Parts:
             return
         there = Recipe.from_file(self.note)
         if there != self.recipe:
+            changes = "; ".join(
+                f"{path} is {old!r} there, {new!r} in the recipe"
+                for path, old, new in differences(there, self.recipe)
+            )
             raise RecipeConflictError(
-                f"{self.folder} holds parts of another recipe: {_difference(there, self.recipe)}. "
+                f"{self.folder} holds parts of another recipe: {changes}. "
                 "Delete it or choose another folder."
             )
 
@@ -229,7 +231,7 @@ class _Parts:
         """Whether the folder has been begun with this recipe."""
         try:
             return Recipe.from_file(self.note) == self.recipe
-        except (OSError, ValueError):  # none, or of somebody who keeps other things there
+        except (OSError, ValueError):  # absent, or a file of the user's
             return False
 
     def remove_leftovers(self) -> None:
@@ -269,8 +271,8 @@ class _Parts:
     def wave(self, merge: MergeOrder, workers: int) -> list[Job]:
         """The parts to make next: what each policy's share still needs, by its mean part so far.
 
-        A policy without parts gets one; then the estimates are good, and nearly nothing is made in
-        vain.
+        A policy without parts gets one; after that the estimates are good, and hardly any part is
+        made that the dataset does not need.
         """
         whole = sum(source.share for source in self.recipe.policies)
         jobs = []
@@ -311,11 +313,3 @@ class _Parts:
                 f"has {free / 1e6:.0f} MB free. Make room or choose another folder; finished parts "
                 "are kept."
             )
-
-
-def _difference(there: Recipe, wanted: Recipe) -> str:
-    """Names the fields that differ, with both values."""
-    return "; ".join(
-        f"{path} is {old!r} there, {new!r} in the recipe"
-        for path, old, new in differences(there, wanted)
-    )

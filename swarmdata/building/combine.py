@@ -1,4 +1,4 @@
-"""What an edited dataset is made of: its parents, its policies, and the writing of its folder."""
+"""Describes an edited dataset by its parents and policies, and writes its folder."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -121,7 +121,7 @@ def _label(source: PolicySource, dataset: str, taken: Mapping[str, PolicySource]
 
 
 def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
-    """Writes what an edit describes; one process at a time, the others find it done.
+    """Writes the dataset that an edit describes, one process at a time.
 
     It gets a card if all of its parents have one.
     """

@@ -32,7 +32,7 @@ def preset(name: str) -> TaskSpec:
 
 @cache
 def preset_summary(name: str) -> str:
-    """What a preset is, in the words of the first comment of its file; empty if it has none.
+    """The first comment in a preset's file, which describes it; empty if there is none.
 
     Raises:
         UnknownNameError: with the nearest known name.

@@ -1,4 +1,4 @@
-"""What the package knows about published datasets and about the reference policies of each task."""
+"""Published datasets and the measured reference policies of each task, from the package."""
 
 import json
 from collections.abc import Mapping
@@ -109,7 +109,7 @@ class TaskReferences(Frozen):
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
-    """Versions and platforms that differ from those that something was made with, in words."""
+    """Describes each difference from the versions and the platform something was made with."""
     return tuple(
         f"{name} {here.get(name, 'none')} instead of {version}"
         for name, version in sorted(made_with.items())

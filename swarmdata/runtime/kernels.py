@@ -73,7 +73,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         except Exception as error:  # whatever unpickling makes of damaged bytes
             _warn_damaged(str(self._cache_path), f"{type(error).__name__}: {error}")
             with contextlib.suppress(OSError):
-                self._cache_file.flush()  # so that it is written anew
+                self._cache_file.flush()  # so that it is written again
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -130,7 +130,7 @@ def _warn_uncached() -> None:
 
 
 _said: set[str] = set()
-"""Problems of the cache that were told of in this process."""
+"""Problems of the cache that this process has warned about."""
 
 
 def _warn_damaged(folder: str, problem: str) -> None:

@@ -1,4 +1,4 @@
-"""One process at a time makes or changes a folder or a file; the others wait and say for whom."""
+"""Locks: one process at a time makes or changes a folder or file; the others wait and say why."""
 
 import errno
 import fcntl
@@ -24,7 +24,7 @@ def locked(folder: Path, shown: bool = True) -> Iterator[None]:
 
     Args:
         folder: a dataset's; its parents are created.
-        shown: whether to say on standard error that and for whom this process waits.
+        shown: whether to say on standard error that this process waits, and for which one.
 
     Raises:
         BuildError: nothing can be written there.
@@ -59,7 +59,7 @@ def _acquire(lock: FileLock, owner: Path, folder: Path, shown: bool) -> None:
 
 
 def _holder(owner: Path) -> str:
-    """Who holds the lock, as far as it is known: between taking it and saying so is a moment."""
+    """The process that holds the lock; it is unknown until it has written its name."""
     try:
         return owner.read_text(encoding="utf-8") or "another process"
     except OSError:
@@ -75,7 +75,7 @@ def updating(path: Path, shown: bool = False) -> Iterator[None]:
 
     Args:
         path: of the file, which need not exist; its folder is made.
-        shown: whether to say on standard error that and for whom this process waits.
+        shown: whether to say on standard error that this process waits, and for which one.
 
     Raises:
         BuildError: nothing can be written there.
@@ -92,7 +92,7 @@ def updating(path: Path, shown: bool = False) -> Iterator[None]:
     try:
         yield
     finally:
-        note.unlink(missing_ok=True)  # before the lock is free, so that nobody holds what is gone
+        note.unlink(missing_ok=True)  # before the unlock, so that no process locks a deleted file
         os.close(lock)
 
 

@@ -1,4 +1,4 @@
-"""Files that somebody else named, read only if they are regular and of bounded size."""
+"""Reads files with untrusted names, only if they are regular and of bounded size."""
 
 import os
 import stat
@@ -10,8 +10,8 @@ from swarmdata.errors import FileKindError
 def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> bytes:
     """Returns the bytes of a regular file.
 
-    What it is and how large is looked at before anything is read, and no more than `most_bytes`
-    ever is: a device, a pipe or a file that grows neither blocks nor fills the memory.
+    Kind and size are checked before anything is read, and never more than `most_bytes` is read: a
+    device, a pipe or a file that grows neither blocks nor fills the memory.
 
     Args:
         path: of the file.

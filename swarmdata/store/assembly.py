@@ -264,7 +264,10 @@ def _write(folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard
         n_steps=int(source.table.lengths.sum()),
         digest=logical.hexdigest(),
         arrays=entries,
-        files={name: _file_entry(folder / name) for name in expected_files(shards)},
+        files={
+            name: FileEntry(size=(folder / name).stat().st_size, sha256=file_digest(folder / name))
+            for name in expected_files(shards)
+        },
         statistics=StatisticsEntry(
             observation_mean=observation_mean,
             observation_std=observation_std,
@@ -290,12 +293,8 @@ def _observer(moments: Moments | None, train: Bool) -> Callable[[Blocks], Blocks
     return observe
 
 
-def _file_entry(path: Path) -> FileEntry:
-    return FileEntry(size=path.stat().st_size, sha256=file_digest(path))
-
-
 def _attributes(recipe: Origin) -> dict[str, Any]:
-    """What somebody who has only Zarr needs to read the codes."""
+    """The attributes that explain the codes to readers who have only Zarr."""
     return {
         "id": recipe.id,
         "recipe_hash": recipe.hash(),  # so that arrays and recipe are held together twice

@@ -30,13 +30,13 @@ def cache_folder() -> Path:
 
 
 def note_build(manifest: Manifest) -> None:
-    """Records that a dataset was built here, so that this can be said of it later.
+    """Records that a dataset was built here, for `was_built_here`.
 
     The record is beside the datasets, not in them: it neither travels with a copy nor survives a
     change of recipe or arrays.
     """
     record = _record(manifest)
-    with contextlib.suppress(OSError):  # a cache that is read only: then nobody says so later
+    with contextlib.suppress(OSError):  # a read-only cache has no such records
         record.parent.mkdir(parents=True, exist_ok=True)
         content = {"id": manifest.id, "digest": manifest.digest, "recipe": manifest.recipe_hash}
         write_file(record, json.dumps(content).encode())

@@ -15,7 +15,7 @@ from swarmdata.types import Int
 
 @dataclass(frozen=True, slots=True)
 class MergeOrder:
-    """The episodes of a dataset in order, as far as the given lengths reach.
+    """The episodes of a dataset in order, up to where the given lengths end.
 
     `lacking` is the policy whose next episode is needed and not there, or None when `order` is
     complete; the order so far is a prefix of the complete one.

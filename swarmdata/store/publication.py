@@ -1,4 +1,4 @@
-"""What is published of a stored dataset: figures, digests, and versions."""
+"""The published entry of a stored dataset: figures, digests, and versions."""
 
 import math
 
@@ -10,7 +10,7 @@ from swarmdata.store.table import EpisodeTable, clean_successes
 
 
 def publication(stored: StoredDataset) -> Published:
-    """Returns what is published of a built dataset."""
+    """Returns the entry that is published for a built dataset."""
     manifest, table = stored.manifest, stored.table
     labels = [source.label for source in stored.recipe.policies]
     return Published(

@@ -1,4 +1,4 @@
-"""Folders of unfinished work beside a dataset's folder, which the next process goes on with."""
+"""Folders of unfinished work beside a dataset's folder, which the next process continues."""
 
 import hashlib
 import os

@@ -39,7 +39,6 @@ from swarmdata.store.arrays.layout import (
 )
 from swarmdata.store.arrays.row_shapes import (
     MAY_BE_EMPTY,
-    Shape,
     recorded_row_shapes,
     task_row_shapes,
 )
@@ -96,7 +95,11 @@ def open_store(
         raise ValueError(f"verify is {verify!r}, expected 'none', 'fast' or 'full'")
     if not path.is_dir():
         raise DatasetNotFoundError(f"there is no dataset folder at {path}")
-    _refuse_links(path)
+    for link in blocking_links(path):  # it could show any file of this machine as data
+        raise ManifestError(
+            f"{path / link} is a symbolic link, expected a plain file or folder. "
+            f"{rebuild_hint(path)}"
+        )
     manifest = read_manifest(path)
     if recipe is not None:
         check_recipe(path, manifest, recipe)
@@ -110,7 +113,10 @@ def open_store(
         _check_chunks(path, manifest, raw)
     if verify == "full":
         check_everything(path, manifest, raw)
-    arrays = {name: _view(manifest, name, values) for name, values in raw.items()}
+    arrays = {
+        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+        for name, (shard, *_) in manifest.plan.items()
+    }
     origin = _read_origin(path, manifest, small_files[RECIPE], recipe)
     _check_spec(path, manifest, origin, widths=widths)
     table = _read_table(path, manifest, origin, arrays)
@@ -157,22 +163,13 @@ def links_in(path: Path) -> tuple[str, ...]:
 def blocking_links(path: Path) -> tuple[str, ...]:
     """The links below a dataset's folder where a file or folder of the dataset belongs, sorted.
 
-    Somebody's own links elsewhere in the folder are never followed, and are none of our business.
+    The user's own links elsewhere in the folder are never followed, and do no harm.
     """
     found = links_in(path)
     if not found:
         return ()
     ours = {file.parts[:n] for file in map(Path, POSSIBLE_FILES) for n in range(1, 9)}
     return tuple(link for link in found if Path(link).parts in ours)
-
-
-def _refuse_links(path: Path) -> None:
-    """A link could show any file of this machine as data."""
-    for link in blocking_links(path):
-        raise ManifestError(
-            f"{path / link} is a symbolic link, expected a plain file or folder. "
-            f"{rebuild_hint(path)}"
-        )
 
 
 def check_listing(path: Path, manifest: Manifest) -> None:
@@ -300,7 +297,7 @@ def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, by
 
 
 def check_widths(stored: StoredDataset) -> None:
-    """Compares what `open_store` with `widths=False` has not.
+    """Compares the widths that `open_store` with `widths=False` does not.
 
     Raises:
         ManifestError: naming what contradicts the spec.
@@ -339,15 +336,12 @@ def shape_contradictions(
             continue
         got = shapes[name][1:]
         is_absent = origin.recipe is None and name in MAY_BE_EMPTY and not math.prod(got)
-        if not is_absent and not _fits(got, expected):
+        pairs = zip(got, expected, strict=False)
+        is_fitting = len(got) == len(expected) and all(n in (None, size) for size, n in pairs)
+        if not is_absent and not is_fitting:
             shown = ", ".join("any" if size is None else str(size) for size in expected)
             problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
     return tuple(problems)
-
-
-def _fits(got: tuple[int, ...], expected: Shape) -> bool:
-    pairs = zip(got, expected, strict=False)
-    return len(got) == len(expected) and all(size in (None, found) for found, size in pairs)
 
 
 def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
@@ -358,11 +352,6 @@ def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
     with open(os.path.join(path, file), "rb") as stream:  # noqa: PTH118, PTH123 (a part of every load)
         mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     return np.frombuffer(mapped, dtype=np.uint8)
-
-
-def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:
-    shard = manifest.plan[name].shard
-    return raw[: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
 
 
 def _check_indices(path: Path, manifest: Manifest, raw: Raw) -> None:

@@ -102,7 +102,9 @@ def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
     """
     if len(episode) == 0:
         raise SchemaError(f"episode with seed {episode.seed} has no steps, expected at least 1")
-    onsets = _onsets(episode)
+    onsets = np.zeros(len(EVENTS), dtype=np.int64)  # where no events were recorded
+    if episode.events.shape[2]:
+        onsets = episode.events.sum(axis=(0, 1), dtype=np.int64)
     robot = int(onsets[EVENTS.index("robot_onsets")])
     if robot % 2:
         raise SchemaError(
@@ -112,13 +114,6 @@ def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
     obstacle = int(onsets[EVENTS.index("obstacle_onsets")])
     head = (len(episode), episode.seed, episode.policy, episode.end_reason)
     return (*head, episode.team_return, robot // 2, obstacle)
-
-
-def _onsets(episode: Episode) -> Int:
-    """Sums of `EVENTS` over time and agents, [4]; zeros where no events were recorded."""
-    if episode.events.shape[2] == 0:
-        return np.zeros(len(EVENTS), dtype=np.int64)
-    return episode.events.sum(axis=(0, 1), dtype=np.int64)
 
 
 def table_columns(table: EpisodeTable) -> Mapping[str, NDArray[Any]]:

@@ -42,7 +42,7 @@ class AnotherDatasetWarning(UserWarning):
 
 @dataclass(frozen=True)
 class DatasetInfo:
-    """One line of the catalog; what is not known before a first build is None."""
+    """One line of the catalog; figures that are unknown before a first build are None."""
 
     id: str
     task: str
@@ -106,13 +106,13 @@ def load(
         dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v0`; an
             address such as `hf://org/coop_nav-medium@v0` or `s3://bucket/coop_nav-medium-v0`; or
             the folder of a dataset.
-        observation: what the robots shall have sensed, such as `lidar`; see `Dataset.reobserve`.
-            None: what was recorded.
-        communication: what they shall have heard, such as `lossy-30`; the same.
-        path: where the dataset of a shipped recipe is or shall be, if not in the cache.
+        observation: the observation model to compute observations with, such as `lidar`; see
+            `Dataset.reobserve`. None: the recorded one.
+        communication: the communication model, such as `lossy-30`, in the same way.
+        path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         offline: whether no remote is asked; None: whether SWARMDATA_OFFLINE or HF_HUB_OFFLINE is
-            set. What can be built is built all the same.
+            set. Datasets with a recipe are still built.
         workers: processes that build; by default one for each core.
         progress: whether to show a bar while fetching or building.
 
@@ -121,7 +121,7 @@ def load(
         AddressError: a malformed address.
         SpecError: a malformed model, or learned messages that were not recorded.
         BuildError: it could not be built.
-        HubError: the dataset at an address could not be had.
+        HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
     request = parse_request(dataset_id, path)

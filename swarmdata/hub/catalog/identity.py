@@ -1,7 +1,7 @@
-"""What a dataset's folder is: published, something else under a published name, or unknown.
+"""Identifies a dataset: the published one, another one under a published name, or unknown.
 
-A published dataset is arrays and recipe, and with the recipe its spec. Every command that has to
-know what a folder is asks `identify`, or `judge` where only the manifest is there.
+The digests of arrays and recipe decide; the recipe includes the spec. Commands call `identify`, or
+`judge` where there is only a manifest.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class Identity:
             from the published recipe, with other arrays. `another`: it has the id of a published or
             shipped dataset, and is not that one. `unknown`: nothing is published under its id.
             `damaged`: its files are not those that were written, so nothing can be said.
-        sentence: what is so, with the digests, for people.
+        sentence: the verdict in words, with the digests.
     """
 
     kind: Kind
@@ -34,12 +34,12 @@ class Identity:
 
     @property
     def is_as_named(self) -> bool:
-        """Whether nothing speaks against its being what its id says."""
+        """Whether the dataset may be the one that its id names."""
         return self.kind in ("published", "unknown")
 
 
 def identify(folder: Path, damage: Sequence[Damage]) -> Identity:
-    """Says what a dataset's folder is.
+    """Identifies the dataset in a folder.
 
     Args:
         folder: the dataset's.
@@ -58,7 +58,7 @@ def identify(folder: Path, damage: Sequence[Damage]) -> Identity:
 
 
 def judge(manifest: Manifest) -> Identity:
-    """Says what the dataset is that a manifest describes, if it has the bytes that are listed."""
+    """Identifies a dataset by its manifest alone; its files are not read."""
     entry, recipe = published().get(manifest.id), shipped_recipes().get(manifest.id)
     if entry is not None:
         return _compared(manifest, entry)

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from swarmdata.cards import side_files
 from swarmdata.cards.card import write_card
 from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
-from swarmdata.hub.catalog.repair_sources import MADE_AGAIN, Sources, recipe_of, restore_manifest
+from swarmdata.hub.catalog.repair_sources import MADE_AGAIN, Sources, origin_of, restore_manifest
 from swarmdata.hub.catalog.sources import skip
 from swarmdata.hub.remotes.pull_dataset import fetch_file
 from swarmdata.registry.published import changed_versions
@@ -37,7 +37,7 @@ from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 @dataclass(frozen=True)
 class Repair:
-    """One file that is whole again."""
+    """One repaired file."""
 
     file: str  # relative to the dataset's folder
     how: str  # where the right bytes came from
@@ -65,10 +65,10 @@ def repair(
 ) -> tuple[Repair, ...]:
     """Replaces the broken files of a dataset and leaves the others as they are.
 
-    What is replaced is what the manifest lists, the manifest and the card; what is removed is named
-    on standard error, and is of our own making: files that killed processes left, and links where a
-    file of the dataset belongs. Nothing is touched in a folder that is no dataset. Kill it at any
-    time and call again; no file is ever half replaced.
+    Only the files that the manifest lists, the manifest and the card are replaced. Removed, and
+    named on standard error, are temporary files of killed processes and links in the place of a
+    file of the dataset. A folder that is no dataset is not touched. The call may be killed at any
+    time and repeated; no file is ever half replaced.
 
     Args:
         path: the dataset's folder.
@@ -77,7 +77,7 @@ def repair(
         progress: whether to show bars.
 
     Returns:
-        What was replaced, and from where; empty if nothing was broken.
+        The replaced files and their sources; empty if nothing was broken.
 
     Raises:
         DatasetNotFoundError: there is no dataset.
@@ -92,7 +92,7 @@ def repair(
         job = _Job(path, Sources(path, scratch, tuple(remotes), workers, progress))
         try:
             done = tuple(job.run())
-        except DatasetError:  # what was built did not help; after an interrupt it is gone on with
+        except DatasetError:  # the rebuild did not help; the next repair goes on after an interrupt
             remove_scratch(scratch)
             raise
         remove_scratch(scratch)
@@ -150,7 +150,7 @@ class _Job:
         """Removes links where folders of the dataset belong; a link for a file is overwritten.
 
         Raises:
-            DatasetError: somebody's own file or folder is in the way. It is not touched.
+            DatasetError: a file or folder of the user's is in the way. It is not touched.
         """
         for folder in (self.path / part for part in reversed(Path(file).parents[:-1])):
             if folder.is_symlink():
@@ -188,7 +188,7 @@ class _Job:
 
     def _rebuilt_files(self, manifest: Manifest, files: Sequence[str]) -> Iterator[str]:
         """Builds the dataset again beside this one and takes the broken files out of it."""
-        rebuilt = self.sources.rebuild(recipe_of(self.path, manifest))
+        rebuilt = self.sources.rebuild(origin_of(self.path, manifest))
         wrong = [f for f in files if file_digest(rebuilt / f) != manifest.files[f].sha256]
         if wrong:
             made = changed_versions(manifest.provenance, read_manifest(rebuilt).provenance)
@@ -204,6 +204,6 @@ class _Job:
 
 def _in_the_way(path: Path, expected: str, got: str) -> DatasetError:
     return DatasetError(
-        f"{path} is a {got}, expected a {expected} of the dataset. It is not ours, so it was left: "
-        "move it away and repair again."
+        f"{path} is a {got}, expected a {expected} of the dataset. It is not part of the dataset, "
+        "so it was left: move it away and repair again."
     )

@@ -1,4 +1,4 @@
-"""Where a repair takes right bytes from, and how a lost manifest is found again.
+"""The sources of a repair: remotes, a rebuild, and the ways to restore a lost manifest.
 
 A manifest is believed only where the published digests, or all the other files, agree with it.
 """
@@ -26,7 +26,7 @@ from swarmdata.store.integrity.recognition import root_attributes
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
 
 MADE_AGAIN = "made again from the recipe"
-"""How a repaired file came to be, in words."""
+"""The source of a file that was rebuilt, in words."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ class Sources:
         return rebuild.edited(origin, self.path, out)
 
 
-def recipe_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
+def origin_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
     """The recipe beside the data if it is whole, else the shipped one of the same name and hash.
 
     An edit has its own beside the data in the place of a recipe.
 
-    The manifest says which is whole. Where it is lost, what is written beside the arrays does;
-    datasets that were written before that was so have only their own recipe, or their name.
+    The manifest has the hash of the right one. Where the manifest is lost, the attributes of the
+    arrays have it; in datasets of older versions they do not, and the recipe or the name must do.
 
     Raises:
         DatasetError: there is neither.
@@ -111,13 +111,13 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
     where none is published, list every file as it is here.
 
     Returns:
-        The manifest, and where it is from.
+        The manifest, and its source in words.
 
     Raises:
         DatasetError: no manifest can be believed.
         BuildError: the recipe could not be built.
     """
-    recipe = recipe_of(path, None)
+    recipe = origin_of(path, None)
     entry = published().get(recipe.id)
     if entry is None or isinstance(recipe, Edit) or entry.recipe_hash != recipe.hash():
         return _of_unpublished(path, recipe, sources)
@@ -139,8 +139,8 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
 def _of_most_files(path: Path, manifest: Manifest) -> Manifest:
     """The manifest, if most arrays here are those that it lists.
 
-    Where most are others, this is somebody's own dataset, whatever its name: nothing of it may be
-    replaced.
+    Where most are others, this is a dataset of the user's own, whatever its name: none of its
+    files may be replaced.
 
     Raises:
         ManifestError: most are others.
@@ -169,7 +169,7 @@ def _offers(path: Path, dataset: str, sources: Sources) -> Iterator[tuple[Manife
 
 
 def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None:
-    """A manifest of what is there, if that is what was published; None: another file is broken."""
+    """A manifest of the files here, None unless they are exactly the published ones."""
     try:
         own = remake_manifest(path, recipe, entry.made_with)
     except DatasetError:

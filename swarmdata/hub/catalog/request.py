@@ -21,10 +21,10 @@ OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 
 @dataclass(frozen=True)
 class Request:
-    """A dataset that somebody asks for.
+    """One request for a dataset.
 
     Attributes:
-        text: what was asked for, as it was written.
+        text: the name that was asked for, as it was written.
         place: the folder in which the versions of the dataset lie, each in a folder of its own.
         folder: the dataset's own folder; None: only a remote knows which version is the newest.
         source: what the dataset's source is called where it is in `folder` already.
@@ -43,9 +43,9 @@ class Request:
 
 
 def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
-    """Reads what `load` was asked for; nothing is looked for yet, but for a folder of this name.
+    """Reads a name as `load` takes it; of the disk only folders of this name are looked at.
 
-    An id of a shipped recipe comes before a folder of the same name.
+    The id of a shipped recipe takes precedence over a folder of the same name.
 
     Args:
         name: an id, with or without its version, an address or a folder.
@@ -114,7 +114,7 @@ def request_of_address(text: str) -> Request:
 
 
 def is_offline(wanted: bool | None = None) -> bool:
-    """Whether remotes are left alone: what the caller wants, else what the environment says."""
+    """Whether no remote is asked: as the caller wants, else as the environment says."""
     if wanted is not None:
         return wanted
     return any(

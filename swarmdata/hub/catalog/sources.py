@@ -68,7 +68,7 @@ class Cache:
 
         Raises:
             RecipeConflictError: an unfinished dataset of another recipe is there.
-            DatasetError: what is there has lost its manifest; the message says how to repair it.
+            DatasetError: the manifest is lost; the message says how to repair the dataset.
         """
         folder = request.folder
         if folder is None or _lost_edit(folder) is not None:
@@ -88,7 +88,7 @@ class Remotes:
 
     Attributes:
         addresses: of the remotes; None: those that are configured.
-        offline: whether nobody is asked, not even the remote of a request's own address.
+        offline: whether no remote is asked, not even that of a request's own address.
         progress: whether to show a bar.
     """
 
@@ -271,7 +271,7 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
         UnknownNameError: it is nowhere; the message says which command may get it.
         BuildError: it could not be built, or its folder cannot be written to.
         DatasetError: what is in its folder cannot be used.
-        HubError: the dataset at the request's address could not be had.
+        HubError: the dataset at the request's address could not be fetched.
     """
     cache, rebuild = Cache(), rebuild or Rebuild(remotes, progress=remotes.progress)
     if (found := cache.get(request)) is not None:
@@ -291,7 +291,7 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
 
 
 def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
-    """The error that no source has a dataset, with the command that gets it from somebody else."""
+    """The error that no source has a dataset, with the command to fetch it from another remote."""
     command = f"swarmdata pull {request.text} --from hf://ORGANIZATION"
     if remotes.offline:
         hint = (
@@ -316,11 +316,11 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
 
     Raises:
         ChecksumError: the release is another dataset than the one published under its id.
-        HubError: it could not be had.
+        HubError: it could not be fetched.
         DatasetError: something else is at `folder`, or the release cannot be used.
     """
     refuse_current_folder(folder)
-    with locked(folder, progress):  # nobody else builds or repairs it meanwhile
+    with locked(folder, progress):  # no other process may build or repair it meanwhile
         if folder.exists() and any(folder.iterdir()):  # it is compared, and not changed
             pull(remote, release, folder, refuse=_refusal(), progress=progress)
         else:
@@ -331,19 +331,19 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
 def _lost_edit(folder: Path) -> Edit | None:
     """The edit whose `recipe.json` is all that is left of the dataset in a folder.
 
-    None where there are arrays or a manifest, damaged or not: those are for `repair`.
+    None where there are arrays or a manifest, damaged or not: `repair` handles those.
     """
     if any(os.path.lexists(folder / name) for name in (MANIFEST, DATA)):
         return None
     try:
         origin = parse_origin(read_document(folder / RECIPE), RECIPE)
-    except (OSError, SpecError):  # absent, or of somebody who keeps other things there
+    except (OSError, SpecError):  # absent, or a file of the user's
         return None
     return origin if isinstance(origin, Edit) else None
 
 
 def _refusal(recipe: Recipe | None = None) -> Refusal:
-    """Why a manifest on a remote is not wanted: not what its id says, or of another recipe."""
+    """A check of manifests on remotes: they must be what their id says, and of the recipe."""
 
     def refuse(manifest: Manifest) -> str | None:
         identity = judge(manifest)
@@ -357,7 +357,7 @@ def _refusal(recipe: Recipe | None = None) -> Refusal:
 
 
 def skip(address: str, what: str, error: SwarmdataError) -> None:
-    """Says that a remote is of no use, and why; the next source is tried."""
+    """Warns that a remote is skipped, and why."""
     message = f"{address} is skipped for {what}: {type(error).__name__}: {error}"
     warnings.warn(message, RemoteSkippedWarning, stacklevel=4)
 

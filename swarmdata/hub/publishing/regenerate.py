@@ -187,7 +187,7 @@ def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
 
 
 def _entries(path: Path) -> dict[str, Any]:
-    """What is in a JSON file so far."""
+    """The entries of a JSON file, none if it does not exist."""
     if not path.exists():
         return {}
     try:

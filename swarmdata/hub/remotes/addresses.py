@@ -184,7 +184,7 @@ def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
     """Changes the user's `remotes.yaml` in one step and returns its path.
 
     Args:
-        change: from what is there to what shall be; nobody else changes the file meanwhile.
+        change: takes the present remotes and returns the new ones, while the file is locked.
 
     Raises:
         AddressError: the file or an address in it is malformed.

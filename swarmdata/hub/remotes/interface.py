@@ -26,7 +26,7 @@ class Remote(Protocol):
     """Such as `hf://org`, `s3://bucket/prefix`, `file:///folder`, `https://host/folder`."""
 
     def find(self, dataset_id: str) -> Release | None:
-        """Looks for an exact, versioned id; None: it is not there.
+        """Looks for an exact, versioned id; None if the remote does not have it.
 
         Raises:
             HubError: the remote could not be asked.
@@ -55,7 +55,7 @@ class Remote(Protocol):
 
         Raises:
             AbsentFileError: the release has no such file.
-            HubError: it could not be had, or is larger.
+            HubError: it could not be fetched, or is larger.
         """
         ...
 
@@ -67,7 +67,7 @@ class Remote(Protocol):
         Args:
             folder: the dataset's.
             dataset_id: its id.
-            beside: a folder of more files to publish with it, which nobody needs to load it: the
+            beside: a folder of more files to publish with it, which loading does not need: the
                 Hub's README.md, episode tables, Croissant.
 
         Raises:

@@ -97,7 +97,7 @@ def pull(
 
 
 def refuse_current_folder(folder: Path) -> None:
-    """A dataset appears in one rename; a folder that somebody is in cannot be replaced so.
+    """A dataset appears in one rename, which cannot replace the current folder of a process.
 
     Raises:
         DatasetError: it is the current folder, and no dataset yet.
@@ -117,11 +117,11 @@ def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, 
         release: from `remote.find`.
         manifest: of the dataset that the file belongs to.
         file: its path in the dataset's folder.
-        out: where to; what is there is replaced, once the file has been checked.
+        out: the file to write; an existing one is replaced once the new one has been checked.
 
     Raises:
         ChecksumError: the remote gave wrong bytes, twice.
-        HubError: it could not be had.
+        HubError: it could not be fetched.
     """
     entry = manifest.files.get(file)
     if entry is None:
@@ -180,7 +180,7 @@ def _incoming_manifest(
 
 
 def _wanted_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
-    """Fetches the manifest and checks that it is possible, and what is wanted."""
+    """Fetches the manifest and checks it, also with the caller's `refuse`."""
     manifest = _read_manifest(remote, release, folder)
     problems = contradictions(manifest)
     if manifest.id != release.id:

@@ -32,17 +32,14 @@ def locate(address: str) -> tuple[Remote, Release]:
     else:
         release = remote.find(found.dataset)
     if release is None:
-        known = remote.ids()
+        ids = remote.ids()
+        known = [*ids, *(each.rpartition("-v")[0] for each in ids)]
         raise HubError(
             f"there is no dataset at {found}."
-            f"{did_you_mean(found.dataset, [*known, *map(_unversioned, known)])} "
+            f"{did_you_mean(found.dataset, known)} "
             f"`swarmdata remote list {found.remote}` shows what is there."
         )
     return remote, release
-
-
-def _unversioned(dataset_id: str) -> str:
-    return dataset_id.rpartition("-v")[0]
 
 
 def find_release(

@@ -1,8 +1,8 @@
 """The Zarr attributes of every array: what it and each of its columns mean.
 
-They are for readers who have Zarr and nothing of ours, and are a pure function of the origin and of
-the arrays' shapes. Nothing here reads them: they are in no digest but that of their file. What is
-not known of a recording is not said.
+They are for readers who have Zarr but not this package. They are a pure function of the origin and
+of the arrays' shapes. Nothing here reads them: they are in no digest but that of their file. What a
+recording does not tell is left out.
 """
 
 from collections.abc import Mapping, Sequence

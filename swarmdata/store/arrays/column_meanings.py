@@ -1,4 +1,4 @@
-"""What each column of each array means in a dataset of one of our tasks."""
+"""The meaning of each column of each array in a dataset of one of our tasks."""
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS

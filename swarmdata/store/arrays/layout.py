@@ -1,4 +1,4 @@
-"""What a stored dataset consists of: its arrays, their dtypes and rows, and the bytes of a shard.
+"""The layout of a stored dataset: its arrays, their dtypes and rows, and the bytes of a shard.
 
 Every array is one Zarr v3 shard of equal, uncompressed chunks, so that the file is the row-major
 array, then padding up to a whole chunk, then the shard index. Zarr v3 specification, "sharding

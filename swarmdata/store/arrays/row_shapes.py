@@ -30,7 +30,7 @@ def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shap
 
 
 def recorded_row_shapes(spec: Spec) -> Mapping[str, Shape]:
-    """The same of a recording of another environment."""
+    """Like `task_row_shapes`, of a recording of another environment."""
     return _of_any(spec.n_agents, spec.action_size) | {
         "observations": (spec.n_agents, spec.observation_size),
         "states": (spec.state_size,),

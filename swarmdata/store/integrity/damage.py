@@ -1,4 +1,4 @@
-"""All that is wrong with a stored dataset: each broken file, its first bad chunk with its rows."""
+"""The damage of a stored dataset: each broken file, its first bad chunk with its rows."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -63,7 +63,7 @@ def find_damage(path: Path) -> tuple[Damage, ...]:
 
 
 def _contents(path: Path, links: set[str]) -> list[Damage]:
-    """What is wrong with the manifest, else with the files that it lists."""
+    """The damage of the manifest or, if it is sound, of the files that it lists."""
     try:
         manifest = read_manifest(path)
         check_listing(path, manifest)

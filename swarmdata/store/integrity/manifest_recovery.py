@@ -1,6 +1,6 @@
 """Makes the manifest of a dataset whose manifest was lost, from all its other files.
 
-What comes out lists what is there, damaged or not. So it may be used only after its digests have
+It lists the files as they are, damaged or not. So it may be used only after its digests have
 been found equal to known ones.
 """
 

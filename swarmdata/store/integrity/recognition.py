@@ -1,4 +1,4 @@
-"""Whether a folder is a dataset at all, by what only our datasets have; nothing is ever changed."""
+"""Recognises a dataset's folder by contents that only our datasets have; changes nothing."""
 
 import json
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from swarmdata.store.arrays.layout import (
 )
 
 MAX_EVIDENCE_BYTES = 64 << 20
-"""A larger file is not read to find out what it is; of our own, the manifest may have as many."""
+"""Larger files are not read to recognise a dataset; a manifest may be as large."""
 
 ROOT_ATTRIBUTES = frozenset({"id", "splits", "end_reasons", "policies", "time_arrays"})
 """Keys that the root group of every dataset has among its attributes."""
@@ -28,8 +28,8 @@ def is_dataset(folder: Path) -> bool:
     """Whether a folder is a dataset of swarmdata, whole or damaged.
 
     One of these must be left of it: a manifest with our keys, a root group with our attributes, or
-    the metadata of most of our arrays, of exactly our kind. Names alone, a `recipe.json`, or arrays
-    of others are no evidence.
+    the metadata of most of our arrays, exactly as we write it. Names alone, a `recipe.json`, or
+    foreign arrays are no evidence.
     """
     return (
         _read_object(folder / MANIFEST).keys() >= _MANIFEST_KEYS
@@ -39,7 +39,7 @@ def is_dataset(folder: Path) -> bool:
 
 
 def no_dataset(folder: Path) -> str:
-    """What to say of a folder that is none."""
+    """The message that a folder is no dataset."""
     return (
         f"there is no dataset at {folder}: the folder has nothing that only a dataset of swarmdata "
         "has, such as a manifest."

@@ -1,6 +1,6 @@
 """What goes to a hub beside a dataset's own files: episode tables, Croissant, and the card there.
 
-The manifest does not list these files: they are made anew from the dataset at every upload.
+The manifest does not list these files: every upload makes them again from the dataset.
 """
 
 from importlib.util import find_spec

@@ -159,7 +159,7 @@ class BucketRemote:
             return None
 
     def _claim(self, dataset_id: str, digest: str) -> list[str]:
-        """Leaves this push's claim, or goes on with that of an earlier push of the same files.
+        """Leaves this push's claim, or takes over that of an earlier push of the same files.
 
         Returns:
             the lines of the claim: digest of the manifest, then files that need not be sent.
@@ -200,7 +200,7 @@ class BucketRemote:
         self._try(f"writing {path}", lambda: self._files.pipe_file(path, content))
 
     def _write_index(self) -> None:
-        """Lists what is there, again until no other push has changed it meanwhile."""
+        """Writes the index, again until no other push has changed it meanwhile."""
         listed = None
         while listed != (found := self.ids()):
             listed = found

@@ -16,7 +16,7 @@ HTTP_LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcor
 
 
 def explained(error: Exception, what: str) -> Exception | None:
-    """The error of ours for one of the client, None where it is no failure of a remote.
+    """Translates an error of the client; None where it is no failure of a remote.
 
     Args:
         error: of the client.

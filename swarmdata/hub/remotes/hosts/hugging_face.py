@@ -178,7 +178,7 @@ class HubRemote:
         return all(path in listing and listing[path].is_of(local) for path, local in files.items())
 
     def _look(self, name: str, revision: str) -> str | None:
-        """Resolves a revision to its commit and remembers the listing; None: it is not there."""
+        """Resolves a revision to its commit and remembers the listing; None if there is none."""
         found = self._calls.look(self._repository(name), revision)
         if found is None:
             return None

@@ -111,7 +111,7 @@ class WebRemote:
 
     @contextmanager
     def _open(self, url: str, headers: dict[str, str] | None = None) -> Iterator[Response]:
-        """Asks once; failures on the way and in the body become errors of ours."""
+        """Sends one request; failures of the connection and of the body become our errors."""
         refuse_offline(self.address)
         try:
             with opened(self._opener, url, headers or {}, self._pace.answer_seconds) as response:

@@ -76,7 +76,7 @@ class Backoff:
 
 
 def seconds(text: str | None) -> float | None:
-    """What a `Retry-After` header says, None if there is none or it is a date."""
+    """The seconds in a `Retry-After` header, None if it is absent or a date."""
     return float(text) if text and text.strip().isdecimal() else None
 
 

@@ -12,7 +12,7 @@ STOP_EVENT: ContextVar[threading.Event | None] = ContextVar("stop", default=None
 
 
 class StoppedError(BaseException):
-    """The job is not wanted any more; no failure of a remote, so nobody tries it again."""
+    """The job was cancelled; this is no failure of a remote, so it is not tried again."""
 
 
 def check_stop() -> None:

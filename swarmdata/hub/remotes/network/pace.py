@@ -17,7 +17,7 @@ from swarmdata.hub.remotes.network.backoff import TooSlowError
 
 @dataclass(frozen=True)
 class Pace:
-    """What is expected of a remote; each field has a variable of the environment.
+    """How fast a remote must answer; each field has an environment variable.
 
     Attributes:
         answer_seconds: until the headers of an answer are complete, the connection included; of

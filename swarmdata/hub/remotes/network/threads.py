@@ -25,7 +25,7 @@ GRACE_SECONDS = 1.0
 
 
 class _Outcome(Generic[T]):
-    """What a call returned or raised."""
+    """The result or the exception of a call."""
 
     def __init__(self, call: Callable[[], T]) -> None:
         self.error: BaseException | None = None
@@ -87,7 +87,7 @@ def run_all(
 
 
 def watched(call: Callable[[], T], meter: Meter, arrived: Callable[[], int] | None = None) -> T:
-    """Calls a client library that cannot be told how slow a server may be.
+    """Calls a client library that has no limit for slow servers.
 
     Args:
         call: what to do, in a thread that is left alone once it is too slow.
