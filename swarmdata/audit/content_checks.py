@@ -107,7 +107,7 @@ def boundaries(subject: Subject) -> Remarks:
     164).
     """
     for name in ("observations", "states"):
-        array, last = subject.arrays[name], subject.state_starts + subject.table.lengths
+        array, last = subject.arrays[name], subject.final_states
         if not array.size:
             continue
         final = array[last]
@@ -151,7 +151,7 @@ def teleports(subject: Subject) -> Remarks:
         return
     reach = np.array([robot.max_speed * task.control_dt for robot in task.robots])
     limits = reach * MAX_SPEED_FACTOR + MAX_PUSH_DISTANCE
-    states, final = subject.arrays["states"], subject.state_starts + subject.table.lengths
+    states, final = subject.arrays["states"], subject.final_states
     for first in range(0, len(states) - 1, BLOCK_ROWS):
         places = robots_of(states[first : first + BLOCK_ROWS + 1], task.n_agents)[..., [X, Y]]
         moved = np.sqrt((np.diff(places.astype(np.float64), axis=0) ** 2).sum(axis=-1))

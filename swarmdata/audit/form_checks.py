@@ -8,7 +8,7 @@ from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
 from swarmdata.store.arrays.row_shapes import contradictions
-from swarmdata.types import Bool, Float, Int
+from swarmdata.types import Bool, Float
 
 
 def integrity(subject: Subject) -> Remarks:
@@ -130,7 +130,7 @@ def action_masks(subject: Subject) -> Remarks:
     """
     if "action_masks" not in subject.arrays:
         return
-    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), _final_rows(subject))
+    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), subject.final_states)
     spaces = zip(subject.spec.agent_names, subject.spec.action_spaces, strict=True)
     for index, (agent, space) in enumerate(spaces):
         if not isinstance(space, DiscreteSpace):
@@ -145,9 +145,3 @@ def action_masks(subject: Subject) -> Remarks:
                 f"{agent} chose what its mask forbids in {len(wrong):,} steps, first in "
                 f"{subject.place('actions', int(wrong[0]))}"
             )
-
-
-def _final_rows(subject: Subject) -> Int:
-    """Rows of the final states, in which nobody acts."""
-    final: Int = subject.state_starts + subject.table.lengths
-    return final

@@ -75,6 +75,12 @@ class Subject:
         return starts
 
     @property
+    def final_states(self) -> Int:
+        """Last row of each episode in the arrays with T + 1 rows, [n]."""
+        final: Int = self.state_starts + self.table.lengths
+        return final
+
+    @property
     def last_steps(self) -> Int:
         """Last row of each episode in the arrays with T rows, [n]."""
         last: Int = self.table.starts + self.table.lengths - 1
