@@ -93,6 +93,7 @@ def render(data: CardData, picture: str | None = None) -> str:
     """
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
+    violated = (f"This claim does not hold: {claim}" for claim in checked(data)[1])
     sections = (
         identity_section(data.manifest, data.origin),
         tier_section(data.origin),
@@ -104,7 +105,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         coverage_section(data),
         log_probs_section(data),
         splits_section(data.table, data.origin),
-        bullets("Known limits", _limits(data)),
+        bullets("Known limits", (*limits_of(spec.task, data.origin.tier), *violated)),
         task_section(task),
         reward_section(task),
         senses_section(spec),
@@ -172,11 +173,6 @@ def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
         tuple(claim for claim, holds in claims.items() if holds),
         tuple(claim for claim, holds in claims.items() if not holds),
     )
-
-
-def _limits(data: CardData) -> tuple[str, ...]:
-    known = limits_of(data.origin.spec.task, data.origin.tier)
-    return (*known, *(f"This claim does not hold: {claim}" for claim in checked(data)[1]))
 
 
 def _interval(interval: Interval | None) -> str:

@@ -87,7 +87,7 @@ def _environment(spec: Spec, n_columns: int) -> str:
         for name, (seen, chosen) in zip(spec.agent_names, spaces, strict=True)
     ]
     head = ("agent", "observation", "columns", "action", "columns")
-    horizon = "Their greatest length is not known."
+    horizon = "The maximum length of an episode is not known."
     if spec.horizon is not None:
         horizon = f"Episodes have at most {spec.horizon} steps."
     if spec.time_step is not None:

@@ -36,7 +36,13 @@ def summarize(results: Mapping[str, Sequence[EvalResult]]) -> TaskReferences:
         spec_hash=flat[0].spec_hash,
         n_episodes=len(flat[0].seeds),
         made_with=made_with(),
-        policies={name: _intervals(group) for name, group in results.items()},
+        policies={
+            name: {
+                metric: interval(np.stack([result.metrics[metric] for result in group]))
+                for metric in group[0].metrics
+            }
+            for name, group in results.items()
+        },
     )
 
 
@@ -44,11 +50,6 @@ def made_with() -> dict[str, str]:
     """Versions that a measured number depends on."""
     packages = ("swarmdata", "numpy", "numba", "pymunk")
     return {**{name: version(name) for name in packages}, "python": platform.python_version()}
-
-
-def _intervals(group: Sequence[EvalResult]) -> dict[str, Interval | None]:
-    names = group[0].metrics
-    return {name: interval(np.stack([r.metrics[name] for r in group])) for name in names}
 
 
 def interval(values: Double) -> Interval | None:

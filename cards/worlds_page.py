@@ -6,7 +6,6 @@ from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
-from swarmdata.types import Metric
 
 SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Metrics that every row has; those of the task follow."""
@@ -59,28 +58,21 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
     columns = [*SHARED_METRICS, "time_to_goal", *own]
-    titles = ["policy", "score", *(_title(metrics[column]) for column in columns)]
-    rows = [
-        [policy, _score(entry, policy), *(_cell(values.get(column), column) for column in columns)]
-        for policy, values in sorted(entry.policies.items(), key=lambda item: _rank(item[0]))
-    ]
-    return head + table(titles, rows)
+    shown_metrics = [metrics[column] for column in columns]
+    titles = [f"{each.label} ({each.unit})" if each.unit else each.label for each in shown_metrics]
+    rows = []
+    for policy, values in sorted(entry.policies.items(), key=lambda item: _rank(item[0])):
+        team_return = entry.mean_return(policy)
+        score = None if team_return is None else entry.score(team_return)
+        shown = "no expert" if score is None else f"{score:.1f}"
+        rows.append([policy, shown, *(_cell(values.get(column), column) for column in columns)])
+    return head + table(["policy", "score", *titles], rows)
 
 
 def _rank(policy: str) -> tuple[int, str]:
     """Sorts policies as in `POLICY_ORDER`, the checkpoints of a tier after it."""
     tier = policy.rstrip("0123456789").removesuffix("-")
     return POLICY_ORDER.index(tier) if tier in POLICY_ORDER else len(POLICY_ORDER), policy
-
-
-def _score(entry: TaskReferences, policy: str) -> str:
-    team_return = entry.mean_return(policy)
-    score = None if team_return is None else entry.score(team_return)
-    return "no expert" if score is None else f"{score:.1f}"
-
-
-def _title(metric: Metric) -> str:
-    return f"{metric.label} ({metric.unit})" if metric.unit else metric.label
 
 
 def _cell(value: Interval | None, column: str) -> str:

@@ -41,21 +41,17 @@ def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
     """Distribution of the team return, a ridge for each policy with a mark at its mean."""
     labels = [source.label for source in recipe.policies]
     groups = [table.team_return[table.policy == k] for k in range(len(labels))]
-    there = [(label, group) for label, group in zip(labels, groups, strict=True) if len(group)]
-    edges = np.linspace(*_range(table.team_return), N_RETURN_BINS + 1)
-    shares = [np.histogram(group, edges)[0] / len(group) for _, group in there]
-    if len(there) > MAX_RIDGES:
-        draw_rows(axes, [label for label, _ in there], shares, edges)
+    shown = [(label, group) for label, group in zip(labels, groups, strict=True) if len(group)]
+    low, high = float(table.team_return.min()), float(table.team_return.max())
+    margin = max(0.02 * (high - low), 1e-3)
+    edges = np.linspace(low - margin, high + margin, N_RETURN_BINS + 1)
+    shares = [np.histogram(group, edges)[0] / len(group) for _, group in shown]
+    if len(shown) > MAX_RIDGES:
+        draw_rows(axes, [label for label, _ in shown], shares, edges)
         finish(axes, "Team return by policy", "team return; darker: more of its episodes")
     else:
-        _draw_ridges(axes, there, shares, edges)
+        _draw_ridges(axes, shown, shares, edges)
         finish(axes, "Team return by policy", "team return of an episode")
-
-
-def _range(values: Double) -> tuple[float, float]:
-    low, high = float(values.min()), float(values.max())
-    margin = max(0.02 * (high - low), 1e-3)
-    return low - margin, high + margin
 
 
 def _draw_ridges(
@@ -148,14 +144,14 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
 
 def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     """Visits of each cell, logarithmic; what no robot's centre can reach is solid."""
-    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+    from matplotlib.colors import ListedColormap, LogNorm  # noqa: PLC0415  (matplotlib is an extra)
 
     x, y = spec.arena.width / 2, spec.arena.height / 2
     rows, columns = places.visits.shape
     extent = (-x, columns * places.cell - x, -y, rows * places.cell - y)
     axes.set_facecolor(_SOLID)
     floor = np.where(places.free, 1.0, np.nan)
-    axes.imshow(floor, origin="lower", extent=extent, cmap=_one_color(_FLOOR))
+    axes.imshow(floor, origin="lower", extent=extent, cmap=ListedColormap([_FLOOR]))
     visits = np.where(places.visits > 0, places.visits, np.nan)
     shown = axes.imshow(
         visits,
@@ -225,12 +221,6 @@ def _shades(*, from_floor: bool = False) -> Any:
 
     steps = (_FLOOR, *PLACE_SHADES) if from_floor else PLACE_SHADES
     return LinearSegmentedColormap.from_list("swarmdata", steps, N=48)
-
-
-def _one_color(color: str) -> Any:
-    from matplotlib.colors import ListedColormap  # noqa: PLC0415  (an extra)
-
-    return ListedColormap([color])
 
 
 def note(axes: Any, text: str) -> None:

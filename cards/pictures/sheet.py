@@ -92,14 +92,10 @@ def _reduce(path: Path) -> None:
         reduced = full.quantize(
             n_colors, method=pil.Quantize.MAXCOVERAGE, kmeans=2, dither=pil.Dither.NONE
         )
-        _whiten(reduced)
+        # the lightest color becomes white: the means of paper and floor are not quite
+        palette = np.array(reduced.getpalette()).reshape(-1, 3)
+        palette[palette.sum(axis=1).argmax()] = 255
+        reduced.putpalette(palette.ravel().tolist())
         reduced.save(path, format="PNG", optimize=True)
         if path.stat().st_size <= MAX_PICTURE_BYTES:
             return
-
-
-def _whiten(reduced: Any) -> None:
-    """Makes the palette's lightest color white: means of paper and floor are neither."""
-    palette = np.array(reduced.getpalette()).reshape(-1, 3)
-    palette[palette.sum(axis=1).argmax()] = 255
-    reduced.putpalette(palette.ravel().tolist())

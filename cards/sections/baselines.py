@@ -57,8 +57,14 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
     if not same:
         stale = " The runs of the study used other data with this id." if named else ""
         return f"{title}No baselines were measured on this dataset.{stale}\n"
-    labels = sorted({run["label"] for run in same}, key=lambda label: -_mean(same, label))
-    rows = [_row(label, [run for run in same if run["label"] == label]) for label in labels]
+    runs_of: dict[str, list[Run]] = {}
+    for run in same:
+        runs_of.setdefault(run["label"], []).append(run)
+    best_first = sorted(
+        sorted(runs_of),
+        key=lambda label: -np.mean([float(run["return"]) for run in runs_of[label]]),
+    )
+    rows = [_row(label, runs_of[label]) for label in best_first]
     head = (
         "algorithm",
         "family",
@@ -74,10 +80,6 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
         "Each algorithm has the same settings on all datasets, listed in the study's files; "
         "`swarmdata study` repeats the runs.\n"
     )
-
-
-def _mean(runs: Sequence[Run], label: str) -> float:
-    return float(np.mean([float(run["return"]) for run in runs if run["label"] == label]))
 
 
 def _row(label: str, runs: Sequence[Run]) -> tuple[str, ...]:

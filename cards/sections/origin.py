@@ -49,8 +49,7 @@ def splits_section(table: EpisodeTable, origin: Origin) -> str:
         splits = origin.split_rule.splits
         rule = (
             f"Episodes are split by policy: of every {splits.block} consecutive episodes of a "
-            f"policy, chosen at random, validation gets {splits.validation} and test "
-            f"{splits.test}."
+            f"policy, validation gets {splits.validation} and test {splits.test}, at random."
         )
     rule += " The normalization statistics are those of the train split."
     if origin.recipe is not None:

@@ -224,7 +224,10 @@ def log_probs_section(data: CardData) -> str:
     rows = [
         (
             data.origin.policies[index].label,
-            *(_nats(value) for value in (each.mean, *each.quantiles)),
+            *(
+                f"{value:.2f}" if np.isfinite(value) else "none"
+                for value in (each.mean, *each.quantiles)
+            ),
             f"{100 * each.undefined:.1f} %",
         )
         for index, each in found.items()
@@ -236,10 +239,6 @@ def log_probs_section(data: CardData) -> str:
         "acted, noise included. A policy with 0 throughout is deterministic. Undefined values are "
         "those that are not finite.\n"
     )
-
-
-def _nats(value: float) -> str:
-    return f"{value:.2f}" if np.isfinite(value) else "none"
 
 
 def percent(values: Bool) -> str:

@@ -14,10 +14,10 @@ from swarmdata.store import open_store
 
 
 class Check(NamedTuple):
-    """One check, and whether it can do nothing where arrays have wrong shapes or values."""
+    """One check, and the checks without which it cannot run."""
 
     run: Callable[[Subject], Remarks]
-    needs: tuple[str, ...] = ()  # checks without problems
+    needs: tuple[str, ...] = ()  # checks that must have found no problem
 
 
 _SHAPES, _VALUES = ("shapes",), ("shapes", "finite")
@@ -47,23 +47,23 @@ CHECKS = {
     "attributes": Check(claim_checks.attributes),
     "card": Check(claim_checks.card, _VALUES),
 }
-"""Every check by its name, in the order in which they run; each docstring says what it is for."""
+"""Every check by its name, in the order in which they run."""
 
 
 def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit:
-    """Checks whether a dataset is what it says, whoever made it.
+    """Checks a dataset of any origin against everything that it claims.
 
-    Arrays are read in blocks, so that memory stays bounded. What does not apply to a dataset, such
-    as a replay of another library's environment, is a note.
+    Arrays are read in blocks, so that memory stays bounded. A check that does not apply to a
+    dataset, such as a replay of another library's environment, leaves a note.
 
     Args:
         path: folder of a finished dataset.
-        sample: episodes to replay, shared evenly by the policies; 0 for none, as many as there are
-            for all.
+        sample: episodes to replay, divided evenly among the policies; 0 for none. A number of at
+            least all episodes replays all.
         progress: whether to show bars on standard error, if that is a terminal.
 
     Raises:
-        DatasetError: a subclass that names the file without which nothing can be read.
+        DatasetError: a subclass that names the file that cannot be read.
     """
     subject = Subject(open_store(Path(path), "none"), sample, progress)
     findings = tuple(_findings(subject))
@@ -71,7 +71,7 @@ def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit
 
 
 def problems_of(path: Path | str) -> tuple[str, ...]:
-    """The problems that an audit finds, one line each; what a dataset must not have to be shared.
+    """The problems that an audit finds, one line each; a dataset with any is not published.
 
     Raises:
         DatasetError: it cannot be read at all.

@@ -1,4 +1,4 @@
-"""Checks of what is said of a dataset: its id, its tier, and its card."""
+"""Checks of claims about a dataset: its id, its tier, its attributes and its card."""
 
 import json
 from importlib.metadata import version
@@ -24,26 +24,26 @@ TIER_ORDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
 
 MIXTURE_TIERS = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "expert")}
-"""Mixtures, and the tiers between which their returns lie."""
+"""Mixtures of tiers, whose returns lie between those of the two."""
 
 NOISE_SUCCESS_LOSS = 0.15
-"""Success that a tier may lose in a dataset: action noise, and few episodes. Bands are of policies
-without noise on a thousand episodes."""
+"""How far the success of a dataset may lie from its tier's band, because of action noise and few
+episodes; bands hold for policies without noise on a thousand episodes."""
 
 
 def identity(subject: Subject) -> Remarks:
-    """An id that is published names the published content.
+    """A published id belongs to the published content.
 
-    D4RL's hopper-medium-v1 and -expert-v1 were exchanged by uploading others under the same names
-    (issue 76).
+    D4RL's hopper-medium-v1 and -expert-v1 were exchanged by uploading other files under the same
+    names (issue 76).
     """
     entry = published().get(subject.manifest.id)
     if entry is None:
         return
     if entry.recipe_hash != subject.manifest.recipe_hash:
         yield problem(
-            f"{subject.manifest.id} is published of another recipe ({entry.recipe_hash[:12]}, this "
-            f"is of {subject.manifest.recipe_hash[:12]}). Give it another id or version."
+            f"the published {subject.manifest.id} has recipe {entry.recipe_hash[:12]}, this one "
+            f"has {subject.manifest.recipe_hash[:12]}. Give it another id or version."
         )
     elif entry.digest != subject.manifest.digest:
         changed = changed_versions(entry.made_with, subject.manifest.provenance)
@@ -54,10 +54,10 @@ def identity(subject: Subject) -> Remarks:
 
 
 def tiers(subject: Subject) -> Remarks:
-    """Returns are ordered random < medium < expert, and the tier's figures are in its band.
+    """Returns increase from random over medium to expert, and the tier's figures are in its band.
 
-    D4RL's hopper-medium-v1 and -expert-v1 were swapped (issue 76), hopper-medium-replay-v1 was
-    better than medium (86): both show in the returns.
+    D4RL's hopper-medium-v1 and -expert-v1 were swapped (issue 76), and hopper-medium-replay-v1 was
+    better than medium (86): both are visible in the returns.
     """
     origin = subject.origin
     if origin.recipe is None:
@@ -67,7 +67,7 @@ def tiers(subject: Subject) -> Remarks:
         return
     known = references_of(origin.spec.hash())
     if known is None:
-        yield note("no references are measured for this spec, so its tier is compared with none")
+        yield note("no references were measured for this spec, so the tier cannot be compared")
         return
     yield from _rung(subject, origin.tier, known)
     family = next((name for name, spec in SPECS.items() if spec == origin.spec), None)
@@ -76,7 +76,7 @@ def tiers(subject: Subject) -> Remarks:
 
 
 def _rung(subject: Subject, tier: str, known: TaskReferences) -> Remarks:
-    """The dataset's mean return lies nearest to its own tier's, or where its mixture's must."""
+    """The mean return is nearest to that of its own tier, or between those of its mixture."""
     measured = {name: known.mean_return(name) for name in TIER_ORDER}
     ladder = {name: value for name, value in measured.items() if value is not None}
     values = list(ladder.values())
@@ -84,7 +84,7 @@ def _rung(subject: Subject, tier: str, known: TaskReferences) -> Remarks:
         yield problem(f"the measured tiers are out of order: {_listed(ladder)}")
     lacking = sorted({*MIXTURE_TIERS.get(tier, (tier,))} - ladder.keys())
     if lacking:
-        yield note(f"{' and '.join(lacking)} of this spec are not measured: compared with none")
+        yield note(f"{' and '.join(lacking)} were not measured for this spec: no comparison")
         return
     mean = float(subject.table.team_return.mean())
     if tier in MIXTURE_TIERS:
@@ -97,7 +97,7 @@ def _rung(subject: Subject, tier: str, known: TaskReferences) -> Remarks:
     nearest = min(ladder, key=lambda name: abs(ladder[name] - mean))
     if nearest != tier:
         yield problem(
-            f"the mean return {mean:.3f} is that of {nearest}, not of {tier}: {_listed(ladder)}"
+            f"the mean return {mean:.3f} is nearest to {nearest}, not to {tier}: {_listed(ladder)}"
         )
 
 
@@ -132,36 +132,36 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
 
 
 def attributes(subject: Subject) -> Remarks:
-    """What Zarr attributes say of columns, units and rewards is what the package writes.
+    """The Zarr attributes of columns, units and rewards are those that the package writes.
 
-    Who has Zarr and nothing of ours believes them, and no digest of arrays covers them.
+    Readers with Zarr alone rely on them, and no digest of arrays covers them.
     """
     manifest = subject.manifest
     try:
         wanted = attributes_of(subject.origin, {n: e.shape for n, e in manifest.arrays.items()})
     except SwarmdataError as error:
-        yield problem(f"no attributes can be made of it: {error}")
+        yield problem(f"its attributes cannot be computed: {error}")
         return
     files = {name: subject.path / metadata_file(name) for name in wanted}
     found = {name: json.loads(file.read_bytes()).get("attributes") for name, file in files.items()}
     differing = sorted(name for name in wanted if found[name] != wanted[name])
     if differing and not any(found.values()):
-        yield note("its arrays have no Zarr attributes: it was written before there were any")
+        yield note("its arrays have no Zarr attributes: an older version of swarmdata wrote it")
     elif differing and manifest.provenance.get("swarmdata") != version("swarmdata"):
-        yield note(f"Zarr attributes of {differing} are of another version of swarmdata")
+        yield note(f"another version of swarmdata wrote the Zarr attributes of {differing}")
     elif differing:
-        yield problem(f"Zarr attributes of {differing} were changed: they are not what is written")
+        yield problem(f"the Zarr attributes of {differing} were changed after they were written")
 
 
 def card(subject: Subject) -> Remarks:
-    """The card is what its files give: no figure on it is old, or typed by hand.
+    """The card is the one rendered from the files: no figure is outdated or typed by hand.
 
-    OG-MARL's cards are HTML beside the data, with none for its default environment and wrong action
-    types; D4RL copied reference scores from v0 to v2 (issue 114).
+    OG-MARL's cards are HTML files beside the data; they lack the default environment and name wrong
+    action types. D4RL copied reference scores from v0 to v2 (issue 114).
     """
     path = subject.path / CARD
     if not path.exists():
-        remark = note if subject.origin.recipe is None else problem  # edits may have none yet
+        remark = note if subject.origin.recipe is None else problem  # edits may lack one
         yield remark(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
     text, wanted = path.read_bytes(), []
@@ -169,7 +169,7 @@ def card(subject: Subject) -> Remarks:
         try:
             wanted.append(card_of(subject.path, picture))
         except SwarmdataError as error:
-            yield problem(f"no card can be made of it: {error}")
+            yield problem(f"its card cannot be rendered: {error}")
             return
         if text == wanted[-1].encode():
             break
@@ -179,11 +179,11 @@ def card(subject: Subject) -> Remarks:
 
 
 def _references(subject: Subject) -> Remarks:
-    """The references for programs are those of the card."""
+    """The references for programs are those of this version."""
     wanted = reference_bytes(subject.origin.spec)
     path = subject.path / REFERENCES
     if wanted is not None and (not path.exists() or path.read_bytes() != wanted):
-        state = "is not what this version measured" if path.exists() else "is absent"
+        state = "differs from this version's" if path.exists() else "is absent"
         yield problem(f"{REFERENCES} {state}. Write it with: swarmdata card {subject.path} --write")
 
 
@@ -195,6 +195,6 @@ def _first_difference(text: str, wanted: str) -> str:
         if got[number : number + 1] != expected[number : number + 1]:
             break
     return (
-        f"{CARD}, line {number + 1}, says {pair[0]!r}, its files say {pair[1]!r}. "
+        f"line {number + 1} of {CARD} is {pair[0]!r}, expected {pair[1]!r} from the files. "
         "Write it again with: swarmdata card --write"
     )

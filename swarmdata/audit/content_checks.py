@@ -1,4 +1,4 @@
-"""Checks of what the rows hold: repeated episodes, frozen rows, crossed ends, jumps, the dead."""
+"""Checks of the content of rows: copies, frozen rows, crossed ends, jumps, absent agents."""
 
 import numpy as np
 import xxhash
@@ -11,28 +11,28 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.types import Bool, Float, Int, Seeds
 
 MIN_MOVING_STEPS = 4
-"""Episodes of fewer steps may end before anything has changed."""
+"""Episodes with fewer steps may end before anything has changed."""
 
 FOREIGN_FAULT_SHARE = 0.5
-"""Share of episodes of a foreign environment from which a coincidence is a fault."""
+"""Share of episodes of another library from which a coincidence counts as a fault."""
 
 MIN_DISTINCT_SHARE = 0.5
-"""Share of distinct rows, of our tasks: published datasets have more than 0.99."""
+"""Least share of distinct rows in our tasks; published datasets have more than 0.99."""
 
 MIN_FOREIGN_DISTINCT_SHARE = 0.01
-"""The same of other environments, which may be grids."""
+"""Least share of distinct rows in other environments, which may be grids."""
 
 MAX_SPEED_FACTOR = 1.1
-"""A robot that is pushed goes faster than it drives."""
+"""Greatest speed in units of `max_speed`: a pushed robot may be faster than it can drive."""
 
 MAX_PUSH_DISTANCE = 0.02
-"""Distance (m) that contacts may add in one step: overlaps are resolved by moving bodies."""
+"""Distance (m) that contacts may add in one step: the solver separates overlapping bodies."""
 
 
 def duplicates(subject: Subject) -> Remarks:
     """No two episodes have the same content.
 
-    CFCQL's SMAC datasets in OG-MARL hold each episode eight to ten times, train and test alike.
+    CFCQL's SMAC datasets in OG-MARL contain each episode eight to ten times, in train and test.
     """
     names = ("observations", "states", "actions")
     keys = np.empty(len(subject.table), dtype=np.uint64)
@@ -60,15 +60,15 @@ def row_keys(array: NDArray[np.float32]) -> Seeds:
 
 
 def rows(subject: Subject) -> Remarks:
-    """What is seen changes while agents act, and rows are distinct.
+    """Observations and states change while agents act, and rows are distinct.
 
-    D4RL's v1 positions had two distinct rows, for want of a copy, and v2's were wrong again (D4RL
-    issues 84 and 100); OG-MARL's recorder keeps the first state for the whole episode.
+    The positions in D4RL's v1 had two distinct rows, because a copy was missing, and those of v2
+    were wrong again (D4RL issues 84 and 100); OG-MARL's recorder keeps the first state throughout.
     """
     acted = _changes(row_keys(subject.arrays["actions"]), subject.table.starts) > 0
     acted &= subject.table.lengths >= MIN_MOVING_STEPS
     if not acted.any():
-        return  # teams that stand still
+        return  # every team stands still
     starts = subject.state_starts
     whole = np.repeat(acted, subject.table.lengths + 1)
     is_ours = subject.task is not None
@@ -87,7 +87,7 @@ def rows(subject: Subject) -> Remarks:
         if is_ours and share < MIN_DISTINCT_SHARE:
             yield problem(f"{words}, expected at least {MIN_DISTINCT_SHARE:.0%}")
         elif not is_ours and share < MIN_FOREIGN_DISTINCT_SHARE:
-            yield note(f"{words}; that is right only of an environment with few states")
+            yield note(f"{words}; this is right only for an environment with few states")
 
 
 def _changes(keys: Seeds, starts: Int) -> Int:
@@ -100,14 +100,14 @@ def _changes(keys: Seeds, starts: Int) -> Int:
 
 
 def boundaries(subject: Subject) -> Remarks:
-    """The last row of an episode is what its last action led to.
+    """The last row of an episode is the result of its last action.
 
     It is neither the first row of the next episode (D4RL's `qlearning_dataset`, issues 145 and 204;
-    vectorized environments that reset themselves) nor a copy of the row before it (d3rlpy issue
+    vectorized environments that reset automatically) nor a copy of the row before it (d3rlpy issue
     164).
     """
     for name in ("observations", "states"):
-        array, last = subject.arrays[name], subject.state_starts + subject.table.lengths
+        array, last = subject.arrays[name], subject.final_states
         if not array.size:
             continue
         final = array[last]
@@ -118,7 +118,7 @@ def boundaries(subject: Subject) -> Remarks:
         if copied.sum() > FOREIGN_FAULT_SHARE * max(long.sum(), 1):
             yield problem(
                 f"the last row of {name} is a copy of the one before it in episodes "
-                f"{some(np.flatnonzero(copied))}: what the last action led to is missing"
+                f"{some(np.flatnonzero(copied))}: the result of the last action is missing"
             )
 
 
@@ -142,16 +142,16 @@ def _same(one: Float, other: Float) -> Bool:
 def teleports(subject: Subject) -> Remarks:
     """No robot moves farther in a step than it can.
 
-    D4RL's antmaze flags are out of step with its episodes, so that ants jump 21 units (D4RL issues
+    The flags of D4RL's antmaze do not match its episodes, so that ants jump 21 units (D4RL issues
     77 and 128, PR 101).
     """
     task = subject.task
     if task is None:
-        yield note("positions in states of other environments are not known: no jumps looked for")
+        yield note("positions in states of other environments are unknown: jumps were not checked")
         return
     reach = np.array([robot.max_speed * task.control_dt for robot in task.robots])
     limits = reach * MAX_SPEED_FACTOR + MAX_PUSH_DISTANCE
-    states, final = subject.arrays["states"], subject.state_starts + subject.table.lengths
+    states, final = subject.arrays["states"], subject.final_states
     for first in range(0, len(states) - 1, BLOCK_ROWS):
         places = robots_of(states[first : first + BLOCK_ROWS + 1], task.n_agents)[..., [X, Y]]
         moved = np.sqrt((np.diff(places.astype(np.float64), axis=0) ** 2).sum(axis=-1))
@@ -168,27 +168,27 @@ def teleports(subject: Subject) -> Remarks:
 
 
 def leaving(subject: Subject) -> Remarks:
-    """Agents that are not in an episode do nothing, get nothing, and do not end again.
+    """Agents that have left neither act, nor observe, nor get rewards, nor end again.
 
-    OG-MARL has no mask of who is alive; readers take the zeros of the dead for data.
+    OG-MARL has no mask of living agents, so readers take the zeros of dead ones for data.
     """
     if "alive" not in subject.arrays:
         return
-    told: set[str] = set()
+    reported: set[str] = set()
     starts = subject.table.starts
     for first in range(0, subject.manifest.n_steps, BLOCK_ROWS):
         steps = np.arange(first, min(first + BLOCK_ROWS, subject.manifest.n_steps))
         states = steps + np.searchsorted(starts, steps, side="right") - 1
         for what, wrong in _misplaced(subject, steps, states).items():
-            if wrong.any() and what not in told:
-                told.add(what)
+            if wrong.any() and what not in reported:
+                reported.add(what)
                 row, agent = np.argwhere(wrong)[0].tolist()
                 place = subject.place("actions", first + row)
                 yield problem(f"there are {what}, first agent {agent} in {place}")
 
 
 def _misplaced(subject: Subject, steps: Int, states: Int) -> dict[str, Bool]:
-    """What must not be, by its words, [n, N] each.
+    """Rows that must not exist, by their description, [n, N] each.
 
     Args:
         subject: with `alive`.

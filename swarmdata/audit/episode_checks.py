@@ -1,4 +1,4 @@
-"""Checks of episodes: their ends, seeds, order, splits, and the table that lists them."""
+"""Checks of episodes: their ends, seeds, order and splits, and the episode table."""
 
 import numpy as np
 
@@ -14,21 +14,21 @@ from swarmdata.types import END_REASONS, EVENTS, Double, Int
 HORIZON_CODE = END_REASONS.index("horizon")
 
 TIMEOUT_SHARE = 0.9
-"""Share of terminations at one length from which they look like timeouts."""
+"""Share of terminations at the same length from which they look like timeouts."""
 
 MIN_TERMINATIONS = 10
-"""Fewer episodes than this prove no habit."""
+"""Fewer terminations than this are not examined for timeouts."""
 
 SUM_TOLERANCE = 1e-9
-"""Relative difference of sums that another order of adding explains."""
+"""Relative difference of sums that the order of additions explains."""
 
 
 def ends(subject: Subject) -> Remarks:
-    """Each episode ends once, at its last step, by termination or truncation, as its reason says.
+    """Each episode ends once, at its last step, by the termination or truncation of its reason.
 
-    In D4RL's maze2d "timeouts" mean goals and terminals are never set; antmaze's flags are out of
-    step with its episodes (issues 43, 85, 162, PR 128). d3rlpy lets terminals win where both are
-    set (d3rlpy issue 463).
+    In D4RL's maze2d, "timeouts" mark reached goals and terminals are never set; antmaze's flags do
+    not match its episodes (issues 43, 85, 162, PR 128). d3rlpy gives terminals priority where both
+    are set (d3rlpy issue 463).
     """
     terminations = np.asarray(subject.arrays["terminations"])
     truncations = np.asarray(subject.arrays["truncations"])
@@ -56,10 +56,10 @@ def ends(subject: Subject) -> Remarks:
 
 
 def horizon(subject: Subject) -> Remarks:
-    """The horizon truncates: no episode is longer, and being cut is no termination.
+    """The horizon truncates: no episode is longer, and no timeout is stored as a termination.
 
-    OMAR's MPE and MuJoCo data have terminals where the time was up, so that values are bootstrapped
-    to zero there; D4RL v0 had no timeouts at all (D4RL issues 77, 182).
+    OMAR's MPE and MuJoCo data have terminals at the time limit, so that values are bootstrapped to
+    zero there; D4RL v0 had no timeouts at all (D4RL issues 77, 182).
     """
     table, limit = subject.table, subject.origin.spec.horizon
     if limit is not None:
@@ -78,7 +78,7 @@ def horizon(subject: Subject) -> Remarks:
 
 
 def _disguised(ended: Int, limit: int | None) -> Remarks:
-    """Terminations that look like timeouts: nearly all of them at the greatest length."""
+    """Terminations that look like timeouts: nearly all of them have the greatest length."""
     if len(ended) < MIN_TERMINATIONS or ended.max() == 1:
         return
     longest = int(ended.max()) if limit is None else limit
@@ -93,7 +93,7 @@ def _disguised(ended: Int, limit: int | None) -> Remarks:
         problem(f"{words} (the horizon is {limit})")
         if limit is not None
         else note(
-            f"{words}. If nothing ends the task then, convert it again with truncations there"
+            f"{words}. If that is a time limit, convert the data again with truncations there"
         )
     )
 
@@ -101,8 +101,8 @@ def _disguised(ended: Int, limit: int | None) -> Remarks:
 def table(subject: Subject) -> Remarks:
     """Returns and collision counts of the episode table are those of the arrays.
 
-    OG-MARL's card statistics read one row of five of OMAR's data; nobody could see that returns
-    and data had come apart.
+    OG-MARL's card statistics read every fifth row of OMAR's data; nothing showed that returns and
+    data did not match.
     """
     starts = subject.table.starts
     means = np.concatenate([block.mean(axis=1, dtype=np.float64)
@@ -139,10 +139,10 @@ def _collisions(subject: Subject) -> Remarks:
 
 
 def seeds(subject: Subject) -> Remarks:
-    """No reset seed occurs twice, none is of the evaluation, and a recipe's are its own.
+    """No reset seed occurs twice or is an evaluation seed; a recipe's are those it gives.
 
-    Minari drops the seeds when it combines datasets; D4RL's and OG-MARL's have none, so nobody can
-    tell whether test episodes were trained on.
+    Minari drops the seeds when it combines datasets; those of D4RL and OG-MARL have none. So nobody
+    can tell whether test episodes were used for training.
     """
     values, table = subject.table.seeds, subject.table
     reserved = np.flatnonzero(values >= EVALUATION_BASE)
@@ -163,7 +163,7 @@ def seeds(subject: Subject) -> Remarks:
 
 
 def repeated(subject: Subject, keys: np.ndarray, what: str) -> Remarks:
-    """Says which episodes have the same key, and whether that is across splits."""
+    """Reports episodes with equal keys, and whether they are in different splits."""
     order = np.argsort(keys, kind="stable")
     same = np.flatnonzero(keys[order][1:] == keys[order][:-1])
     if not len(same):
@@ -178,10 +178,10 @@ def repeated(subject: Subject, keys: np.ndarray, what: str) -> Remarks:
 
 
 def order(subject: Subject) -> Remarks:
-    """Episodes of each policy are in the order of their stream, and a recipe's all there.
+    """Episodes of each policy are in the order of their stream, and those of a recipe are complete.
 
-    D4RL's hopper-medium-expert-v0 was expert and replay, with other numbers of rows than said
-    (issue 19): what a mixture holds must be checkable.
+    D4RL's hopper-medium-expert-v0 contained expert and replay data, with other numbers of rows than
+    documented (issue 19): the content of a mixture must be checkable.
     """
     table, recipe = subject.table, subject.origin.recipe
     for policy, source in enumerate(subject.origin.policies):
@@ -203,22 +203,22 @@ def order(subject: Subject) -> Remarks:
         first = next((k for k, pair in enumerate(zip(wanted.order, got, strict=False))
                       if pair[0] != pair[1]), len(wanted.order))  # fmt: skip
         yield problem(
-            f"episode {first} is not the one that the recipe's order has there: episodes are "
+            f"episode {first} is not the one at this place of the recipe's order: episodes are "
             "missing, added or exchanged"
         )
 
 
 def splits(subject: Subject) -> Remarks:
-    """Every episode is in the split that the rule gives it.
+    """Every episode is in the split that the rule assigns.
 
-    Minari's splits are drawn when they are asked for and stored nowhere; D4RL has none.
+    Minari draws splits on request and stores them nowhere; D4RL has none.
     """
     origin, table = subject.origin, subject.table
     if origin.split_rule is None:
         yield note("the episodes keep the splits of their source: there is no rule to compare with")
         return
     if (table.policy_episode < 0).any():
-        return  # `order` says so
+        return  # a problem of `order`
     pairs = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     try:
         expected = assign_splits(origin, pairs)
@@ -229,7 +229,7 @@ def splits(subject: Subject) -> Remarks:
     if len(wrong):
         first = int(wrong[0])
         yield problem(
-            f"episodes {some(wrong)} are in other splits than the rule says: episode {first} is in "
+            f"the rule assigns episodes {some(wrong)} to other splits: episode {first} is in "
             f"{SPLITS[table.split[first]]}, expected {SPLITS[expected[first]]}"
         )
 
@@ -237,8 +237,8 @@ def splits(subject: Subject) -> Remarks:
 def statistics(subject: Subject) -> Remarks:
     """The normalization statistics of the manifest are those of the train split.
 
-    Statistics of a whole dataset leak the test split into training; those of OG-MARL's cards are of
-    other rows than those that are trained on.
+    Statistics of a whole dataset leak the test split into training; OG-MARL's cards have statistics
+    of rows that are not those used for training.
     """
     entry = subject.manifest.statistics
     found = {name: _moments(subject, name) for name in ("observations", "rewards")}

@@ -1,4 +1,4 @@
-"""Finding and Audit, what the checks of a dataset say, as data and as text."""
+"""Finding and Audit, the results of the checks of a dataset, as data and as text."""
 
 import json
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ Level = Literal["problem", "note"]
 
 
 class Remark(NamedTuple):
-    """What a check has to say, before its name is put to it."""
+    """One result of a check, still without the check's name."""
 
     level: Level
     message: str
@@ -21,7 +21,7 @@ def problem(message: str) -> Remark:
 
 
 def note(message: str) -> Remark:
-    """Something that is worth knowing, such as why a check does not apply."""
+    """Something worth knowing, such as why a check does not apply."""
     return Remark("note", message)
 
 
@@ -49,11 +49,11 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """Everything that the checks of one dataset found; nothing for a clean one.
+    """Everything that the checks of one dataset found.
 
     Attributes:
         dataset: id of the dataset.
-        digest: its logical digest, so that an audit names the content that it is of.
+        digest: its logical digest, which identifies the audited content.
         checks: names of the checks that ran.
         findings: in the order of the checks.
     """
@@ -69,13 +69,13 @@ class Audit:
         return tuple(each for each in self.findings if each.level == "problem")
 
     def to_text(self) -> str:
-        """One line for each finding, then a summary; for people."""
+        """One line for each finding, then a summary, for people."""
         n = len(self.problems)
         clean = "no problems" if not n else f"{n} problem{'s' if n > 1 else ''}"
         summary = f"{self.dataset} (digest {self.digest[:12]}): {len(self.checks)} checks, {clean}"
         return "".join(f"{line}\n" for line in (*self.findings, summary))
 
     def to_json(self) -> str:
-        """The same as a JSON object; for programs."""
+        """The same as a JSON object, for programs."""
         content = {**asdict(self), "n_problems": len(self.problems)}
         return json.dumps(content, indent=1, allow_nan=False)

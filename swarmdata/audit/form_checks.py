@@ -1,4 +1,4 @@
-"""Checks of bytes, shapes and values, for which nothing needs to be known of the world."""
+"""Checks of bytes, shapes and values, which need no knowledge of the world."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
 from swarmdata.store.stored_dataset import shape_contradictions
-from swarmdata.types import Bool, Float, Int
+from swarmdata.types import Bool, Float
 
 
 def integrity(subject: Subject) -> Remarks:
     """Every byte is as it was written: SHA-256 of every file, and the logical digest.
 
-    Minari 0.5.4 has no checksum: a flipped byte gives wrong rewards without a word
-    (notes on Minari, integrity). OG-MARL takes a half-unzipped vault for a whole one.
+    Minari 0.5.4 has no checksum: a flipped byte silently gives wrong rewards. OG-MARL opens a
+    half-unzipped vault as a whole one.
     """
     try:
         open_store(subject.path, "full")
@@ -24,10 +24,10 @@ def integrity(subject: Subject) -> Remarks:
 
 
 def shapes(subject: Subject) -> Remarks:
-    """Every array has the sizes that the spec says; dtypes and rows are checked on opening.
+    """Every array has the sizes of the spec; dtypes and rows are checked on opening.
 
-    Minari's and OG-MARL's readers take what is there: OG-MARL stores one halfcheetah's state as
-    (T, N, S), the others' as (T, S), and its cards say "discrete" of continuous actions.
+    The readers of Minari and OG-MARL accept any shape: OG-MARL stores the state of one halfcheetah
+    as (T, N, S), those of the others as (T, S), and its cards call continuous actions "discrete".
     """
     arrays = {name: array.shape for name, array in subject.arrays.items()}
     for each in shape_contradictions(subject.origin, arrays):
@@ -37,7 +37,7 @@ def shapes(subject: Subject) -> Remarks:
 def finite(subject: Subject) -> Remarks:
     """No array holds a NaN or an infinity.
 
-    OG-MARL pads OMAR's observations with -inf (og-marl issue 27), which poisons every mean.
+    OG-MARL pads OMAR's observations with -inf (og-marl issue 27), so that every mean is infinite.
     """
     for name, array in subject.arrays.items():
         if array.dtype.kind != "f" or not array.size:
@@ -55,7 +55,7 @@ def finite(subject: Subject) -> Remarks:
 def padding(subject: Subject) -> Remarks:
     """Columns beyond an agent's own are zero, in observations and actions of mixed teams.
 
-    OG-MARL pads with zeros in some datasets and with -inf in others, and says so in none.
+    OG-MARL pads some datasets with zeros and others with -inf, and documents neither.
     """
     arrays, spec = subject.arrays, subject.spec
     spaces_of = {
@@ -79,7 +79,7 @@ def padding(subject: Subject) -> Remarks:
 
 
 def _acting(subject: Subject, first: int, n_steps: int) -> Bool:
-    """Who acts in consecutive steps, [n, N]; those who do not have zeros, whatever their space."""
+    """Agents that act in consecutive steps, [n, N]; the others have zeros, whatever their space."""
     if "alive" not in subject.arrays:
         return np.ones((n_steps, 1), np.bool_)
     steps = np.arange(first, first + n_steps)
@@ -91,8 +91,8 @@ def _acting(subject: Subject, first: int, n_steps: int) -> Bool:
 def action_bounds(subject: Subject) -> Remarks:
     """Actions lie in their space: in [-1, 1] for our tasks; whole numbers where they are choices.
 
-    Actions of OMIGA's datasets in OG-MARL exceed [-1, 1], so its code clips them when they are
-    read ("clip for omiga datasets"), and the data says otherwise than the environment.
+    Actions of OMIGA's datasets in OG-MARL exceed [-1, 1]. Its code clips them on reading ("clip for
+    omiga datasets"), so the data and the environment disagree.
     """
     lows, highs, whole = _limits(subject)
     actions = subject.arrays["actions"]
@@ -123,14 +123,14 @@ def _limits(subject: Subject) -> tuple[Float, Float, Bool]:
 
 
 def action_masks(subject: Subject) -> Remarks:
-    """Choices are among those that were allowed, where that is recorded.
+    """Choices are among the allowed ones, where masks were recorded.
 
-    OG-MARL's recorder keeps the legal actions of the first step for the whole episode
+    OG-MARL's recorder keeps the legal actions of the first step throughout the episode
     (`ExperienceRecorder`, a misspelt attribute), so that later choices look illegal.
     """
     if "action_masks" not in subject.arrays:
         return
-    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), _final_rows(subject))
+    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), subject.final_states)
     spaces = zip(subject.spec.agent_names, subject.spec.action_spaces, strict=True)
     for index, (agent, space) in enumerate(spaces):
         if not isinstance(space, DiscreteSpace):
@@ -145,9 +145,3 @@ def action_masks(subject: Subject) -> Remarks:
                 f"{agent} chose what its mask forbids in {len(wrong):,} steps, first in "
                 f"{subject.place('actions', int(wrong[0]))}"
             )
-
-
-def _final_rows(subject: Subject) -> Int:
-    """Rows of the last states, after which nothing is chosen."""
-    final: Int = subject.state_starts + subject.table.lengths
-    return final

@@ -1,8 +1,8 @@
-"""Replays logged actions in the world, and compares everything stored with what comes out.
+"""Replays logged actions in the world, and compares the result with everything stored.
 
 An episode is a function of its seed and its actions, so a world of the same spec must give the same
-bits: states, observations, messages, rewards, events and flags; and where a policy of the recipe
-can be built, it must choose the same actions and give them the same log-probabilities.
+bits: states, observations, messages, rewards, events and flags. If a policy of the recipe can be
+built, it must choose the same actions and give them the same log-probabilities.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,23 +26,23 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
 STEP_ARRAYS = ("rewards", "terminations", "truncations", "events")
-"""Arrays that a step gives, in the order in which they are compared."""
+"""Arrays with a row per step, in the order in which they are compared."""
 
 STATE_ARRAYS = ("states", "observations", "sent", "delivered", "ages")
-"""Arrays that a state gives."""
+"""Arrays with a row per state."""
 
 MOST_DIFFERENCES_SHOWN = 3
-"""Differences that are named one by one."""
+"""Differences that are described one by one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first place in an episode where a stored array is not what the world gives."""
+    """The first place in an episode where a stored array differs from the replay."""
 
     episode: int  # stored number
     step: int
     array: str
-    agent: int | None  # None: of the team
+    agent: int | None  # None: the array has no agent axis
     stored: str
     replayed: str
 
@@ -56,18 +56,18 @@ class Difference:
 
 
 def replay(subject: Subject) -> Remarks:
-    """Stored arrays are those that the logged actions give in the world, bit for bit, on a sample.
+    """Replayed actions give the stored arrays bit for bit, on a sample of the episodes.
 
     It would have found maze2d's rewards, off by one (D4RL issues 158 and 194), antmaze's other
-    reward convention (199), rows without a copy (84, 100), commit 507fd61's shift by one step, and
-    swapped tiers (76): those actions are not what the named policies choose.
+    reward convention (199), rows that were not copied (84, 100), the shift by one step in commit
+    507fd61, and swapped tiers (76), whose actions are not those of the named policies.
     """
     task = subject.task
     if task is None:
-        yield note("actions of other environments cannot be replayed")
+        yield note("the actions of other environments cannot be replayed")
         return
     if subject.sample < 1:
-        yield note("no episodes were replayed, as asked for")
+        yield note("no episodes were replayed, as requested")
         return
     chosen = sample(subject)
     absent = [name for name in ("log_probs", "events") if not subject.arrays[name].size]
@@ -78,15 +78,15 @@ def replay(subject: Subject) -> Remarks:
         source = subject.origin.policies[index]
         try:
             policies[index] = make_source_policy(source, task, subject.path)
-        except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
+        except (SwarmdataError, TypeError) as error:  # TypeError: unknown options
             policies[index] = None
             say = note if subject.origin.recipe is None else problem  # others claim less
-            yield say(f"{source.label} cannot be built, so that its choices are unknown: {error}")
+            yield say(f"{source.label} cannot be built, so its choices were not compared: {error}")
     yield from _report(subject, list(_replay(subject, task, chosen, policies)), len(chosen))
 
 
 def sample(subject: Subject) -> Int:
-    """Stored numbers of the episodes to replay: of every policy the same number, or all it has."""
+    """Stored numbers of the episodes to replay: equally many of each policy, or all it has."""
     policies = np.unique(subject.table.policy)
     each = -(-subject.sample // len(policies))
     groups = [spread(np.flatnonzero(subject.table.policy == policy), each) for policy in policies]
@@ -109,12 +109,12 @@ def _replay(
 
 
 class _Wave:
-    """Some episodes of one policy, replayed side by side; without one, choices are not compared."""
+    """Episodes of one policy, replayed side by side; its choices are compared if it is known."""
 
     def __init__(self, subject: Subject, env: VecEnv, wave: Int, policy: Policy | None) -> None:
         self.subject, self.env, self.wave, self.policy = subject, env, wave, policy
         self.lengths = subject.table.lengths[wave]
-        self.known: dict[int, Difference] = {}  # by position in the wave: the first
+        self.known: dict[int, Difference] = {}  # the first of each episode, by position in the wave
         self.same = np.ones(len(wave), dtype=np.bool_)  # which episodes have none so far
 
     def run(self, bar: Any) -> Iterator[Difference]:
@@ -163,12 +163,12 @@ class _Wave:
             self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
 
     def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
-        """Notes the first difference of each episode that is not over before row t.
+        """Records the first difference of each episode that has a row t.
 
         Args:
             name: of the array.
             rows: its stored rows, one for each episode of the wave; beyond an episode's end unused.
-            values: what was replayed, [E, ...], or the step that has it under the same name.
+            values: replayed rows, [E, ...], or the step that has them under the same name.
             t: time of the row in its episode.
         """
         array = self.subject.arrays[name]
@@ -195,7 +195,7 @@ class _Wave:
 
 
 def _bits_differ(one: NDArray[Any], other: NDArray[Any]) -> Bool:
-    """Elementwise; a NaN equals itself, and 0 does not equal -0."""
+    """Elementwise; a NaN equals itself, and 0 differs from -0."""
     words = np.dtype(f"u{one.dtype.itemsize}")
     pair = (np.ascontiguousarray(array).view(words) for array in (one, other))
     differs: Bool = np.not_equal(*pair)
@@ -216,8 +216,8 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
     }
     if not subject.origin.has_world_seeds and len(foreign) == n_replayed:
         yield note(
-            "the seeds of this recording are not those of its worlds, so that its episodes cannot "
-            f"be replayed ({differences[0]})"
+            "the seeds of this dataset are not those of its worlds, so its episodes cannot be "
+            f"replayed ({differences[0]})"
         )
         return
     provenance = subject.manifest.provenance
@@ -231,8 +231,8 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
         else ""
     )
     yield problem(
-        f"{len(differences)} of {n_replayed} replayed episodes differ from what their actions "
-        f"give: {shown}{more}.{versions}"
+        f"{len(differences)} of {n_replayed} replayed episodes differ from the stored ones: "
+        f"{shown}{more}.{versions}"
     )
 
 

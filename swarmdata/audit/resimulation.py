@@ -1,6 +1,6 @@
-"""Simulates recorded episodes again from the recipe, and says where they differ from the files.
+"""Simulates recorded episodes again from the recipe, and reports differences from the files.
 
-What has changed since, such as the physics engine, shows here before anybody builds on it.
+It detects changes since the recording, such as those of the physics engine.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 
 @dataclass(frozen=True)
 class Drift:
-    """An episode that is simulated differently here than it was recorded."""
+    """An episode whose simulation here differs from the recording."""
 
     episode: int  # in stored order
     problem: str  # the first difference
-    versions: tuple[str, ...]  # what differs from the versions that it was recorded with
+    versions: tuple[str, ...]  # those that differ from the ones it was recorded with
 
     def __str__(self) -> str:
         """One line."""
@@ -40,7 +40,7 @@ def replay(dataset: Dataset, n_episodes: int, seed: int = 0) -> tuple[Drift, ...
     Args:
         dataset: made from a recipe, not a view of it.
         n_episodes: how many; all of them where there are fewer.
-        seed: chooses which.
+        seed: of the choice.
 
     Returns:
         Those that differ, in stored order.
@@ -89,7 +89,7 @@ def _simulate(dataset: Dataset, policy: int, episodes: Int) -> list[Episode]:
 def _difference(recorded: Episode, again: Episode) -> str | None:
     """The first difference between two episodes, None if there is none."""
     for name in ("seed", "end_reason", "length"):
-        one, other = _fact(recorded, name), _fact(again, name)
+        one, other = _value(recorded, name), _value(again, name)
         if one != other:
             return f"{name} is {one} in the recording, {other} in the simulation"
     rows = []
@@ -100,7 +100,7 @@ def _difference(recorded: Episode, again: Episode) -> str | None:
     return "{1} differ from row {0} on".format(*min(rows)) if rows else None
 
 
-def _fact(episode: Episode, name: str) -> int:
+def _value(episode: Episode, name: str) -> int:
     return len(episode) if name == "length" else int(getattr(episode, name))
 
 

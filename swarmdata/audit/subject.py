@@ -1,4 +1,4 @@
-"""Subject, the open dataset that is audited, and how its rows are read and named."""
+"""Subject, the dataset under audit, and how its rows are read and named."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
 BLOCK_ROWS = 10_000
-"""Rows that are looked at together: memory stays bounded, and one call does much."""
+"""Rows that are checked together: memory stays bounded, and one call does much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,12 @@ class Subject:
         return starts
 
     @property
+    def final_states(self) -> Int:
+        """Last row of each episode in the arrays with T + 1 rows, [n]."""
+        final: Int = self.state_starts + self.table.lengths
+        return final
+
+    @property
     def last_steps(self) -> Int:
         """Last row of each episode in the arrays with T rows, [n]."""
         last: Int = self.table.starts + self.table.lengths - 1
@@ -89,7 +95,7 @@ class Subject:
         )
 
     def place(self, name: str, row: int) -> str:
-        """Words for a row of the array `name`, such as "episode 3, step 17"."""
+        """Describes a row of the array `name`, such as "episode 3, step 17"."""
         episode = int(np.searchsorted(self.starts_of(name), row, side="right")) - 1
         if ALL_FIELDS[name].rows == "episodes":
             return f"episode {row}"

@@ -85,7 +85,12 @@ def gather_windows(
     mask = steps < end
     steps = np.minimum(steps, end - 1)
     batch = _gather(arrays, steps, steps + episode, end - 1, mask)
-    _clear_padding(batch, mask)
+    padding = np.nonzero(~mask)
+    if len(padding[0]):
+        for field in fields(batch):
+            values = getattr(batch, field.name)
+            if field.name != "mask" and values is not None:
+                values[padding] = 0
     return batch
 
 
@@ -116,16 +121,6 @@ def _gather(
         next_actions=next_actions,
         log_probs=log_probs.take(index, axis=0) if log_probs.shape[1] else None,
     )
-
-
-def _clear_padding(batch: Batch, mask: Bool) -> None:
-    """Zeroes the padding behind an episode's end, in the batch's own arrays."""
-    padding = np.nonzero(~mask)
-    if len(padding[0]):
-        for field in fields(batch):
-            values = getattr(batch, field.name)
-            if field.name != "mask" and values is not None:
-                values[padding] = 0
 
 
 class Sampler:

@@ -1,1 +1,1 @@
-"""Specs as frozen data: tasks, rules, sensors, radios, spaces, and what datasets are made from."""
+"""Frozen data that describes tasks, rules, sensors, radios, spaces and the origins of datasets."""

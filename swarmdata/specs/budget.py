@@ -1,10 +1,10 @@
-"""What a world costs: an estimate from its spec alone, and the most that a spec may ask for.
+"""The cost of a world: an estimate from its spec alone, and upper limits.
 
-The limits leave room for large research (256 robots; 1,024 rays; 64 frames) and refuse what would
-fill the memory or never end. Single counts are bounded, and so are the products that matter: the
+The limits leave room for large research (256 robots; 1,024 rays; 64 frames) and refuse worlds that
+would fill the memory or never finish. They bound single counts, and the products that matter: the
 memory of one copy and of one recorded episode, the time of one control step and of drawing one
-layout. The estimates are of the right order, rather too large than too small:
-`tests/specs/test_budget.py` holds them to what worlds take.
+layout. The estimates have the right order of magnitude and err on the large side:
+`tests/specs/test_budget.py` compares them with measured worlds.
 """
 
 from collections.abc import Iterator
@@ -43,14 +43,12 @@ MAX_STEP_SECONDS = 1.0  # of one copy's control step
 MAX_DRAW_SECONDS = 5.0  # of giving up to draw one copy's layout
 MAX_TOTAL_BYTES = 1 << 36  # of all copies together
 
-N_DRAWS_OF_A_PLACE = 64  # draws of one place, as in `envs.spawn`
-PATH_CHECK_STEPS = (
-    4  # control steps between the places of a path looked at, as in `envs.formation_spawn`
-)
+N_DRAWS_OF_A_PLACE = 64  # attempts at one place, as in `envs.world.spawn`
+PATH_CHECK_STEPS = 4  # control steps between checked places of a path, as in `formation_spawn`
 
 
 class Size(NamedTuple):
-    """The counts that everything else follows from."""
+    """The counts that determine the cost."""
 
     robots: int  # N
     obstacles: int  # M
@@ -59,22 +57,22 @@ class Size(NamedTuple):
     frames: int  # kept by the sensor: stack and delay
     observation: int  # numbers that one robot observes, messages included, O
     message: int  # numbers in one message
-    links: int  # steps of messages under way; 0: robots do not talk
+    links: int  # steps of messages in transit; 0: no communication
     state: int  # numbers in a state, S
     horizon: int  # T
 
 
 class Demand(NamedTuple):
-    """What a world takes on one core of an ordinary machine."""
+    """Memory and time of a world on one core of an ordinary machine."""
 
     copy_bytes: float
     episode_bytes: float
     step_seconds: float
-    draw_seconds: float  # until no layout is found
+    draw_seconds: float  # until drawing a layout is given up
 
 
 def excesses(spec: "TaskSpec") -> Iterator[str]:
-    """Yields a sentence for each limit that a spec exceeds: got, the most, and what to reduce."""
+    """Yields a sentence for each limit that a spec exceeds: got, allowed, and what to reduce."""
     size = size_of(spec)
     substeps = spec.control_dt / spec.physics_dt
     counts = {
@@ -133,7 +131,7 @@ def _costs_too_much(spec: "TaskSpec", demand: Demand) -> Iterator[str]:
 
 
 def copies_excess(spec: "TaskSpec", n_copies: int) -> str | None:
-    """What is wrong with that many copies of a world, None if nothing is."""
+    """The reason why that many copies of a world are refused, None if they are not."""
     one = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
     if n_copies < 1 or one * n_copies > MAX_TOTAL_BYTES:
         return (
@@ -145,7 +143,7 @@ def copies_excess(spec: "TaskSpec", n_copies: int) -> str | None:
 
 
 def part_excess(spec: "TaskSpec", part_episodes: int) -> str | None:
-    """What is wrong with parts of that many episodes, None if nothing is."""
+    """The reason why parts of that many episodes are refused, None if they are not."""
     one = demand_of(spec, size_of(spec), spec.n_substeps).episode_bytes
     if part_episodes > 1 and one * part_episodes > MAX_TOTAL_BYTES:
         return (
@@ -166,7 +164,7 @@ def describe_demand(demand: Demand) -> str:
 
 
 def size_of(spec: "TaskSpec") -> Size:
-    """Counts what a spec asks for, without building anything of that size."""
+    """Counts the sizes in a spec, without building anything of that size."""
     n, horizon = sum(role.count for role in spec.team), spec.horizon
     m, places = _fixed_shapes(spec)
     extra_features, extra_states = _task_extras(spec, n)
@@ -255,7 +253,7 @@ def _has_assignment(spec: "TaskSpec") -> bool:
 
 
 def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds of what all robots sense in one step."""
+    """Nanoseconds that sensing takes for all robots in one step."""
     model, around = spec.observation, n + m + 4
     if isinstance(model, LidarModel):
         return 0.3 * n * around * model.n_rays
@@ -267,7 +265,7 @@ def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
 
 
 def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds of an attempt that fails: two draws of each place, all of the last one."""
+    """Nanoseconds of a failed attempt: two draws of each place, and all draws of the last one."""
     rules = spec.rules
     if isinstance(rules, NavigationRules) and not isinstance(rules.arrangement, RandomArrangement):
         return 0.0

@@ -67,7 +67,7 @@ def _from_names(text: str) -> AnyCommunicationModel:
 
 
 def _fields_of(part: str, text: str) -> dict[str, Any]:
-    """The fields that one name sets."""
+    """The fields that a name sets."""
     match = _PART.fullmatch(part)
     word, value = match.groups() if match else (part, None)
     if word in _ALONE and part != text:
@@ -82,7 +82,8 @@ def _fields_of(part: str, text: str) -> dict[str, Any]:
             )
         return _PLAIN[word]
     if word not in _VALUED:
-        raise UnknownNameError("communication model", part, [*_ALONE, *_PLAIN, *_examples()])
+        examples = [f"{word}-{example}" for word, (_, example) in _VALUED.items()]
+        raise UnknownNameError("communication model", part, [*_ALONE, *_PLAIN, *examples])
     build, example = _VALUED[word]
     try:
         return build(value or "")
@@ -95,22 +96,14 @@ def _fields_of(part: str, text: str) -> dict[str, Any]:
         ) from error
 
 
-def _examples() -> list[str]:
-    return [f"{word}-{example}" for word, (_, example) in _VALUED.items()]
-
-
 def _whole(value: str) -> int:
     if not value.isdecimal():
         raise ValueError("is not a whole number")
     return int(value)
 
 
-def _metres(value: str) -> float:
-    return float(Decimal(value))
-
-
 def _share(percent: str) -> Decimal:
-    """An exact fraction from a percentage: rounded once, 30 will give the number 0.3."""
+    """A fraction from a percentage, exact before one rounding: 30 gives 0.3."""
     share = Decimal(percent) / 100
     if not 0 <= share <= 1:
         raise ValueError("is not a percentage between 0 and 100")
@@ -118,10 +111,10 @@ def _share(percent: str) -> Decimal:
 
 
 def _bursty(percent: str) -> dict[str, Any]:
-    """Bursts that lose everything, and last `MEAN_BURST` steps on average.
+    """Bursts that lose every message and last `MEAN_BURST` steps on average.
 
     A link is bad for the share enter / (enter + leave) of the time, with leave = 1 / MEAN_BURST.
-    Good links turn bad at most with certainty, which bounds that share.
+    The probability of entering is at most 1, which bounds that share.
     """
     share, leave = _share(percent), 1 / Decimal(MEAN_BURST)
     most = 1 / (1 + leave)
@@ -142,7 +135,7 @@ _PLAIN: dict[str, dict[str, Any]] = {
 _VALUED: dict[str, tuple[Callable[[str], dict[str, Any]], str]] = {
     "learned": (lambda value: {"payload": "learned", "message_size": _whole(value)}, "4"),
     "nearest": (lambda value: {"topology": "nearest", "n_nearest": _whole(value)}, "2"),
-    "range": (lambda value: {"range": _metres(value)}, "1.5"),
+    "range": (lambda value: {"range": float(Decimal(value))}, "1.5"),
     "lossy": (lambda value: {"drop_probability": float(_share(value))}, "30"),
     "bursty": (_bursty, "30"),
     "aloha": (lambda value: {"slots_in_step": _whole(value)}, "8"),

@@ -1,6 +1,6 @@
-"""What each number of an observation is: its name, its physical kind, and its axis if a vector's.
+"""Features, the numbers of an observation: name, physical kind, and axis if part of a vector.
 
-The kind gives the unit, the axis what a rotation into the body's frame does to it.
+The kind determines the unit, the axis how a rotation into the body frame acts.
 """
 
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ Kind = Literal["position", "velocity", "direction", "range", "flag"]
 """m, m/s, component of a vector of at most unit length, normalised distance, 0 or 1 or a code."""
 
 UNITS: dict[Kind, str] = {"position": "m", "velocity": "m/s"}
-"""Of the kinds that have one."""
+"""Units of the kinds that have one."""
 
 
 class Feature(NamedTuple):
@@ -23,13 +23,13 @@ class Feature(NamedTuple):
 
     @property
     def slot(self) -> str:
-        """What it is a part of, by its name: `neighbor_0`, in older frames `neighbor_0[-1]`."""
+        """The slot it is part of, by its name: `neighbor_0`, in older frames `neighbor_0[-1]`."""
         owner, _, part = self.name.rpartition(".")
         return owner + part[len(part.partition("[")[0]) :]
 
     @property
     def is_mask(self) -> bool:
-        """Whether this says if the rest of its slot holds something."""
+        """Whether this is the mask of its slot: 1 if the slot holds something."""
         return self.name.rpartition(".")[2].partition("[")[0] == "mask"
 
 

@@ -14,7 +14,7 @@ from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
 from swarmdata.runtime.documents import parse_document, read_document
 
 LEAST_POSITIVE = 1e-12
-"""Below this, products and ratios of a few quantities leave what float32 can hold."""
+"""Products and ratios of a few quantities below this leave the range of float32."""
 
 
 def _not_tiny(value: float) -> float:
@@ -84,12 +84,12 @@ TaggedModel = TypeVar("TaggedModel", bound=Frozen)
 def read_tagged(
     source: Mapping[str, Any] | str | Path, kinds: Mapping[str, type[TaggedModel]], what: str
 ) -> TaggedModel:
-    """Builds the model of a union whose `kind` says which.
+    """Builds the model of a union that the key `kind` selects.
 
     Args:
         source: its fields, YAML or JSON text of them, or a file that `is_file` with such text.
         kinds: the models of the union by their `kind`.
-        what: is described, for messages, such as "observation model".
+        what: the union in words for messages, such as "observation model".
 
     Raises:
         UnknownNameError: no such kind.
@@ -136,7 +136,7 @@ def _kind_of(
 
 
 MAX_LISTED_PROBLEMS = 20
-"""That one message lists."""
+"""Problems that one message lists."""
 
 MAX_LISTED_CHARACTERS = 2_000
 """Characters after which a message lists no further problem."""
@@ -147,7 +147,7 @@ SHORT_REPR.maxstring = SHORT_REPR.maxother = SHORT_REPR.maxlong = 100
 
 def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
     every = error.errors()
-    # a sequence whose only items are wrong is said to be too short, which is no news
+    # a sequence with wrong items only is also reported as too short, which adds nothing
     wrong = {problem["loc"][:k] for problem in every for k in range(len(problem["loc"]))}
     found = [each for each in every if each["type"] != "too_short" or each["loc"] not in wrong]
     listed = ""
@@ -176,14 +176,14 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
 
 
 def _key(part: Any) -> str:
-    """A key or index as a part of a path; strange ones are quoted and shortened."""
+    """A key or index as a part of a path; unusual ones are quoted and shortened."""
     text = str(part)
     is_plain = text.isascii() and text.isprintable() and 0 < len(text) <= 100
     return text if is_plain else SHORT_REPR.repr(text)
 
 
 def _known_keys(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
-    """Fields of the nested model at `loc`; tuple positions do not descend, tags choose."""
+    """Fields of the nested model at `loc`; positions in tuples are skipped, tags select."""
     options = [model]
     for part in loc:
         fields = [option.model_fields[part] for option in options if part in option.model_fields]
@@ -195,7 +195,7 @@ def _known_keys(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
 
 
 def _tags(model: type[BaseModel]) -> set[Any]:
-    """Values of the model's literal fields, one of which tells it from others of its union."""
+    """Default values of the model's fields, one of which is its tag in a union."""
     return {field.default for field in model.model_fields.values()}
 
 
@@ -223,12 +223,13 @@ def _differences(path: str, one: Any, other: Any) -> Iterator[tuple[str, Any, An
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in sorted(one.keys() | other.keys()):
             yield from _differences(f"{path}.{key}" if path else key, one.get(key), other.get(key))
-    elif isinstance(one, Sequence) and not isinstance(one, str) and _same_size(one, other):
+    elif (
+        isinstance(one, Sequence)
+        and not isinstance(one, str)
+        and isinstance(other, Sequence)
+        and len(one) == len(other)
+    ):
         for index, pair in enumerate(zip(one, other, strict=True)):
             yield from _differences(f"{path}[{index}]", *pair)
     elif one != other:
         yield path, one, other
-
-
-def _same_size(one: Sequence[Any], other: Any) -> bool:
-    return isinstance(other, Sequence) and len(one) == len(other)

@@ -1,4 +1,4 @@
-"""Spaces of Gymnasium as ours, and back."""
+"""Conversion of Gymnasium's spaces to ours, and back."""
 
 import math
 from typing import Any
@@ -23,7 +23,7 @@ _KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
 
 
 def space_of(space: Any, where: str) -> Space:
-    """Describes a space of gymnasium, or of the older gym, which VMAS has; both by their names.
+    """Describes a space of gymnasium or of the older gym, which VMAS uses, by the class names.
 
     Args:
         space: of an agent.
@@ -59,7 +59,7 @@ def space_of(space: Any, where: str) -> Space:
 
 
 def _bound(values: NDArray[Any]) -> Bound:
-    """One number where all are equal; None is infinite."""
+    """One number if all are equal; None is infinite."""
     each = [float(v) if np.isfinite(v) else None for v in np.ravel(values).tolist()]
     if len(set(each)) <= 1:
         return each[0] if each else None
@@ -67,7 +67,7 @@ def _bound(values: NDArray[Any]) -> Bound:
 
 
 def to_gymnasium(space: Space) -> Any:
-    """Builds the `gymnasium.spaces.Space` that this describes."""
+    """Builds the `gymnasium.spaces.Space` of this description."""
     from gymnasium import spaces  # noqa: PLC0415  (only who converts needs it)
 
     match space:

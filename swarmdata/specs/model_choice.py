@@ -1,4 +1,4 @@
-"""The two models through which robots see and talk: chosen by name, put into a spec, described."""
+"""Observation and communication models of a spec: chosen by name, replaced, described."""
 
 import json
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ Source = str | Path | Mapping[str, Any] | Frozen
 def with_models(
     spec: TaskSpec, observation: Source | None = None, communication: Source | None = None
 ) -> TaskSpec:
-    """Returns the same task seen and talked about through other models; None keeps the spec's.
+    """Returns the same task with other models; None keeps that of the spec.
 
     Raises:
         UnknownNameError: no such model, with the nearest known name.
@@ -53,7 +53,7 @@ def models_json(spec: TaskSpec) -> str:
 
 
 def describe(spec: TaskSpec) -> str:
-    """Both models in words, with what is not a default, for titles and messages."""
+    """Both models in words, with the values that are not defaults, for titles and messages."""
     seen, told = _describe(spec.observation), _describe(spec.communication)
     return f"observation {seen}, communication {told}"
 
@@ -75,9 +75,9 @@ def _plain(value: Any) -> str:
 def check_senses(
     policy: str, trained: TaskSpec, offered: TaskSpec, *features: tuple[Feature, ...]
 ) -> None:
-    """Refuses to evaluate a policy whose inputs or messages a pair of models does not give.
+    """Checks that a pair of models gives the inputs and messages that a policy was trained with.
 
-    The same features with other noise, range or losses are accepted: that is what is measured.
+    The same features with other noise, range or losses are accepted: robustness is measured so.
 
     Args:
         policy: its name, for the message.

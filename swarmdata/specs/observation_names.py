@@ -28,10 +28,10 @@ _SIZES = {
     "bearing": "n_neighbors",
     "occupancy": "cells",
 }
-"""What a number after the kind sets."""
+"""The field that a number after the kind sets."""
 
 _RANGES = {"state": "limit", "lidar": "range", "bearing": "range"}
-"""What the modifier `range` sets: how far robots see."""
+"""The field that the modifier `range` sets."""
 
 _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "noise": lambda _, std: {"noise": dict.fromkeys(SensorNoise.model_fields, std)},

@@ -1,7 +1,7 @@
-"""Names that others give: of robots, policies and tiers, which become keys, cells and columns.
+"""Names that users give to robots, policies and tiers, which become keys, cells and columns.
 
-Only plain ASCII is allowed: a name that looks like another, holds a control character or could
-leave a folder has no use.
+Only plain ASCII is allowed, so that no name looks like another, holds a control character or leads
+out of a folder.
 """
 
 import re
@@ -12,16 +12,16 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 MAX_NAME = 48
-"""Characters of the name of a robot or of a role."""
+"""Most characters in the name of a robot or a role."""
 
 MAX_LABEL = 256
-"""Characters of a label: an edit puts the ids of datasets before those it found."""
+"""Most characters in a label: edits put the ids of datasets before the labels of parents."""
 
 MAX_FILE_NAME = 128
-"""Characters of the name of a file."""
+"""Most characters in the name of a file."""
 
 MAX_TEXT = 10_000
-"""Characters of free text."""
+"""Most characters in free text."""
 
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_.:+ -]*[A-Za-z0-9_+])?")
 _LABEL = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9_.,:;=+*@#%()/\[\] -]*[A-Za-z0-9_+*%)\]])?")
@@ -40,7 +40,7 @@ def _checked_name(text: str) -> str:
 
 
 def checked_label(text: str) -> str:
-    """Returns a text that is a label.
+    """Returns the text if it is a label.
 
     Raises:
         ValueError: it is not.
@@ -56,7 +56,7 @@ def checked_label(text: str) -> str:
 
 
 def _is_plain(text: str, pattern: re.Pattern[str], most: int) -> bool:
-    """Whether a text has the form and the length, leads nowhere, and names no device."""
+    """Whether a text has this form and length, is no path, and names no device."""
     if len(text) > most or not pattern.fullmatch(text) or ".." in text:
         return False
     return all(part.strip() and not _RESERVED.fullmatch(part) for part in text.split("/"))
@@ -73,21 +73,21 @@ def _checked_text(text: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_checked_name)]
-"""Of a robot or of a role: a column, a key of a dictionary, part of the name of a file."""
+"""Name of a robot or a role: a column, a key of a dictionary, part of a file name."""
 
 Label = Annotated[str, AfterValidator(checked_label)]
-"""Of a policy, a tier or an ingredient: a cell of a table, a key of a dictionary."""
+"""Name of a policy, a tier or an ingredient: a cell of a table, a key of a dictionary."""
 
 Text = Annotated[str, AfterValidator(_checked_text)]
-"""Free text of one who made something, which only people read."""
+"""Free text of an author, which only people read."""
 
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-"""Of a file or of a dataset."""
+"""SHA-256 of a file or a dataset, hex."""
 
 
 def checked_file_name(text: str) -> str:
-    """Returns a text that is the name of a file, and no path.
+    """Returns the text if it is a file name and no path.
 
     Raises:
         ValueError: it is not.
@@ -103,9 +103,9 @@ def checked_file_name(text: str) -> str:
 
 
 FileName = Annotated[str, AfterValidator(checked_file_name)]
-"""Of a file in a folder that we know; never a path."""
+"""Name of a file in a known folder; never a path."""
 
 
 def repeated(names: Iterable[str]) -> list[str]:
-    """Names that come more than once, sorted."""
+    """Names that occur more than once, sorted."""
     return sorted(name for name, n in Counter(names).items() if n > 1)

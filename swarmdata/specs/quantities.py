@@ -35,7 +35,7 @@ def _ordered(span: tuple[float, float]) -> tuple[float, float]:
 Span = Annotated[tuple[Length, Length], AfterValidator(_ordered)]  # m, smallest and largest
 
 Count = Annotated[int, Field(ge=1, le=10**12)]
-"""Of whatever there must be one of; `budget` says how many are too many."""
+"""A count of at least one; `budget` limits it."""
 
 CountOrNone = Annotated[int, Field(ge=0, le=10**12)]
-"""The same of what need not be there."""
+"""A count that may be zero; `budget` limits it."""

@@ -1,6 +1,6 @@
-"""Recipe, all that makes a dataset again: task, policies, seeds, splits.
+"""Recipe, everything that determines a generated dataset: task, policies, seeds, splits.
 
-Two equal recipes give the same dataset.
+Equal recipes give equal datasets.
 """
 
 from typing import Annotated, ClassVar, NamedTuple, Self
@@ -14,15 +14,15 @@ from swarmdata.specs.quantities import Count, Deviation
 from swarmdata.specs.task_spec import TaskSpec
 
 MOST_POLICIES = 256
-"""Of a dataset: their indices are bytes."""
+"""Most policies of a dataset: their indices are bytes."""
 
 
 class PolicySource(Frozen):
-    """One behaviour policy of a recipe, and its share of the joint steps."""
+    """One behavior policy of a recipe, and its share of the joint steps."""
 
     label: Label  # unique in the recipe, such as "expert-0"
     name: Label  # registered policy
-    checkpoint: FileName | None = None  # in the package's `checkpoints`, or in the dataset's
+    checkpoint: FileName | None = None  # in the package's `checkpoints` or the dataset's
     sha256: Sha256 | None = None  # of that file
     noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
@@ -67,12 +67,12 @@ class SplitRule(NamedTuple):
 
 
 class Recipe(Frozen):
-    """Everything needed to make a dataset again, bit for bit.
+    """Everything needed to generate a dataset again, bit for bit.
 
     Each policy has its own stream of episodes, cut into parts of `part_episodes` episodes; part k
-    of a policy is a pure function of the recipe and k. The dataset takes, again and again, the next
-    episode of the policy that lags most behind its share of the steps, until there are at least
-    `n_steps` joint steps. So a recipe with fewer steps makes a prefix of the same dataset.
+    of a policy is a pure function of the recipe and k. The dataset repeatedly takes the next
+    episode of the policy that lags most behind its share of the steps, until it has at least
+    `n_steps` joint steps. So a recipe with fewer steps gives a prefix of the same dataset.
     """
 
     kind: ClassVar[str] = "recipe"  # in no JSON: recipes are older than other origins

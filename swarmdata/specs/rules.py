@@ -1,4 +1,4 @@
-"""The rules of each task: what is particular to it in a spec, reward weights included.
+"""The rules of each task: the part of a spec that only this task has, with its reward weights.
 
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
@@ -25,7 +25,7 @@ Previews = Annotated[tuple[Duration, ...], Field(max_length=64)]
 
 
 class Rewards(Frozen):
-    """Weights that every task has; each task adds those of its own terms."""
+    """Reward weights that all tasks share; each task adds those of its own terms."""
 
     success: Weight = 3.0  # once, to every robot, when the task is solved
     time: Weight = 0.02  # per step in which the robot has not done its part
@@ -44,7 +44,7 @@ class NavigationRewards(Rewards):
 
 
 class RandomArrangement(Frozen):
-    """Obstacles, starts and goals anywhere: `Obstacles` and `Spawn` say how many and how close."""
+    """Obstacles, starts and goals drawn at random, within `Obstacles` and `Spawn`."""
 
     kind: Literal["random"] = "random"
 

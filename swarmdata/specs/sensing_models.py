@@ -1,4 +1,4 @@
-"""What robots sense and hear, as data: observation models and communication models."""
+"""Observation models and communication models as data."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -21,12 +21,13 @@ class SensorNoise(Frozen):
 
 
 class ObservationModel(Frozen):
-    """What every observation model has: how its measurements are worsened, in this order.
+    """The degradations that every observation model has, applied in this order.
 
-    Noise is added to what is measured; each object (a robot, an obstacle), beam or cell is missed
-    with probability `dropout`; robots see `delay` steps late, and know themselves as late; the last
-    `stack` frames are concatenated, newest first. Before the first frame there is nothing but that
-    frame. All of it is a function of the episode's seed and the step.
+    Noise is added to the measurements. Each object (a robot, an obstacle), beam or cell is missed
+    with probability `dropout`. The whole observation, that of the robot itself included, is `delay`
+    steps old. The last `stack` frames are concatenated, newest first; at the beginning of an
+    episode the first frame is repeated. All of it is a function of the episode's seed and the
+    step.
     """
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
@@ -82,7 +83,7 @@ AnyObservationModel = Annotated[
 
 
 class NoCommunication(Frozen):
-    """Robots do not talk."""
+    """Robots do not communicate."""
 
     kind: Literal["none"] = "none"
 
@@ -96,7 +97,7 @@ class Bursts(Frozen):
 
 
 class Broadcast(Frozen):
-    """Each robot broadcasts one message in every step; this says who hears it, and when.
+    """Each robot broadcasts one message in every step; the channel decides who gets it, and when.
 
     The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,
     drop, delay.

@@ -73,11 +73,11 @@ Space = Annotated[
 ]
 
 LARGEST_EXACT_INTEGER = 1 << 24
-"""Whole numbers up to this are exact in float32."""
+"""The largest whole number up to which all are exact in float32."""
 
 
 def width(space: Space) -> int:
-    """Columns of a row."""
+    """Number of columns of a row."""
     match space:
         case BoxSpace():
             return math.prod(space.shape)
@@ -136,7 +136,7 @@ def flatten(space: Space, value: Any, where: str) -> Float:
 
 
 def unflatten(space: Space, row: Float) -> Any:
-    """Returns what `flatten` made a row of, with the environment's structure and dtypes.
+    """Returns the value of a row from `flatten`, in the environment's structure and dtypes.
 
     Args:
         space: of the value.
@@ -160,7 +160,7 @@ def unflatten(space: Space, row: Float) -> Any:
 
 
 def bounds(space: Space) -> tuple[Double, Double]:
-    """Least and greatest value of each column, infinite where there is none, [width(space)]."""
+    """Least and greatest value of each column, infinite where unbounded, [width(space)] each."""
     match space:
         case BoxSpace():
             return _filled(space.low, -math.inf, space), _filled(space.high, math.inf, space)

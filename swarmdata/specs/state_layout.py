@@ -1,10 +1,10 @@
-"""What a row of global state consists of: the robots, then movable bodies, then the task's own.
+"""The columns of a global state: robots, then movable bodies, then the task's own.
 
-Every task's state, float32 [S], starts with the N robots, `ROBOT` columns each. Tasks with movable
-bodies go on with `BODY` columns for each; what follows belongs to the task, which names it.
+Every task's state, float32 [S], starts with the N robots, `ROBOT` columns each. In tasks with
+movable bodies, `BODY` columns for each follow. The task names the remaining columns.
 
-States are not quite Markov: after a step with a contact they lack what the solver remembers of it,
-which moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload.
+States are not exactly Markov: after a step with a contact they lack the memory of the solver, which
+moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload.
 `python -m tests.benchmarks.bench_contacts` measures it.
 """
 

@@ -1,4 +1,4 @@
-"""TaskSpec, the whole problem as frozen data: two equal specs give the same world.
+"""TaskSpec, a whole problem as frozen data: equal specs give equal worlds.
 
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
@@ -41,13 +41,13 @@ class Robot(Frozen):
     max_speed: Speed = 0.6
     max_acceleration: Acceleration = 1.5
     max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
-    sensor_range: Length | None = None  # m, of this robot's sensors, if less than the model's
+    sensor_range: Length | None = None  # m, of this robot's sensors, if shorter than the model's
 
 
 class Role(Frozen):
     """`count` robots of one kind."""
 
-    name: Name = "robot"  # unlike that of any other role, whatever the case of its letters
+    name: Name = "robot"  # unique in the team, whatever the case of its letters
     count: Count = 4
     robot: Robot = Robot()
 
@@ -61,7 +61,7 @@ class Arena(Frozen):
 
 
 class Obstacles(Frozen):
-    """How many obstacles of each shape are drawn, and how large.
+    """Numbers and sizes of the obstacles of each shape.
 
     A corner is an L of two bars, a pocket a U of three; both are traps for a robot that drives
     straight at its goal. Bounding circles stay `gap` apart from each other and from the walls, so
@@ -118,7 +118,7 @@ class TaskSpec(Frozen):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        """Raises with everything that is wrong between fields that are right each for itself."""
+        """Raises with every contradiction between fields that are valid one by one."""
         problems = list(excesses(self))
         ratio = self.control_dt / self.physics_dt
         if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 2:

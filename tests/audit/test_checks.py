@@ -168,7 +168,7 @@ FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "evaluation seed": (evaluation_seed, "seeds", "reserved for evaluation"),
     "seeds of another recipe": (evaluation_seed, "seeds", "not of this recipe"),
     "reversed streams": (reversed_streams, "order", "not in the order of their stream"),
-    "other splits": (other_splits, "splits", "in other splits than the rule says"),
+    "other splits": (other_splits, "splits", "the rule assigns episodes"),
     "copied episode": (copied_episode, "duplicates", "1 of them across splits: first .*(test)"),
     "missing copy": (missing_copy, "rows", "states do not change in episodes 0, 1, 2"),
     "distinct rows": (missing_copy, "rows", "of the rows of states are distinct"),
@@ -325,7 +325,7 @@ def test_missing_episodes(clean: Path, forge: Forge) -> None:
 def test_id_that_is_published_of_something_else(clean: Path, forge: Forge) -> None:
     origin = open_store(clean).recipe.model_copy(update={"id": "coop_nav-random-v0"})
     found = look(forge(clean, lambda *_: None, origin))
-    assert "is published of another recipe" in messages(found, "identity")
+    assert "Give it another id or version" in messages(found, "identity")
 
 
 def test_card_that_says_something_else(clean: Path, tmp_path: Path) -> None:
@@ -333,7 +333,7 @@ def test_card_that_says_something_else(clean: Path, tmp_path: Path) -> None:
     text = (folder / CARD).read_text()
     line = next(k for k, each in enumerate(text.splitlines()) if "joint steps" in each) + 1
     (folder / CARD).write_text(text.replace("joint steps |", "joint steps | about", 1))
-    assert f"card.md, line {line}, says '| joint steps | about" in messages(look(folder), "card")
+    assert f"line {line} of card.md is '| joint steps | about" in messages(look(folder), "card")
     (folder / CARD).unlink()
     assert "there is no card.md" in messages(look(folder), "card")
 
@@ -367,7 +367,7 @@ def test_datasets_without_attributes_are_older(clean: Path, tmp_path: Path) -> N
         relabel(folder, name, lambda attributes: attributes.clear())
     found = look(folder)
     notes = [each.message for each in found.findings if each.check == "attributes"]
-    assert notes == ["its arrays have no Zarr attributes: it was written before there were any"]
+    assert notes == ["its arrays have no Zarr attributes: an older version of swarmdata wrote it"]
     assert not messages(found, "attributes")
     assert open_store(folder, "full").table.success.shape
 
@@ -377,7 +377,7 @@ def test_references_that_say_something_else(random_team: Path, tmp_path: Path) -
     write_card(folder)
     assert not messages(look(folder), "card")
     (folder / REFERENCES).write_text("{}")
-    assert "references.json is not what this version measured" in messages(look(folder), "card")
+    assert "references.json differs from this version's" in messages(look(folder), "card")
     (folder / REFERENCES).unlink()
     assert "references.json is absent" in messages(look(folder), "card")
 
@@ -395,7 +395,7 @@ def test_swapped_tiers(random_team: Path, forge: Forge) -> None:
     for tier in ("medium", "expert"):
         origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
         said = messages(look(forge(random_team, lambda *_: None, origin), sample=1), "tiers")
-        assert f"is that of random, not of {tier}" in said
+        assert f"is nearest to random, not to {tier}" in said
         assert f"success of this {tier} is 0.000, expected" in said
 
 
@@ -450,7 +450,7 @@ def test_a_recipe_whose_policy_cannot_be_built(clean: Path, forge: Forge) -> Non
     policies = (origin.policies[0], origin.policies[1].model_copy(update=lost))
     mine = forge(clean, lambda *_: None, origin.model_copy(update={"policies": policies}))
     said = messages(look(mine), "replay")
-    assert "straight cannot be built, so that its choices are unknown: cannot read" in said
+    assert "straight cannot be built, so its choices were not compared: cannot read" in said
 
 
 def test_findings_as_text_and_json(clean: Path, forge: Forge) -> None:

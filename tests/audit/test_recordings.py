@@ -145,7 +145,7 @@ def test_longer_than_the_horizon(recording: Path, forge: Forge) -> None:
 def test_own_recording_is_replayed(own_recording: Path, forge: Forge) -> None:
     found = look(own_recording)
     assert not found.problems, found.to_text()
-    assert "random cannot be built, so that its choices are unknown: unknown policy" in messages(
+    assert "random cannot be built, so its choices were not compared: unknown policy" in messages(
         found, "replay", "note"
     )
 
@@ -167,9 +167,7 @@ def test_own_recording_with_other_seeds_is_not_replayed(own_recording: Path, for
         forge(own_recording, lambda _, table: {"seeds": np.arange(len(table), dtype=np.uint64)})
     )
     assert not messages(found, "replay")
-    assert "seeds of this recording are not those of its worlds" in messages(
-        found, "replay", "note"
-    )
+    assert "seeds of this dataset are not those of its worlds" in messages(found, "replay", "note")
 
 
 def test_own_recording_without_log_probs_and_events(own_recording: Path, forge: Forge) -> None:

@@ -37,8 +37,8 @@ def test_an_id_in_the_cache_with_problems(dataset: Path, cache_folder: Path) -> 
     (folder / CARD).write_text("typed by hand")
     result = RUNNER.invoke(app, ["audit", dataset.name, "--sample", "0"])
     assert result.exit_code == 1
-    assert "problem: card: card.md, line 1, says 'typed by hand'" in result.output
-    assert "note: replay: no episodes were replayed, as asked for" in result.output
+    assert "problem: card: line 1 of card.md is 'typed by hand'" in result.output
+    assert "note: replay: no episodes were replayed, as requested" in result.output
     content = json.loads(RUNNER.invoke(app, ["audit", dataset.name, "--json"]).output)
     assert content["n_problems"] == 1
     assert content["findings"][0]["check"] == "card"

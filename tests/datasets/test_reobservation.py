@@ -198,7 +198,7 @@ def test_a_view_says_what_it_is(dataset: Dataset, view: Dataset) -> None:
     assert dataset.card == "# the card"
     assert view.card.endswith("# the card")
     assert "observation lidar, communication broadcast (drop_probability 0.3)" in view.card
-    assert "policies that saw something else: observation state, communication none" in view.card
+    assert "had other inputs: observation state, communication none" in view.card
     assert "seen with observation lidar" in repr(view.split("train"))
     assert "acted on observation state, communication none" in repr(view)
     assert "seen with" not in repr(dataset)
