@@ -46,7 +46,7 @@ from swarmdata.runtime.locking import updating
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
 
-SPEED_FILE = "speed.csv"
+SPEED = "speed.csv"
 REPLAY_FOLDER = "replay"
 """Folder of the replay buffer while a run trains."""
 
@@ -230,7 +230,7 @@ class _Training:
         columns = (*MEASURED_METRICS, *losses)
         self.curve = Table(folder / CURVE, columns, self.first, ("frames", "seed"))
         self.speed = Table(
-            folder / SPEED_FILE, ("seconds", "frames_per_second", "memory_mb"), self.first,
+            folder / SPEED, ("seconds", "frames_per_second", "memory_mb"), self.first,
             ("frames", "n_seeds"),
         )  # fmt: skip
         self.writers = [

@@ -6,12 +6,12 @@ from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 
-POLICIES_FOLDER = "policies"
+POLICIES = "policies"
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:
     """Returns the path of a seed's policy after some joint steps."""
-    return folder / POLICIES_FOLDER / f"seed-{seed}" / f"{frames:010d}.safetensors"
+    return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
@@ -30,7 +30,7 @@ def last_policy_path(folder: Path, seed: int) -> Path:
 
 def saved_frames(folder: Path, seed: int) -> list[int]:
     """Returns the joint steps after which a run saved policies of a seed, in order."""
-    files = (folder / POLICIES_FOLDER / f"seed-{seed}").glob("*.safetensors")
+    files = (folder / POLICIES / f"seed-{seed}").glob("*.safetensors")
     return sorted(int(file.stem) for file in files)
 
 
@@ -40,6 +40,6 @@ def last_policy(run: Path, seed: int) -> Policy:
     Raises:
         BuildError: there is none.
     """
-    inside = sorted(run.glob(f"seeds-*/{POLICIES_FOLDER}/seed-{seed}"))
+    inside = sorted(run.glob(f"seeds-*/{POLICIES}/seed-{seed}"))
     folder = inside[0].parent.parent if inside else run
     return load_policy(last_policy_path(folder, seed))

@@ -14,7 +14,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.learning_curves import group_files, plot_learning
 from swarmdata.learn.training.run_folder import CURVE, read_table
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
-from swarmdata.online_algos.runs.online_training import SPEED_FILE, read_online_run
+from swarmdata.online_algos.runs.online_training import SPEED, read_online_run
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.metrics import bootstrap, mean
 from swarmdata.runtime.atomic import write_file
@@ -55,7 +55,7 @@ def read_training(run: Path) -> Training:
     for folder, each in zip(folders, runs, strict=True):
         rows = read_table(folder / CURVE)
         tracks += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
-    speeds = tuple(tuple(read_table(folder / SPEED_FILE)) for folder in folders)
+    speeds = tuple(tuple(read_table(folder / SPEED)) for folder in folders)
     return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(tracks), speeds)
 
 

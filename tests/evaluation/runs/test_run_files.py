@@ -19,12 +19,12 @@ def make_run(folder: Path, **files: str) -> Path:
 def test_names_are_those_that_training_writes() -> None:
     pytest.importorskip("torch", reason="training needs the torch extra")
     from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG
-    from swarmdata.online_algos.runs.seed_files import POLICIES_FOLDER, policy_path
+    from swarmdata.online_algos.runs.seed_files import POLICIES, policy_path
 
     assert (run_files.CONFIG, run_files.CHECKPOINT) == (CONFIG, CHECKPOINT)
-    assert run_files.POLICIES == POLICIES_FOLDER
+    assert run_files.POLICIES == POLICIES
     run, path = Path("run"), policy_path(Path("run"), 3, 20)
-    assert path.parent == run / POLICIES_FOLDER / "seed-3"
+    assert path.parent == run / POLICIES / "seed-3"
 
 
 def test_every_measured_file_counts_and_no_other(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ from swarmdata.learn.training.run_folder import CHECKPOINT
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
-from swarmdata.online_algos.runs.seed_files import POLICIES_FOLDER, last_policy_path, saved_frames
+from swarmdata.online_algos.runs.seed_files import POLICIES, last_policy_path, saved_frames
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate
@@ -184,7 +184,7 @@ def _train_online(cell: Cell, run: Path, meter: Meter, report: Report) -> None:
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
-    for policies in (run / POLICIES_FOLDER).glob("seed-*"):
+    for policies in (run / POLICIES).glob("seed-*"):
         for file in sorted(policies.glob("*.safetensors"))[:-1]:
             file.unlink()
 

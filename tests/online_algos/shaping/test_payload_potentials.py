@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.online_algos.shaping.payload_potential import PayloadPaths, PayloadPotential
+from swarmdata.online_algos.shaping.payload_potentials import PayloadPaths, PayloadPotential
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
