@@ -1,4 +1,4 @@
-"""Paths of the policies that online runs save."""
+"""Where online runs keep the policies of their seeds."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ POLICIES = "policies"
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:
-    """Returns the path of a seed's policy after some joint steps."""
+    """Where a run keeps the policy of a seed at a checkpoint."""
     return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """Returns the path of the newest policy of a seed.
+    """The newest policy of a seed.
 
     Raises:
         BuildError: the run has not reached a checkpoint yet.
@@ -29,13 +29,13 @@ def last_policy_path(folder: Path, seed: int) -> Path:
 
 
 def saved_frames(folder: Path, seed: int) -> list[int]:
-    """Returns the joint steps after which a run saved policies of a seed, in order."""
+    """Frames at which a run kept policies of a seed, in order."""
     files = (folder / POLICIES / f"seed-{seed}").glob("*.safetensors")
     return sorted(int(file.stem) for file in files)
 
 
 def last_policy(run: Path, seed: int) -> Policy:
-    """Returns the newest policy of a seed of a run, or of one of the runs in a folder.
+    """The newest policy of a seed of a run, or of one of the runs inside a folder.
 
     Raises:
         BuildError: there is none.
