@@ -1,4 +1,4 @@
-"""Paths of the policies that online runs save."""
+"""Where online runs keep the policies of their seeds."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def policy_path(folder: Path, seed: int, frames: int) -> Path:
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """Returns the path of the newest policy of a seed.
+    """The newest policy of a seed.
 
     Raises:
         BuildError: the run has not reached a checkpoint yet.
@@ -33,7 +33,7 @@ def saved_frames(folder: Path, seed: int) -> list[int]:
 
 
 def last_policy(run: Path, seed: int) -> Policy:
-    """Returns the newest policy of a seed of a run, or of one of the runs in a folder.
+    """The newest policy of a seed of a run, or of one of the runs inside a folder.
 
     Raises:
         BuildError: there is none.

@@ -12,7 +12,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.online_algos.shaping.contact_cost import ContactCost
 from swarmdata.online_algos.shaping.passing_side import PassingSide
-from swarmdata.online_algos.shaping.payload_potential import PayloadPotential
+from swarmdata.online_algos.shaping.payload_potentials import PayloadPotential
 from swarmdata.online_algos.shaping.team_share import TeamShare
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec

@@ -19,7 +19,8 @@ from swarmdata.types import Episode, Float, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
 
-_BASE = EVALUATION_BASE + (1 << 40)  # reserved seeds that no evaluation uses
+FIRST_SEED = EVALUATION_BASE + (1 << 40)
+"""First of the reserved seeds that no evaluation uses."""
 
 
 def check_policy(
@@ -32,19 +33,19 @@ def check_policy(
         spec: the task it was made for; a short horizon makes the check fast.
         make_env: builds copies of that task, such as `registry.make_env`.
         n_episodes: how many episodes must be the same bits in any batch.
-        n_steps: how many steps the actions themselves are looked at.
+        n_steps: how many steps are compared action by action.
 
     Raises:
         AssertionError: a promise is broken.
     """
     check_actions(policy, spec, make_env, n_steps)
     check_log_probs(policy, spec, make_env, n_steps)
-    check_batch_invariance(policy, spec, make_env, n_episodes)  # first: sight needs repeatable acts
+    check_batch_invariance(policy, spec, make_env, n_episodes)  # `check_sight` relies on it
     check_sight(policy, spec, make_env, n_steps)
 
 
 def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
-    """Actions are fresh, finite, in range, and asked for without side effects."""
+    """Actions are new arrays, finite and in range, and `act` has no side effects."""
     assert isinstance(policy, Policy), (
         f"{type(policy).__name__} lacks one of uses_state, reset(step, copies), act(step), "
         "log_probs(step, actions)"
@@ -56,7 +57,7 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
         before, generators = [field.copy() for field in step], _global_generators()
         actions = policy.act(step)
         assert _global_generators() == generators, (
-            "act drew from a global generator; use seeding.derive(step.seeds, step.times)"
+            "act drew from a global generator; use numerics.random.derive(step.seeds, step.times)"
         )
         for name, old, new in zip(Step._fields, before, step, strict=True):
             assert np.array_equal(old, np.asarray(new)), f"act wrote to step.{name}"
@@ -70,7 +71,7 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
 
 
 def check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
-    """Log-probabilities are finite for what the policy did, elementwise, pure, and repeatable."""
+    """Log-probabilities of the policy's actions are finite, elementwise, pure and repeatable."""
     env, step = _start(policy, spec, make_env)
     expected = env.n_copies, spec.n_agents
     for _ in range(n_steps):
@@ -87,12 +88,14 @@ def check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: 
         )
         assert np.isfinite(log_probs).all(), "log_probs of the policy's own actions are not finite"
         again = policy.log_probs(step, actions)
-        assert np.array_equal(again, log_probs), "log_probs change when they are asked for again"
+        assert np.array_equal(again, log_probs), "log_probs differ when they are computed again"
         other = actions.copy()
         other[0, 0] = np.where(other[0, 0] > 0.0, -0.5, 0.5)
         changed = policy.log_probs(step, other) != log_probs
         changed[0, 0] = False
-        assert not changed.any(), "the log-probability of an action depends on other robots'"
+        assert not changed.any(), (
+            "the log-probability of an action depends on other robots' actions"
+        )
         step = env.step(actions)
 
 
@@ -103,9 +106,9 @@ def check_sight(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int)
     """
     if policy.uses_state:
         return
-    seen = _actions(policy, spec, make_env, n_steps, hidden=False)
-    blind = _actions(policy, spec, make_env, n_steps, hidden=True)
-    assert np.array_equal(seen, blind), (
+    actions = _actions(policy, spec, make_env, n_steps, hidden=False)
+    blind_actions = _actions(policy, spec, make_env, n_steps, hidden=True)
+    assert np.array_equal(actions, blind_actions), (
         "the actions depend on states, layouts or rewards, which robots do not see; "
         "use observations only, or declare uses_state = True"
     )
@@ -115,22 +118,22 @@ def check_batch_invariance(
     policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_episodes: int
 ) -> None:
     """An episode is the same bits alone, in a batch, first, last, and when run again."""
-    seeds = np.arange(_BASE, _BASE + n_episodes, dtype=np.uint64)
+    seeds = np.arange(FIRST_SEED, FIRST_SEED + n_episodes, dtype=np.uint64)
     alone = _episodes(policy, spec, make_env, seeds, 1)
     for n_copies, order in ((1, seeds), (3, seeds), (3, seeds[::-1]), (n_episodes, seeds)):
         batch = _episodes(policy, spec, make_env, order.copy(), n_copies)
         for seed in alone:
-            wrong = _difference(alone[seed], batch[seed])
-            assert wrong is None, (
-                f"episode {seed} has other {wrong} in {n_copies} copies than alone; randomness and "
-                "memory must depend on step.seeds and step.times only, and reset(step, copies) "
-                "must forget exactly the copies it names"
-            )
+            for name in (field.name for field in fields(Episode)):
+                assert np.array_equal(getattr(alone[seed], name), getattr(batch[seed], name)), (
+                    f"episode {seed} has other {name} in {n_copies} copies than alone; randomness "
+                    "and memory must depend on step.seeds and step.times only, and "
+                    "reset(step, copies) must forget exactly the copies it names"
+                )
 
 
 def _start(policy: Policy, spec: TaskSpec, make_env: MakeEnv) -> tuple[VecEnv, Step]:
     env = make_env(spec, 3)
-    step = env.reset(np.arange(_BASE, _BASE + 3, dtype=np.uint64))
+    step = env.reset(np.arange(FIRST_SEED, FIRST_SEED + 3, dtype=np.uint64))
     policy.reset(step, np.arange(3))
     return env, step
 
@@ -145,25 +148,21 @@ def _actions(
 ) -> Float:
     """Actions of three copies and their log-probabilities, [n_steps, E, N, A + 1]."""
     env = make_env(spec, 3)
-    step = env.reset(np.arange(_BASE, _BASE + 3, dtype=np.uint64))
+    step = env.reset(np.arange(FIRST_SEED, FIRST_SEED + 3, dtype=np.uint64))
     policy.reset(_hide(step) if hidden else step, np.arange(3))
     rows = []
     for _ in range(n_steps):
-        seen = _hide(step) if hidden else step
-        actions = policy.act(seen).copy()
-        log_probs = policy.log_probs(seen, actions)[..., None]
+        shown = _hide(step) if hidden else step
+        actions = policy.act(shown).copy()
+        log_probs = policy.log_probs(shown, actions)[..., None]
         rows.append(np.concatenate([actions, log_probs], axis=-1))
         step = env.step(actions)
     return np.stack(rows)
 
 
 def _hide(step: Step) -> Step:
-    def gone(values: Float) -> Float:
-        return np.full_like(values, np.nan)
-
-    return step._replace(
-        states=gone(step.states), layouts=gone(step.layouts), rewards=gone(step.rewards)
-    )
+    names = ("states", "layouts", "rewards")
+    return step._replace(**{name: np.full_like(getattr(step, name), np.nan) for name in names})
 
 
 def _episodes(
@@ -171,9 +170,3 @@ def _episodes(
 ) -> dict[int, Episode]:
     env = make_env(spec, n_copies)
     return {episode.seed: episode for episode in rollout(env, policy, seeds)}
-
-
-def _difference(a: Episode, b: Episode) -> str | None:
-    """The first field in which two episodes differ."""
-    names = (field.name for field in fields(Episode))
-    return next((n for n in names if not np.array_equal(getattr(a, n), getattr(b, n))), None)

@@ -13,15 +13,15 @@ from swarmdata.registry.components import reward_terms
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import state_columns
-from swarmdata.types import Bool, Double, Seeds, Step
+from swarmdata.types import Bool, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
 
 SPEED_TOLERANCE = 1e-3
-"""m/s: what rounding may add to the speed limit."""
+"""Largest rounding error of a speed, m/s."""
 
 MAX_PENETRATION = 0.03
-"""m: overlap with walls and obstacles that a push at top speed may reach for one step."""
+"""Largest overlap with walls and obstacles, which a push at top speed causes for one step, m."""
 
 
 def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
@@ -40,7 +40,7 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
         n_steps: control steps to play.
 
     Raises:
-        AssertionError: naming what is violated.
+        AssertionError: naming the broken promise.
     """
     seeds = np.arange(5, 9, dtype=np.uint64)
     batch = make_env(spec, 4)
@@ -62,26 +62,20 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
 
 
 def _play(env: VecEnv, seeds: Seeds, n_steps: int) -> list[Step]:
-    """Plays random commands that depend on seed and time only; checks that steps are not reused."""
+    """Plays random actions that depend on seed and time only; checks that steps are not reused."""
     steps = [env.reset(seeds)]
+    agents, columns = np.arange(env.spec.n_agents)[:, None], np.arange(env.action_size)
     for _ in range(n_steps):
-        kept = [array.copy() for array in steps[-1]]
-        steps.append(env.step(_commands(env, steps[-1])))
+        step = steps[-1]
+        kept = [array.copy() for array in step]
+        times = step.times[:, None, None] // 10
+        steps.append(
+            env.step(2 * uniform(derive(step.seeds[:, None, None], times, agents, columns)) - 1)
+        )
         for name, array, copy in zip(Step._fields, steps[-2], kept, strict=True):
             same = np.array_equal(np.asarray(array), copy)
             assert same, f"step() wrote to the earlier step's {name}"
     return steps
-
-
-def _commands(env: VecEnv, step: Step) -> Double:
-    agents = np.arange(env.spec.n_agents)[:, None]
-    bits = derive(
-        step.seeds[:, None, None],
-        step.times[:, None, None] // 10,
-        agents,
-        np.arange(env.action_size),
-    )
-    return 2 * uniform(bits) - 1
 
 
 def _check_arrays(step: Step, env: VecEnv, e: int) -> None:
@@ -112,22 +106,22 @@ def _check_ends(steps: list[Step], spec: TaskSpec) -> None:
     ended: Bool = np.zeros(len(steps[0].seeds), dtype=np.bool_)
     for before, step in pairwise(steps):
         assert not (step.terminations & step.truncations).any(), "an end of two kinds"
-        assert (step.successes <= step.terminations).all(), "a success that is no termination"
+        assert (step.successes <= step.terminations).all(), "a success without termination"
         assert (step.truncations <= (step.times == spec.horizon)).all(), (
             "truncation before the horizon"
         )
         assert (step.ended | (step.times < spec.horizon)).all(), "an episode outlived the horizon"
-        assert not step.rewards[ended].any(), "an ended copy got a reward"
-        assert (step.states[ended] == before.states[ended]).all(), "an ended copy moved"
-        assert (ended <= step.ended).all(), "an end was taken back without a reset"
+        assert not step.rewards[ended].any(), "a copy that ended got a reward"
+        assert (step.states[ended] == before.states[ended]).all(), "a copy that ended moved"
+        assert (ended <= step.ended).all(), "a copy that ended went on without a reset"
         ended = step.ended
 
 
 def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None:
-    """Speed limits hold, headings are unit vectors, and nothing was driven through.
+    """Speed limits hold, headings are unit vectors, and robots do not pass through obstacles.
 
-    In contact a robot may be pushed beyond its limit, by what another's drive gives in one step.
-    Contacts with movable bodies are no events, so with these any robot may be in contact.
+    In contact, a robot may be pushed beyond its speed limit by another's acceleration in one step.
+    Contacts with movable bodies are not recorded, so with these any robot may be in contact.
     """
     radii = np.array([robot.radius for robot in spec.robots])
     top = max(robot.max_speed for robot in spec.robots)
@@ -148,7 +142,7 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
 
 
 def _check_slots(steps: list[Step], env: VecEnv) -> None:
-    """Where the mask of a slot is 0, so is the rest of the slot."""
+    """Slots whose mask is 0 are 0."""
     slots: dict[str, list[int]] = {}
     for column, feature in enumerate(env.features):
         slots.setdefault(feature.slot, []).append(column)
@@ -163,21 +157,19 @@ def _check_slots(steps: list[Step], env: VecEnv) -> None:
 
 
 def _check_words(env: VecEnv) -> None:
-    """What datasets and cards say of a task: its columns, and each weight of its reward once."""
+    """State columns and features have names and meanings; every reward weight has one term."""
     task = env.task
     columns = state_columns(task)
     assert len(columns) == env.state_size, f"{env.state_size} state columns, {len(columns)} named"
-    for said in (
-        [(c.name, c.meaning) for c in columns],
-        [(f.name, f.meaning) for f in env.features],
-    ):
-        silent = [name for name, meaning in said if not name or not meaning]
-        assert not silent, f"no meaning of {silent}"
-        assert len(dict(said)) == len(said), "two columns have one name"
+    for described in (columns, env.features):
+        meanings = {each.name: each.meaning for each in described}
+        missing = [name for name, meaning in meanings.items() if not name or not meaning]
+        assert not missing, f"{missing} have no meaning"
+        assert len(meanings) == len(described), "two columns have one name"
     weights = {name for name, _ in task.spec.rules.rewards} - {"team_share"}
     terms = [term.name for term in reward_terms(task)]
     assert sorted(terms) == sorted(weights), f"terms {sorted(terms)}, weights {sorted(weights)}"
-    assert task.solved, "not said when the task is solved"
+    assert task.solved, "`solved` does not say when the task is solved"
 
 
 def _check_refusals(env: VecEnv) -> None:

@@ -185,7 +185,7 @@ def again(episode: Episode, spec: TaskSpec, t: int) -> Float:
         body.angular_velocity = float(row[6])
     commands = episode.actions[t, :, :2].astype(np.float64)
     commands /= np.maximum(np.hypot(*commands.T), 1.0)[:, None]
-    forces, timing = np.zeros((n, 2)), (spec.n_substeps, spec.physics_dt)
+    forces = np.zeros((n, 2))
     for k in range(spec.n_substeps):
         drive(robots, commands, limits_of(spec), spec.n_substeps, spec.physics_dt, k, forces)
         for body, force in zip(bodies[:n], forces.tolist(), strict=True):

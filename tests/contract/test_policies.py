@@ -166,7 +166,7 @@ def test_what_is_no_policy_is_named() -> None:
         (Moody, "has other"),
         (Impossible, "own actions are not finite"),
         (PerComponent, r"log_probs are \(3, 4, 2\), not \[E, N\]"),
-        (Forgetful, "change when they are asked for again"),
+        (Forgetful, "differ when they are computed again"),
         (Team, "depends on other robots"),
         (Crowd, "has other .* copies than alone"),
     ],

@@ -53,7 +53,7 @@ def make_constant(network: StackedMLP, row: int, values: list[float]) -> None:
         network.layers[-1].bias[row, 0] = torch.tensor(values)
 
 
-def test_targets_take_the_lower_twin_robot_by_robot() -> None:
+def test_targets_take_the_lower_critic_robot_by_robot() -> None:
     learner, batch = made(discount=0.5, reward_scale=2.0), random_batch()
     make_constant(learner.critics.target, 0, [4.0, 1.0])
     make_constant(learner.critics.target, 1, [3.0, 5.0])
@@ -84,7 +84,7 @@ def test_smoothing_noise_is_clipped_and_per_seed() -> None:
     torch.testing.assert_close(alone.targets(row)[0], first[1], rtol=0, atol=1e-5)
 
 
-def test_twins_begin_apart_and_both_learn() -> None:
+def test_critics_begin_apart_and_both_learn() -> None:
     learner, batch = made(), random_batch()
     before = learner.critics.online.flat.clone()
     assert not torch.equal(before[0], before[1])

@@ -37,9 +37,8 @@ def build(seeds: Sequence[int] = (0,), config: MAPPOConfig = SMALL) -> MAPPO:
     return MAPPO(make_env(TaskSpec(), config.n_copies * len(seeds)), seeds, config)
 
 
-def test_contact_costs_grow_with_the_progress_of_the_run() -> None:
-    """Of the rewards that are trained on; the task's own stay as they are."""
-    run = build(config=replace(SMALL, shaping=ShapingConfig(contact_ramp=(0.0, 0.5))))
+def test_the_shaping_knows_the_progress_of_training() -> None:
+    run = build()
     progress = []
     for _ in range(3):
         run.update()
@@ -61,10 +60,10 @@ def current_means(run: MAPPO) -> torch.Tensor:
     return run.actors.means(run.actors.inputs(observations))
 
 
-def played_noise(memory: float, horizon: int) -> Float:
+def played_noise(correlation: float, horizon: int) -> Float:
     """Noise of standard deviation 0.3 in the actions of one rollout, [T, N A E]."""
     config = replace(
-        SMALL, n_copies=32, rollout_steps=40, std=0.3, final_std=0.3, noise_correlation=memory
+        SMALL, n_copies=32, rollout_steps=40, std=0.3, final_std=0.3, noise_correlation=correlation
     )
     run = MAPPO(make_env(TaskSpec(horizon=horizon), 32), (0,), config)
     advance, played = run.worlds.advance, []
@@ -79,17 +78,17 @@ def played_noise(memory: float, horizon: int) -> Float:
     return np.stack(played)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_noise_remembers_as_much_as_is_said(memory: float) -> None:
-    noise = played_noise(memory, horizon=100)[20:]
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_noise_has_the_correlation_of_the_config(correlation: float) -> None:
+    noise = played_noise(correlation, horizon=100)[20:]
     np.testing.assert_allclose(noise.std(), 0.3, rtol=0.1)
-    correlation = (noise[1:] * noise[:-1]).mean() / noise.var()
-    np.testing.assert_allclose(correlation, memory, atol=0.05)
+    measured = (noise[1:] * noise[:-1]).mean() / noise.var()
+    np.testing.assert_allclose(measured, correlation, atol=0.05)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_what_acted_has_the_probability_that_is_learned_from(memory: float) -> None:
-    config = replace(SMALL, noise_correlation=memory, n_epochs=1, minibatch=1 << 20)
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_actions_have_the_probability_that_is_learned_from(correlation: float) -> None:
+    config = replace(SMALL, noise_correlation=correlation, n_epochs=1, minibatch=1 << 20)
     run = build(config=config)
     run.update()  # of the critic only
     losses = run.update()  # one step, whose losses are of the actors that acted
@@ -97,13 +96,13 @@ def test_what_acted_has_the_probability_that_is_learned_from(memory: float) -> N
     np.testing.assert_allclose(losses["policy"], 0.0, atol=1e-4)  # advantages have mean 0
 
 
-@pytest.mark.parametrize("memory", [1.0, -0.1, float("nan")])
-def test_noise_cannot_remember_everything(memory: float) -> None:
+@pytest.mark.parametrize("correlation", [1.0, -0.1, float("nan")])
+def test_a_correlation_outside_its_range_is_refused(correlation: float) -> None:
     with pytest.raises(SpecError, match=r"noise_correlation is .* below 1"):
-        replace(SMALL, noise_correlation=memory)
+        replace(SMALL, noise_correlation=correlation)
 
 
-def test_no_noise_is_remembered_beyond_an_episode() -> None:
+def test_no_noise_is_carried_over_to_the_next_episode() -> None:
     noise = played_noise(0.9, horizon=10)
     new = 0.3 * np.sqrt(1 - 0.9**2)
     np.testing.assert_allclose(noise[::10].std(1), new, rtol=0.2)
@@ -201,7 +200,7 @@ def clip_samples(seed: int) -> tuple[torch.Tensor, ...]:
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 10_000))
-def test_it_is_the_equation(seed: int) -> None:
+def test_losses_are_those_of_the_equation(seed: int) -> None:
     means, actions, old, advantages = clip_samples(seed)
     losses, kl = clipped_losses(means, actions, old, advantages, std=STD, clip=CLIP)
     ratio = (log_probs(means, actions) - old).exp()
@@ -211,7 +210,7 @@ def test_it_is_the_equation(seed: int) -> None:
     assert not kl.requires_grad
 
 
-def test_what_has_moved_far_enough_moves_no_more() -> None:
+def test_ratios_beyond_the_clip_have_no_gradient() -> None:
     means, actions, old, advantages = clip_samples(0)
     losses, _ = clipped_losses(means, actions, old, advantages, std=STD, clip=CLIP)
     (gradient,) = torch.autograd.grad(losses.sum(), [means])

@@ -27,7 +27,7 @@ def measured(seeds: Sequence[int]) -> Moments:
     return measure_moments(worlds_of(seeds), generators(seeds, "cpu"), 15)
 
 
-def test_the_figures_are_those_of_what_the_robots_saw() -> None:
+def test_moments_are_those_of_the_observations() -> None:
     worlds = worlds_of([5])
     seen: list[np.ndarray] = []
     advance = worlds.advance

@@ -47,7 +47,7 @@ class Watch:
         return {"number": torch.tensor([float(len(self.batches))])}
 
 
-def test_what_follows_a_step_is_what_was_reached(two_episodes: Any, tmp_path: Path) -> None:
+def test_next_observations_are_those_before_any_reset(two_episodes: Any, tmp_path: Path) -> None:
     """Never the next episode's first state, although every copy is reset at once."""
     collector = Collector(two_episodes, [3], plan(), tmp_path)
     collector.round(act, lambda _: {}, [])

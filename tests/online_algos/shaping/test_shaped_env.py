@@ -97,7 +97,7 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         ShapedEnv(make_env(SPEC, 1), []).step(np.zeros((1, 4, 2)))
 
 
-def test_a_config_says_which_terms_there_are_in_which_order() -> None:
+def test_a_config_decides_the_terms_and_their_order() -> None:
     config = ShapingConfig(
         keep_left=0.5, payload_path_weight=2.0, behind_payload_weight=1.0,
         reward_weights=("progress=0",),

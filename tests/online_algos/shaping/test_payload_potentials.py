@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.online_algos.shaping.payload_potential import PayloadPaths, PayloadPotential
+from swarmdata.online_algos.shaping.payload_potentials import PayloadPaths, PayloadPotential
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
@@ -43,7 +43,7 @@ def straight(step: Step) -> Double:
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 1 << 40))
-def test_a_way_is_at_least_as_long_as_the_straight_line(first: int) -> None:
+def test_a_path_is_at_least_as_long_as_the_straight_line(first: int) -> None:
     step = begin(first)
     lengths = mapped(step).lengths(step)
     assert np.isfinite(lengths).all()
@@ -51,13 +51,13 @@ def test_a_way_is_at_least_as_long_as_the_straight_line(first: int) -> None:
     assert (lengths >= 0.98 * straight(step) - 0.08).all()
 
 
-def test_at_the_goal_nothing_is_left() -> None:
+def test_at_the_goal_the_path_has_no_length() -> None:
     step = begin()
     there = moved(step, step.states[:, TX : TX + 2].astype(np.float64))
     assert (mapped(step).lengths(there) < 0.08).all()
 
 
-def test_behind_an_obstacle_the_way_leads_around() -> None:
+def test_behind_an_obstacle_the_path_leads_around_it() -> None:
     """A payload that touches an obstacle which lies between it and its goal."""
     step = begin()
     circle = step.layouts[:, 0]  # the first obstacle is a circle: its centre and radius
@@ -77,7 +77,7 @@ def test_behind_an_obstacle_the_way_leads_around() -> None:
     assert (np.maximum(*sides)[known] > 0).mean() > 0.8
 
 
-def test_directions_point_along_the_way() -> None:
+def test_directions_point_along_the_path() -> None:
     step = begin()
     paths = mapped(step)
     directions = paths.directions(step)
@@ -101,7 +101,7 @@ def test_a_payload_in_contact_is_led_along_the_surface() -> None:
     assert np.median(along) > 0.9
 
 
-def test_robots_are_behind_a_payload_that_they_push_along_its_way() -> None:
+def test_robots_are_behind_a_payload_that_they_push_along_its_path() -> None:
     step = begin()
     paths = mapped(step)
     directions = paths.directions(step)
