@@ -99,9 +99,7 @@ def rank(
     """
     config = config or FQEConfig()
     if n_episodes is not None and results is not None:
-        raise SchemaError(
-            "got both n_episodes and results, expected one of them: both provide scores"
-        )
+        raise SchemaError("got n_episodes and results, expected one of them: both provide scores")
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
     found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
