@@ -5,24 +5,22 @@ from typing import Annotated
 
 import typer
 
+Out = Annotated[
+    Path | None, typer.Option(help="folder for tables, figures and text; NAME, beside the plan")
+]
+
 
 def study(
     file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="plan of the study")],
-    out: Annotated[
-        Path | None,
-        typer.Option(help="folder for tables, figures and text; default: NAME, beside the plan"),
-    ] = None,
-    work: Annotated[
-        Path | None, typer.Option(help="folder for runs and results; default: runs/study-NAME")
-    ] = None,
+    out: Out = None,
+    work: Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")] = None,
     workers: Annotated[int, typer.Option(min=1, help="number of processes, one thread each")] = 2,
     only: Annotated[
         str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
     ] = None,
     again: Annotated[bool, typer.Option(help="rerun cells of another configuration")] = False,
     check: Annotated[
-        str | None,
-        typer.Option(metavar="CELL", help="rerun a finished cell elsewhere and compare"),
+        str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
     ] = None,
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.

@@ -6,12 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.cli.shared_options import (
-    Communication,
-    Observation,
-    Settings,
-    parse_settings,
-)
+from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
 ONLINE_OPTIONS = ("first_seed", "steps", "workers")
 OFFLINE_OPTIONS = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
@@ -19,25 +14,19 @@ OFFLINE_OPTIONS = ("updates", "regulariser", "curve_every", "keep", "frame", "de
 
 Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of each seed")]
 Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
-Config = Annotated[
-    str | None, typer.Option(help="settings: name of a shipped file, or a YAML file")
-]
-FrameName = Annotated[
-    str, typer.Option(help="offline: frame of observations and actions: auto, world, or an anchor")
-]
+Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
+FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
+Data = Annotated[str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")]
+CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
 
 def train(
     context: typer.Context,
     algorithm: Annotated[str, typer.Argument(help="such as bc (offline) or mappo (online)")],
-    data: Annotated[
-        str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")
-    ] = None,
+    data: Data = None,
     task: Annotated[str | None, typer.Option(help="online: preset or spec file")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="run folder; default: runs/ALGORITHM-DATA")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="run folder; runs/ALGORITHM-DATA")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
     steps: Steps = None,
@@ -45,12 +34,8 @@ def train(
     regulariser: Regulariser = None,
     config: Config = None,
     settings: Settings = None,
-    curve_every: Annotated[
-        int, typer.Option(min=1, help="offline: updates between evaluations")
-    ] = 1000,
-    keep: Annotated[
-        bool, typer.Option(help="offline: keep all checkpoints, for `swarmdata rank`")
-    ] = False,
+    curve_every: CurveEvery = 1000,
+    keep: Annotated[bool, typer.Option(help="offline: keep all checkpoints, for `rank`")] = False,
     observation: Observation = None,
     communication: Communication = None,
     frame: FrameName = "auto",

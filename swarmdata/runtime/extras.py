@@ -6,6 +6,6 @@ from swarmdata.errors import MissingExtraError
 
 
 def require_extra(package: str, extra: str, purpose: str) -> None:
-    """Raises MissingExtraError unless the package is installed; imports nothing."""
+    """Raises MissingExtraError unless the package is installed; does not import it."""
     if find_spec(package) is None:
         raise MissingExtraError(package, extra, purpose)

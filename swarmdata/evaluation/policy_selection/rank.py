@@ -1,10 +1,11 @@
 """Ranks the policies of offline runs on the validation split of their dataset, without a simulator.
 
-What the literature says of these criteria: fitted Q evaluation ranks policies best among those that
-need no simulator (Paine et al. 2020, "Hyperparameter Selection for Offline Reinforcement Learning";
-Fu et al. 2021, "Benchmarks for Deep Off-Policy Evaluation"); a TD error says little of a policy
-(Fujimoto et al. 2022, "Why Should I Trust You, Bellman?"), and an imitation error says how close a
-policy is to the data, not how good. Where scores are at hand, the ranking says how each one did.
+The literature on these criteria: fitted Q evaluation ranks policies best among those that need no
+simulator (Paine et al. 2020, "Hyperparameter Selection for Offline Reinforcement Learning";
+Fu et al. 2021, "Benchmarks for Deep Off-Policy Evaluation"); a TD error says little about a
+policy (Fujimoto et al. 2022, "Why Should I Trust You, Bellman?"), and an imitation error says how
+close a policy is to the data, not how good it is. If scores are available, the ranking also reports
+how well each criterion agrees with them.
 """
 
 from collections.abc import Sequence
@@ -44,8 +45,8 @@ from swarmdata.rollouts import score_statistics
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
 
-SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
-"""Of the fitted Q evaluation, in the record."""
+RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
+"""Settings of the fitted Q evaluation that the record has."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +54,9 @@ class Candidates:
     """The policies of one checkpoint of a run, one per seed, in the order of the run's seeds."""
 
     name: str  # of the run
-    content: str | None  # SHA-256 of the run's measured files; None of an earlier checkpoint
+    content: str | None  # SHA-256 of the run's files; None for an earlier checkpoint
     loaded: Loaded
-    td_error: Double | None  # [K] on the validation split, if the algorithm has one
+    td_error: Double | None  # [K] on the validation split, if the algorithm has critics
 
     @property
     def policies(self) -> list[Policy]:
@@ -75,30 +76,30 @@ def rank(
     device: str = "cpu",
     progress: bool = True,
 ) -> Ranking:
-    """Ranks every seed of some offline runs of one dataset.
+    """Ranks all seeds of offline runs on one dataset.
 
     Args:
         folders: of the runs.
-        dataset_id: the dataset or its folder, as `load` takes it; None for the one the runs name.
+        dataset_id: the dataset or its folder, as `load` takes it; None: the one that the runs name.
         config: of the fitted Q evaluation.
-        by: what the policies are sorted by.
-        checkpoints: whether every checkpoint that the runs kept is ranked, not only the last.
-        n_episodes: also measures the policies in the simulator, on so many reserved seeds, and how
-            well each criterion ranked them; None does not.
-        results: a folder that `evaluate --out` filled, from which the same is read instead.
-        device: of torch.
-        progress: whether to show bars.
+        by: criterion that the policies are sorted by.
+        checkpoints: whether all kept checkpoints are ranked, not only the last.
+        n_episodes: also evaluates the policies in the simulator on this many reserved seeds, and
+            reports how well each criterion ranked them; None: does not.
+        results: folder written by `evaluate --out`, whose results are used instead.
+        device: torch device.
+        progress: whether to show progress bars.
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
-        SchemaError: the runs and the dataset are not of the same data, there are no validation
-            episodes, a policy does not say what it would have done, both `n_episodes` and
-            `results` are given, or `results` are of other policies or not of the same episodes.
+        SchemaError: the runs and the dataset do not have the same data, there are no validation
+            episodes, a policy cannot report its actions, both `n_episodes` and `results` are
+            given, or `results` are of other policies or different episodes.
         SpecError: `n_episodes` with a recording of another environment.
     """
     config = config or FQEConfig()
     if n_episodes is not None and results is not None:
-        raise SchemaError("got n_episodes and results, expected one of them: both say scores")
+        raise SchemaError("got n_episodes and results, expected one of them: both provide scores")
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
     found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
@@ -115,7 +116,7 @@ def rank(
         view=dataset.view,
         by=by,
         n_validation_episodes=len(parts[1]),
-        **{name: getattr(config, name) for name in SETTINGS},
+        **{name: getattr(config, name) for name in RECORDED_SETTINGS},
         bound=values.bound,
         data_value=float(held_out.data.initial_returns.mean()),
         score_unit=None if scores is None else scores.unit,
@@ -126,7 +127,7 @@ def rank(
 
 
 def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool) -> Dataset:
-    """The data that all runs learned from, seen as they saw it."""
+    """Loads the dataset that all runs learned from, re-observed as in their training."""
     runs = [read_run(folder) for folder in folders]
     first = runs[0]
     for folder, run in zip(folders, runs, strict=True):
@@ -134,14 +135,15 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
             raise SchemaError(
                 f"{folder} was trained on {run.dataset} (digest {run.digest[:12]}, view {run.view})"
                 f", {folders[0]} on {first.dataset} (digest {first.digest[:12]}, view {first.view})"
-                ". Rank runs of one dataset and one view: values on different data do not compare."
+                ". Rank only runs of one dataset and one view: values on different data cannot be "
+                "compared."
             )
     models: dict[str, Any] = {} if first.view is None else parse_json(first.view, "the view")
     dataset = load(dataset_id or first.dataset, **models, progress=progress)
     if dataset.digest != first.digest:
         raise SchemaError(
-            f"{dataset!r} is not what {folders[0]} was trained on: {first.dataset}, digest "
-            f"{first.digest[:12]}. Pass that dataset or its folder."
+            f"{dataset!r} is not the dataset that {folders[0]} was trained on: {first.dataset}, "
+            f"digest {first.digest[:12]}. Pass that dataset or its folder."
         )
     return dataset
 
@@ -149,7 +151,7 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
 def _candidates(
     folders: Sequence[Path], held_out: Dataset, *, checkpoints: bool, device: str
 ) -> list[Candidates]:
-    """The last checkpoint of each run, or all that it kept and the last."""
+    """Loads the last checkpoint of each run, or all that it kept and the last."""
     names = [folder.resolve().name for folder in folders]
     if len(set(names)) < len(names):
         names = [str(folder) for folder in folders]
@@ -161,8 +163,8 @@ def _candidates(
         for loaded in (*earlier, last):
             scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
-            seen = framed(held_out, loaded.run.frame)
-            error = td_errors(loaded.algorithm, seen, n_seeds, scale, device)
+            dataset = framed(held_out, loaded.run.frame)
+            error = td_errors(loaded.algorithm, dataset, n_seeds, scale, device)
             content = run_hash(folder, 0) if loaded is last else None
             found.append(Candidates(name, content, loaded, error))
     return found
@@ -186,7 +188,7 @@ def _scores(
     *,
     progress: bool,
 ) -> Scores | None:
-    """From the simulator, from files, or none."""
+    """Scores from the simulator or from files, if any were asked for."""
     if n_episodes is not None:
         policies = [policy for each in found for policy in each.policies]
         return simulate(policies, dataset, n_episodes, progress=progress)
@@ -230,7 +232,7 @@ def _rows(
 
 
 def _over_states(values: Double) -> Interval:
-    """Mean over fits [M] and initial states [E], and its interval over initial states."""
+    """The mean over fits [M] and initial states [E], with its interval over initial states."""
     table = values.mean(axis=0)[:, None]
     value, low, high = score_statistics.bootstrap(
         score_statistics.mean, table, generator=np.random.default_rng(0)
@@ -238,29 +240,29 @@ def _over_states(values: Double) -> Interval:
     return value, low, high
 
 
-def _key(row: RankedPolicy, criterion: Criterion) -> float | None:
-    """What a criterion says of a policy, more is better; None if it says nothing."""
+def _oriented(row: RankedPolicy, criterion: Criterion) -> float | None:
+    """The value of a criterion with its sign changed so that more is better; None if unknown."""
     value = row.fqe[0] if criterion == "fqe" else getattr(row, criterion)
     return value if value is None or CRITERIA[criterion][1] else -value
 
 
 def _sorted(rows: Sequence[RankedPolicy], by: Criterion) -> tuple[RankedPolicy, ...]:
-    """The best first; those of which the criterion says nothing come last."""
-    keys = [_key(row, by) for row in rows]
+    """Sorts the best first; policies without the criterion come last."""
+    keys = [_oriented(row, by) for row in rows]
     if all(key is None for key in keys):
         raise SchemaError(
             f"no policy here has a {CRITERIA[by][0]}: {sorted({row.algorithm for row in rows})} "
-            "have no critics that can be measured. Rank by another criterion."
+            "have no critics. Rank by another criterion."
         )
     order = sorted(range(len(rows)), key=lambda k: np.inf if keys[k] is None else -keys[k])  # type: ignore[operator]
     return tuple(rows[k] for k in order)
 
 
 def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality]:
-    """How well each criterion ranked the policies that have it and a score, if two have."""
+    """How well each criterion ranked the policies that have it and a score, if there are two."""
     qualities: dict[Criterion, CriterionQuality] = {}
     for criterion in CRITERIA:
-        pairs = [(_key(row, criterion), row.score) for row in rows]
+        pairs = [(_oriented(row, criterion), row.score) for row in rows]
         known = [pair for pair in pairs if None not in pair]
         if len(known) < 2:
             continue

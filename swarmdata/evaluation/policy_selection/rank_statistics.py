@@ -1,7 +1,7 @@
 """How well a criterion that needs no simulator ranks policies: rank correlation and regret.
 
-The measures of Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section 4 (also
-of Paine et al., "Hyperparameter Selection for Offline Reinforcement Learning", 2020). Pure NumPy.
+The measures are those of Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section
+4 (also of Paine et al., "Hyperparameter Selection for Offline Reinforcement Learning", 2020).
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ class Quality(NamedTuple):
 
 
 def ranks(values: Double) -> Double:
-    """Returns ranks from 1 for the smallest, ties sharing their mean rank; [..., n] -> [..., n]."""
+    """Returns ranks from 1 for the smallest; ties get their mean rank; [..., n] -> [..., n]."""
     smaller = (values[..., :, None] > values[..., None, :]).sum(axis=-1)
     equal = (values[..., :, None] == values[..., None, :]).sum(axis=-1)
     return np.asarray(smaller + (equal + 1) / 2.0)
@@ -31,8 +31,7 @@ def ranks(values: Double) -> Double:
 def spearman(estimates: Double, scores: Double) -> Double:
     """Spearman's rank correlation, Pearson's of the ranks; [..., n], [..., n] -> [...].
 
-    Where one side is constant there is no order to agree with, and the correlation is 0: a
-    criterion that tells no policies apart has ranked none.
+    It is 0 if one side is constant: a criterion that does not distinguish policies ranks none.
     """
     a, b = (ranks(side) for side in (estimates, scores))
     a, b = (side - side.mean(axis=-1, keepdims=True) for side in (a, b))
@@ -43,16 +42,16 @@ def spearman(estimates: Double, scores: Double) -> Double:
 
 
 def regret(estimates: Double, scores: Double, k: int = 1) -> float:
-    """Returns how much worse the best of the k policies chosen is than the best of all.
+    """Returns how much worse the best of the k chosen policies is than the best of all.
 
     Regret@k = max_i V_i - max_{j in top-k} V_j (Fu et al. 2021, section 4), with top-k by estimate.
-    Policies of one estimate are chosen from the worst on, so that it is the largest regret that an
-    order of ties can give.
+    Among equal estimates the worst policies are chosen, which gives the largest regret of all
+    orders of ties.
 
     Args:
-        estimates: what the criterion says, higher is better, [n].
-        scores: what the policies are worth, [n].
-        k: how many may be tried, 1 to n.
+        estimates: by the criterion, higher is better, [n].
+        scores: of the policies, [n].
+        k: number of policies that may be tried, 1 to n.
 
     Raises:
         SchemaError: the arrays differ in shape or are not finite, or k is out of range.
@@ -72,16 +71,16 @@ def ranking_quality(
     generator: np.random.Generator | None = None,
     n_resamples: int = 2000,
 ) -> Quality:
-    """Measures a criterion against the scores of the same policies.
+    """Measures how well a criterion agrees with the scores of the same policies.
 
     The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
-    replacement. Policies of one run share data and settings, so it is rather too narrow.
+    replacement. Policies of one run share data and settings, so it tends to be too narrow.
 
     Args:
-        estimates: what the criterion says, higher is better, [n].
-        scores: what the policies are worth, [n].
-        top: values of k for regret@k; those beyond n - 1 are left out, where nothing is chosen.
-        generator: source of the bootstrap; a fixed one by default, so that it is repeatable.
+        estimates: by the criterion, higher is better, [n].
+        scores: of the policies, [n].
+        top: values of k for regret@k; values above n - 1 leave no choice and are left out.
+        generator: of the bootstrap; None: one with a fixed seed.
         n_resamples: of the bootstrap.
 
     Raises:
@@ -104,7 +103,7 @@ def ranking_quality(
 
 
 def _check(estimates: Double, scores: Double) -> None:
-    """Raises unless both are finite and of one length, at least 2."""
+    """Checks that both are finite and have the same length, at least 2."""
     shapes = [list(side.shape) for side in (estimates, scores)]
     finite = all(np.isfinite(side).all() for side in (estimates, scores))
     if shapes[0] != shapes[1] or estimates.ndim != 1 or len(estimates) < 2 or not finite:

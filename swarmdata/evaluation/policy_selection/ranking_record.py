@@ -1,4 +1,4 @@
-"""Ranking, what is known of trained policies without a simulator, as a file and as tables."""
+"""The ranking of trained policies without a simulator, as a file and as tables."""
 
 import csv
 import io
@@ -20,14 +20,14 @@ CRITERIA: dict[Criterion, tuple[str, bool]] = {
     "weighted_imitation_error": ("weighted imitation error", False),
     "td_error": ("TD error", False),
 }
-"""Label of each criterion, and whether more of it is better."""
+"""The label of each criterion, and whether higher is better."""
 
-Interval = tuple[float, float, float]  # a value and the ends of its 95 % interval
+Interval = tuple[float, float, float]  # a value and its 95 % interval
 Count = Annotated[int, Field(ge=1)]
 
 
 class RankedPolicy(Frozen):
-    """One policy: where it comes from, and every criterion that it has."""
+    """A policy with its origin and its criteria."""
 
     run: str  # name of the run's folder
     run_hash: str  # of the run's `config.json`
@@ -35,13 +35,15 @@ class RankedPolicy(Frozen):
     seed: int
     update: int
     fqe: Interval  # discounted team return; the interval is over initial states
-    fqe_curve: tuple[float, ...]  # the value on the way; one that still moves has not settled
+    fqe_curve: tuple[
+        float, ...
+    ]  # the value during the fit; it has not converged if it still changes
     fqe_residual: float  # root mean square of Q - y on the validation split
-    fqe_clipped: float  # share of the last targets that the bound cut
+    fqe_clipped: float  # share of the last targets that the bound clipped
     imitation_error: float
     weighted_imitation_error: float
-    td_error: float | None  # None: the algorithm has no critics of the kind
-    score: float | None = None  # in a simulator, where it was measured
+    td_error: float | None  # None: the algorithm has no such critics
+    score: float | None = None  # in a simulator, if it was measured
 
     @property
     def label(self) -> str:
@@ -50,7 +52,7 @@ class RankedPolicy(Frozen):
 
 
 class CriterionQuality(Frozen):
-    """How well one criterion ranked the policies that have it and a score: `ranking.Quality`."""
+    """How well a criterion ranked the policies that have it and a score, as a record."""
 
     n_policies: Count
     spearman: Interval
@@ -58,7 +60,7 @@ class CriterionQuality(Frozen):
 
 
 class Ranking(Frozen):
-    """Policies trained on one dataset, the best by `by` first."""
+    """Policies trained on one dataset, sorted by the criterion `by`."""
 
     format: Literal["swarmdata-ranking"] = "swarmdata-ranking"
     format_version: Literal[1] = 1
@@ -73,8 +75,8 @@ class Ranking(Frozen):
     hidden: tuple[int, ...]
     n_fits: Count
     discount: float
-    bound: tuple[float, float]  # the attainable values, to which targets were clipped
-    data_value: float  # discounted team return of the validation episodes as they were recorded
+    bound: tuple[float, float]  # attainable values, to which targets were clipped
+    data_value: float  # discounted team return of the validation episodes as recorded
     score_unit: Literal["score", "return"] | None = None
     n_score_episodes: Count | None = None
     policies: Annotated[tuple[RankedPolicy, ...], Field(min_length=1)]
@@ -91,7 +93,7 @@ class Ranking(Frozen):
         return "\n".join([*tables, self.caption, ""])
 
     def to_csv(self) -> str:
-        """One row per policy at full precision; what is not known is empty."""
+        """One row per policy at full precision; unknown values are empty."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         ends = ("fqe", "fqe_low", "fqe_high")
@@ -103,7 +105,7 @@ class Ranking(Frozen):
         return out.getvalue()
 
     def write(self, folder: Path) -> None:
-        """Writes `ranking.md`, `ranking.csv` and `ranking.json`; the folder is made if need be."""
+        """Writes `ranking.md`, `ranking.csv` and `ranking.json`; creates the folder."""
         folder.mkdir(parents=True, exist_ok=True)
         texts = {"md": self.to_markdown(), "csv": self.to_csv(), "json": f"{self.to_json()}\n"}
         for ending, text in texts.items():
@@ -111,14 +113,14 @@ class Ranking(Frozen):
 
     @property
     def caption(self) -> str:
-        """What the numbers are, and what to know before believing them."""
+        """The meaning of the numbers, and their limits."""
         low, high = self.bound
         worst = max(policy.fqe_clipped for policy in self.policies)
         bound = (
-            f"The bound [{low:.4g}, {high:.4g}] cut up to {100 * worst:.1f} % of a policy's last "
-            "targets: its value is not to be trusted."
+            f"The bound [{low:.4g}, {high:.4g}] clipped up to {100 * worst:.1f} % of a policy's "
+            "last targets: do not trust its value."
             if worst > 0
-            else f"No target met the bound [{low:.4g}, {high:.4g}]."
+            else f"The bound [{low:.4g}, {high:.4g}] clipped no target."
         )
         text = (
             f"Trained on {self.dataset} (digest {self.digest[:12]}), ranked by "
@@ -126,13 +128,15 @@ class Ranking(Frozen):
             f"discounted return ({self.discount:g} per step) from their first states [95 % "
             f"interval over these states], {self.n_updates:,} updates; as recorded it is "
             f"{self.data_value:.3g}. {bound} Errors are lower for better policies. "
-            "FQE overrates policies whose actions left the data, as a large imitation error shows."
+            "FQE overrates policies whose actions are far from the data, which a large imitation "
+            "error shows."
         )
         if self.score_unit is not None:
             text += (
                 f" The {self.score_unit} is that of {self.n_score_episodes} simulated episodes; "
-                "Spearman's correlation with it [95 % bootstrap over policies], and how much worse "
-                "the best of the k policies chosen is than the best of all (regret@k)."
+                "rank correlation is Spearman's with it [95 % bootstrap over policies], and "
+                "regret@k is how much worse the best of the k chosen policies is than the best of "
+                "all."
             )
         return text
 

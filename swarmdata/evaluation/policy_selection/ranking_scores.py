@@ -1,4 +1,4 @@
-"""What policies are worth in the simulator, to hold criteria against that do without it."""
+"""Scores of policies in the simulator, to judge criteria that do without it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Scores:
 def simulate(
     policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool = True
 ) -> Scores:
-    """Runs policies in the dataset's task, on the first reserved evaluation seeds.
+    """Evaluates policies in the dataset's task on the first reserved seeds.
 
     Raises:
         SpecError: the dataset was recorded in another environment.
@@ -41,16 +41,16 @@ def simulate(
 
 
 def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder: Path) -> Scores:
-    """Reads what `evaluate --out` wrote about policies in the dataset's world and models.
+    """Reads results of `evaluate --out` in the dataset's world and models.
 
     Args:
-        keys: `run_hash` of each policy's run, None for a policy that nothing was measured of, and
-            its training seed.
-        dataset: that they learned from.
-        folder: of the result files.
+        keys: `run_hash` of each policy's run and its training seed; None instead of the hash for a
+            policy without results.
+        dataset: of their training.
+        folder: with the result files.
 
     Raises:
-        SchemaError: there are no results of these policies, or they are not of the same episodes.
+        SchemaError: there are no results of these policies, or they have different episodes.
     """
     paths = sorted(folder.glob("*.json"))
     results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
@@ -59,18 +59,18 @@ def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder
     if all(each is None for each in chosen):
         raise SchemaError(
             f"{folder} holds {len(paths)} results, {len(results)} of them in the world and models "
-            "of the data, and none of the last checkpoints of these runs. Evaluate the runs as "
-            "they are now: swarmdata evaluate RUN... --out FOLDER."
+            "of the data, but none of the last checkpoints of these runs. Evaluate these first: "
+            "swarmdata evaluate RUN... --out FOLDER."
         )
     return _scores(chosen, dataset)
 
 
 def _scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores:
-    there = [result for result in results if result is not None]
-    check_comparable(there)
+    measured = [result for result in results if result is not None]
+    check_comparable(measured)
     values = [None if each is None else _score(each, dataset) for each in results]
     unit: Unit = "return" if dataset.references is None else "score"
-    return Scores(values, len(there[0].seeds), unit)
+    return Scores(values, len(measured[0].seeds), unit)
 
 
 def _score(result: EvalResult, dataset: Dataset) -> float:

@@ -1,9 +1,9 @@
-"""Many runs on many datasets become a few numbers with intervals; pure functions of a result set.
+"""Aggregates over runs and datasets with intervals, as pure functions of a result set.
 
 The measures are those of Agarwal et al., "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice", NeurIPS 2021, which Gorsane et al., "Towards a Standardised Performance
-Evaluation Protocol for Cooperative MARL", NeurIPS 2022, take over for teams: a run's score on a
-dataset is the mean over its episodes, tables are [runs, datasets], and intervals are 95 %
+Evaluation Protocol for Cooperative MARL", NeurIPS 2022, use for teams: the score of a
+run on a dataset is the mean over its episodes, tables are [runs, datasets], and intervals are 95 %
 percentile bootstraps that draw runs within each dataset.
 """
 
@@ -25,28 +25,30 @@ LEVEL = 0.95
 
 
 def generator_of(seed: int = 0) -> np.random.Generator:
-    """The fixed source of resamples, so that a report is repeatable."""
+    """Returns the generator of resamples; its seed is fixed, so that a report is repeatable."""
     return np.random.Generator(np.random.PCG64(seed))
 
 
 @dataclass(frozen=True, eq=False)
-class Complete:
-    """Labels that were measured on all datasets that have a score, equally often on each."""
+class ComparableScores:
+    """Scores of the labels that have equally many runs on all datasets with a score."""
 
     datasets: tuple[str, ...]
     tables: Mapping[str, Double]  # label -> mean scores [runs, datasets], in the labels' order
     left_out: Mapping[str, str]  # label or dataset -> why it is not in the tables
 
 
-def complete(results: ResultSet, datasets: Sequence[str] | None = None) -> Complete:
-    """Picks what aggregates can compare: a mean over other datasets is another quantity.
+def comparable_scores(
+    results: ResultSet, datasets: Sequence[str] | None = None
+) -> ComparableScores:
+    """Selects the labels that aggregates can compare: those with results on all datasets.
 
     Args:
         results: what was measured.
         datasets: to aggregate over; None: all that have a score.
 
     Raises:
-        UnknownNameError: nothing was measured on one of them.
+        UnknownNameError: there are no results on one of them.
     """
     cases = results.cases if datasets is None else [results.case(name) for name in datasets]
     names = tuple(case.name for case in cases if case.reference is not None)
@@ -66,7 +68,7 @@ def complete(results: ResultSet, datasets: Sequence[str] | None = None) -> Compl
             left_out[label] = f"has between {min(counts)} and {max(counts)} runs on a dataset"
         else:
             tables[label] = np.stack([found[name].mean(axis=1) for name in names], axis=1)
-    return Complete(names, tables, left_out)
+    return ComparableScores(names, tables, left_out)
 
 
 class Aggregate(NamedTuple):
@@ -81,10 +83,10 @@ class Aggregate(NamedTuple):
 def aggregates(
     tables: Mapping[str, Double], *, n_resamples: int = N_RESAMPLES
 ) -> dict[str, Aggregate]:
-    """Aggregates of each label.
+    """Computes the aggregates of each label.
 
     Args:
-        tables: label -> scores [runs, datasets], such as `Complete.tables`.
+        tables: label -> scores [runs, datasets], such as `ComparableScores.tables`.
         n_resamples: of each bootstrap.
     """
 
@@ -114,7 +116,7 @@ def performance_profile(scores: Double, thresholds: Double) -> Double:
 
 
 class Band(NamedTuple):
-    """A curve and the ends of its pointwise interval, [P] each."""
+    """A curve and its pointwise interval, [P] each."""
 
     value: Double
     low: Double
@@ -134,9 +136,9 @@ def profile_band(
     Args:
         scores: [runs, tasks].
         thresholds: increasing, [P].
-        generator: source of the resamples; the fixed one by default.
-        n_resamples: how many.
-        level: probability that the interval is to cover at each threshold.
+        generator: of the resamples; None: one with a fixed seed.
+        n_resamples: of the bootstrap.
+        level: coverage of the interval at each threshold.
     """
     rng = generator_of() if generator is None else generator
     size = max(1, score_statistics.MAX_RESAMPLED_SCORES // (scores.size * len(thresholds)))
@@ -148,7 +150,7 @@ def profile_band(
 
 
 def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
-    """Thresholds from the lowest score to the highest, at least from 0 to 100, [n].
+    """Returns thresholds from the lowest score to the highest, and at least from 0 to 100, [n].
 
     Raises:
         SchemaError: there are no tables.
@@ -172,7 +174,7 @@ def improvements(
         n_resamples: of each bootstrap, which draws both labels.
 
     Returns:
-        (label, other) -> P(label > other), of all pairs of different labels.
+        (label, other) -> P(label > other), for all pairs of different labels.
     """
     return {
         (one, other): score_statistics.bootstrap(
@@ -194,9 +196,9 @@ def mean_over_runs(
     n_resamples: int = N_RESAMPLES,
     statistic: Callable[..., Double] | None = None,
 ) -> Estimate:
-    """One label on one dataset: the interquartile mean over runs with its interval.
+    """Returns the interquartile mean over runs with its interval.
 
-    Of a single run it is the mean over episodes, with an interval over episodes.
+    For a single run, it is the mean over episodes with an interval over episodes.
 
     Args:
         values: [runs, episodes].
@@ -213,11 +215,11 @@ def mean_over_runs(
 
 
 def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
-    """Which points no other beats: none has at least the value at no more cost, and one of both.
+    """Returns which points are Pareto-optimal: no other has at least the value at no more cost.
 
     Args:
-        values: to be high, [n].
-        costs: to be low, [n].
+        values: higher is better, [n].
+        costs: lower is better, [n].
     """
     value, cost = np.asarray(values, np.float64), np.asarray(costs, np.float64)
     as_good = (value[None, :] >= value[:, None]) & (cost[None, :] <= cost[:, None])  # [n, other]
@@ -226,27 +228,27 @@ def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
 
 
 class Point(NamedTuple):
-    """A label between what it earns and what it hits, on one dataset."""
+    """Return and collisions of a label on a dataset."""
 
     label: str
     team_return: Estimate
-    collisions: Estimate  # contacts that began, with robots and with obstacles, per episode
-    is_best: bool  # on the Pareto front of its dataset
+    collisions: Estimate  # new contacts with robots and obstacles, per episode
+    is_best: bool  # Pareto-optimal on its dataset
 
 
 def pareto(case: Case) -> tuple[Point, ...]:
-    """Return against collisions of every label of a case, in its order.
+    """Returns the return and the collisions of every label of a case, in its order.
 
     Raises:
-        UnknownNameError: an environment that counts no collisions.
+        UnknownNameError: the environment counts no collisions.
     """
-    gains = [mean_over_runs(case.metric(label, "return")) for label in case.runs]
+    returns = [mean_over_runs(case.metric(label, "return")) for label in case.runs]
     costs = [mean_over_runs(collisions(case, label)) for label in case.runs]
-    front = pareto_front([each.value for each in gains], [each.value for each in costs])
-    return tuple(map(Point, case.runs, gains, costs, front.tolist()))
+    front = pareto_front([each.value for each in returns], [each.value for each in costs])
+    return tuple(map(Point, case.runs, returns, costs, front.tolist()))
 
 
 def collisions(case: Case, label: str) -> Double:
-    """Contacts that began in each episode, of both kinds, [runs, episodes]."""
+    """New contacts with robots and with obstacles, [runs, episodes]."""
     between, against = "robot_collisions", "obstacle_collisions"
     return np.asarray(case.metric(label, between) + case.metric(label, against))

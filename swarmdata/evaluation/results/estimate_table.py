@@ -15,12 +15,12 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.rollouts.score_statistics import Estimate
 
 UNDEFINED = "–"
-"""Stands for what was not measured or is not defined."""
+"""In place of a value that was not measured or is not defined."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What a column shows and how its numbers are written."""
+    """A column of a table and the format of its numbers."""
 
     key: str  # in CSV
     label: str
@@ -40,8 +40,8 @@ class Row:
     """One policy or algorithm."""
 
     label: str
-    n_runs: int  # 0 of what is not a policy, such as the mean of a dataset
-    estimates: tuple[Estimate, ...]  # one per column; NaN where nothing is defined
+    n_runs: int  # 0 if the row is not a policy, such as the mean of a dataset
+    estimates: tuple[Estimate, ...]  # one per column; NaN if undefined
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Table:
         return f"{aligned_table(head, rows)}\n{self.caption}\n"
 
     def to_csv(self) -> str:
-        """Every value and interval end at full precision, in stored units; undefined is empty."""
+        """All values and intervals at full precision, in stored units; undefined ones are empty."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         ends = ("", "_low", "_high")
@@ -96,7 +96,7 @@ class Table:
         )
 
     def panels(self, keys: Sequence[str]) -> dict[str, dict[str, Estimate]]:
-        """Chosen columns in shown units, for `plots.plot_estimates`: header -> row -> estimate.
+        """Returns columns in shown units, for `plot_estimates`: header -> row -> estimate.
 
         Raises:
             UnknownNameError: the table has no such column.
@@ -114,7 +114,7 @@ class Table:
         return chosen
 
     def _grid(self) -> list[list[str]]:
-        """The cells as text, header first; the number of runs only where some row has several."""
+        """The cells as text, header first; with numbers of runs if some row has several."""
         has_runs = any(row.n_runs > 1 for row in self.rows)
         head = ["policy", *(["runs"] if has_runs else []), *(c.header for c in self.columns)]
         body = [
@@ -129,7 +129,7 @@ class Table:
 
 
 def format_number(value: float, column: Column) -> str:
-    """A number in the column's shown unit and decimals; an undefined one is a dash."""
+    """Formats a number in the column's unit and decimals; an undefined one is a dash."""
     if math.isnan(value):
         return UNDEFINED
     text = f"{value * column.factor:.{column.decimals}f}"
@@ -137,7 +137,7 @@ def format_number(value: float, column: Column) -> str:
 
 
 def format_estimate(estimate: Estimate, column: Column) -> str:
-    """`value [low, high]`; only a dash if undefined, only the value without an interval."""
+    """Formats `value [low, high]`; only the value without an interval, a dash if undefined."""
     value, low, high = (format_number(number, column) for number in estimate)
     return value if math.isnan(estimate.low) else f"{value} [{low}, {high}]"
 
@@ -156,9 +156,9 @@ _LATEX = str.maketrans(
 
 
 def _latex(text: str) -> str:
-    """The text as LaTeX prints it, whatever is in a name.
+    """Escapes text for LaTeX.
 
-    A bracket at the beginning of a row would be read as an argument of the row before.
+    LaTeX would read a bracket at the beginning of a row as an argument of the previous row.
     """
     escaped = text.translate(_LATEX)
     return f"{{{escaped}}}" if escaped.startswith("[") else escaped

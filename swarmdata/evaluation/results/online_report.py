@@ -1,4 +1,4 @@
-"""What online training achieved and what it cost: curves, one table, one figure."""
+"""The results and the cost of online training: learning curves, a table and a figure."""
 
 import csv
 import io
@@ -21,44 +21,46 @@ from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.runtime.atomic import write_file
 
-GOAL = 0.9
+LEARNED_SUCCESS = 0.9
 """Team success that counts as having learned the task."""
 
-HEAD = (
+COLUMNS = (
     "task", "algorithm", "seeds", "joint steps", "success", "clean success", "return",
-    "seeds that reached 90 %", "wall-clock", "joint steps a second", "memory of a process",
+    "seeds that reached 90 %", "wall-clock time", "joint steps per second", "peak memory",
 )  # fmt: skip
 
 Row = dict[str, float]
 
 
 class Training(NamedTuple):
-    """The runs of one algorithm in one task, of one or several processes."""
+    """The runs of an algorithm in a task, from one or several processes."""
 
     task: str  # a preset's name where the spec is one
     algorithm: str
-    rows: tuple[tuple[Row, ...], ...]  # of the curve, for each seed
-    speeds: tuple[tuple[Row, ...], ...]  # of `speed.csv`, for each process
+    curves: tuple[tuple[Row, ...], ...]  # rows of `curve.csv`, for each seed
+    speeds: tuple[tuple[Row, ...], ...]  # rows of `speed.csv`, for each process
 
 
 def read_training(run: Path) -> Training:
-    """Reads a run folder, or a folder of the runs of several processes.
+    """Reads a run folder, or a folder with the runs of several processes.
 
     Raises:
-        BuildError: it holds no run.
-        SchemaError: its processes trained different things.
+        BuildError: the folder holds no run.
+        SchemaError: its runs differ in task, spec or algorithm.
     """
     folders = list(dict.fromkeys(seed.folder for seed in seeds_of([run])))
     runs = [read_online_run(folder) for folder in folders]
     kinds = {(each.spec.task, each.algorithm, each.spec.hash()) for each in runs}
     if len(kinds) > 1:
-        raise SchemaError(f"{run} holds {len(kinds)} different trainings, expected one")
-    tracks = []
+        raise SchemaError(
+            f"{run} has runs of {len(kinds)} different tasks, specs or algorithms, expected one"
+        )
+    curves = []
     for folder, each in zip(folders, runs, strict=True):
         rows = read_table(folder / CURVE)
-        tracks += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
+        curves += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
     speeds = tuple(tuple(read_table(folder / SPEED)) for folder in folders)
-    return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(tracks), speeds)
+    return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(curves), speeds)
 
 
 def write_online_report(runs: Sequence[Path], out: Path) -> str:
@@ -73,30 +75,30 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
 
     Raises:
         BuildError: a folder holds no run.
-        SchemaError: two runs are of one algorithm in one task, or processes of a run differ.
+        SchemaError: two runs have the same algorithm and task, or the processes of a run differ.
     """
     trainings = [read_training(run) for run in runs]
     for name, count in Counter(f"{t.algorithm} in {t.task}" for t in trainings).items():
         if count > 1:
             raise SchemaError(
-                f"{count} of the runs trained {name}, expected one. Leave out the others, or put "
-                "seeds of one training into folders seeds-... of one run."
+                f"{count} of the runs trained {name}, expected one. Leave out the others, or move "
+                "the seeds of one training into folders seeds-... of one run."
             )
     out.mkdir(parents=True, exist_ok=True)
     files = []
     for training in trainings:
         files.append(out / f"{training.task}-{training.algorithm}.csv")
         write_file(files[-1], _curve(training))
-    table = markdown.table(HEAD, [_cells(training) for training in trainings])
+    table = markdown.table(COLUMNS, [_cells(training) for training in trainings])
     write_file(out / "table.md", table.encode())
     plot_learning(group_files(files, "task-algorithm"), out / "learning.png")
     return table
 
 
 def _curve(training: Training) -> bytes:
-    """All rows of all seeds in one table, by time."""
+    """The rows of all seeds as CSV, in the order of training."""
     rows = sorted(
-        (row for track in training.rows for row in track),
+        (row for curve in training.curves for row in curve),
         key=lambda row: (row["frames"], row["seed"]),
     )
     names = list(dict.fromkeys(name for row in rows for name in row))
@@ -108,10 +110,10 @@ def _curve(training: Training) -> bytes:
 
 
 def _cells(training: Training) -> tuple[str, ...]:
-    frames = max(int(row["frames"]) for track in training.rows for row in track)
+    frames = max(int(row["frames"]) for curve in training.curves for row in curve)
     firsts = [
-        next((row["frames"] for row in track if row["success"] >= GOAL), None)
-        for track in training.rows
+        next((row["frames"] for row in curve if row["success"] >= LEARNED_SUCCESS), None)
+        for curve in training.curves
     ]
     reached = [first for first in firsts if first is not None]
     when = f" (first at {min(reached):,.0f})" if reached else ""
@@ -124,7 +126,7 @@ def _cells(training: Training) -> tuple[str, ...]:
     return (
         f"`{training.task}`",
         f"`{training.algorithm}`",
-        str(len(training.rows)),
+        str(len(training.curves)),
         f"{frames:,}",
         _interval(training, "success", 100.0, " %"),
         _interval(training, "clean_success", 100.0, " %"),
@@ -138,7 +140,7 @@ def _cells(training: Training) -> tuple[str, ...]:
 
 def _interval(training: Training, metric: str, factor: float, unit: str) -> str:
     """Mean over seeds at the end of training, with its 95 % bootstrap interval."""
-    last = np.array([[track[-1][metric]] for track in training.rows])
+    last = np.array([[curve[-1][metric]] for curve in training.curves])
     found = bootstrap(mean, last, generator=np.random.Generator(np.random.PCG64(0)))
     value, low, high = (factor * each for each in (found.value, found.low, found.high))
     digits = 1 if factor > 1 else 2

@@ -27,22 +27,22 @@ from swarmdata.specs.task_spec import TaskSpec
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A named team: one policy, or one per training seed or checkpoint."""
+    """A named team: one policy, or one for each training seed or checkpoint."""
 
     spec: TaskSpec
     policies: tuple[Policy, ...]
-    provenances: tuple[Provenance, ...]  # of each policy; all with one label
+    provenances: tuple[Provenance, ...]  # one per policy, all with the same label
 
     @property
     def label(self) -> str:
-        """Its row in tables."""
+        """The name of its row in tables."""
         return self.provenances[0].label
 
     def labelled(self, label: str) -> "Target":
-        """The same team under another name.
+        """Returns the same team under another label.
 
         Raises:
-            SpecError: it cannot be part of a file's name.
+            SpecError: the label cannot be part of a file name.
         """
         named = (each.model_dump() | {"label": label} for each in self.provenances)
         parsed = tuple(Provenance.parse(each, f"label {label!r}") for each in named)
@@ -51,21 +51,21 @@ class Target:
 
 @dataclass(frozen=True)
 class Models:
-    """Models to evaluate under; None keeps those that a policy's spec has."""
+    """Models to evaluate with; None keeps the model of the policy's spec."""
 
     observation: Source | None = None
     communication: Source | None = None
 
-    def offered_to(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
-        """The spec that a policy acts in.
+    def evaluation_spec(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
+        """Returns the spec to evaluate a policy in.
 
         Args:
-            policy: its name, for messages.
-            trained: the spec that it was made for.
-            is_fixed: whether it reads observations and so needs the features it was trained on.
+            policy: name for messages.
+            trained: spec that it was made for.
+            is_fixed: whether it reads observations and so needs the features of its training.
 
         Raises:
-            SchemaError: it needs other features than there are.
+            SchemaError: the models do not provide the features that it needs.
         """
         spec = with_models(trained, self.observation, self.communication)
         if is_fixed and spec != trained:
@@ -80,31 +80,31 @@ def find_target(
     observation: Source | None = None,
     communication: Source | None = None,
 ) -> Target:
-    """Returns what a name means.
+    """Finds the team that a name means.
 
     Args:
-        name: a registered policy such as `random`; a learned tier such as `expert`, which means
-            its checkpoints without noise; a dataset's id, which means its behavior policies as
-            recorded; or a run folder, which means its newest policies, one per seed.
-        task: of a policy or tier: a preset's name, or a spec's file.
-        observation: what the robots sense, such as `lidar`; None: what the task, the dataset or
-            the training had.
-        communication: what they hear, such as `lossy-30`; the same.
+        name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
+            without noise; a dataset's id: its behavior policies as recorded; or a run folder: its
+            newest policies, one per seed.
+        task: of a policy or tier: a preset's name, or a spec file.
+        observation: observation model, such as `lidar`; None: that of the task, the dataset or the
+            training.
+        communication: communication model, such as `lossy-30`, likewise.
 
     Raises:
         UnknownNameError: nothing has that name.
-        SchemaError: a trained policy does not have the inputs that these models give.
-        SpecError: a run folder of a recording of another environment.
-        MissingExtraError: a run folder without torch.
+        SchemaError: the models do not provide the inputs of a trained policy.
+        SpecError: the run was trained on a recording of another environment.
+        MissingExtraError: a run folder needs torch.
     """
     models = Models(observation, communication)
     if is_folder(name) and run_folders(Path(name)):
         return _run_target(Path(name), models)
     if name in POLICIES and name != "learned":
-        spec = models.offered_to(name, find_spec(task), is_fixed=False)
+        spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
     if name in TRAINED and (found := sources(task, name, 0.0)):
-        spec = models.offered_to(name, find_spec(task), is_fixed=True)
+        spec = models.evaluation_spec(name, find_spec(task), is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
         contents = [source.sha256 for source in found]
         return Target(spec, policies, _numbered(name, contents))
@@ -125,7 +125,7 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)
     is_fixed = any(source.name == "learned" for source in recipe.policies)
-    spec = models.offered_to(name, recipe.spec, is_fixed=is_fixed)
+    spec = models.evaluation_spec(name, recipe.spec, is_fixed=is_fixed)
     policies = tuple(make_source_policy(source, spec) for source in recipe.policies)
     return Target(spec, policies, _numbered(name, [recipe.hash()] * len(policies)))
 
@@ -141,5 +141,5 @@ def _run_target(folder: Path, models: Models) -> Target:
             "cannot run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
         )
     spec = TaskSpec.parse(trained.spec, str(folder))
-    spec = models.offered_to(str(folder), spec, is_fixed=True)
+    spec = models.evaluation_spec(str(folder), spec, is_fixed=True)
     return Target(spec, tuple(load_policies(trained)), trained.provenances)

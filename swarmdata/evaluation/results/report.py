@@ -7,7 +7,7 @@ from pathlib import Path
 
 from swarmdata.drawing.style import SUFFIXES
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregates import complete
+from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.curve_plots import plot_curves
 from swarmdata.evaluation.results.estimate_table import Table
 from swarmdata.evaluation.results.learning_curves import read_curve
@@ -49,7 +49,7 @@ def shown_cases(results: ResultSet) -> dict[str, Case]:
 
 def tables_of(results: ResultSet) -> dict[str, Table]:
     """Returns all tables of a report by file name: comparisons of datasets, then each case."""
-    compared = complete(results).tables
+    compared = comparable_scores(results).tables
     tables = {"scores": metric_table(results)} if any(results.scores.values()) else {}
     if compared:
         tables["aggregates"] = aggregate_table(results)
@@ -111,7 +111,7 @@ def _draw(
     results: ResultSet, tables: Mapping[str, Table], out: Path, suffix: str
 ) -> dict[str, Path]:
     """Draws the figures that the results allow; returns them by name."""
-    compared, cases = complete(results).tables, shown_cases(results)
+    compared, cases = comparable_scores(results).tables, shown_cases(results)
     ours = [case for case in cases.values() if case.spec.world is not None]
     drawings: dict[str, Callable[[Path], None]] = {}
     if "scores" in tables:

@@ -1,9 +1,9 @@
-"""What makes results stale or unfit to stand in one table; every reason is found before one error.
+"""Refuses results that are stale or cannot be compared; one error has all reasons.
 
-- stale: the run that a file names is there and is not the one that was measured, or the dataset's
-  digest is not the one that is published under its id;
-- mixed: other code, episodes, specs or contents of one dataset; other settings or lengths of
-  training under one label; one policy twice.
+- stale: the run has changed since it was evaluated, or the dataset's digest is not the one that is
+  published under its id;
+- mixed: different versions of the code, episodes, specs, or contents of one dataset; different
+  settings or lengths of training under one label; duplicates of a policy.
 """
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -20,20 +20,20 @@ from swarmdata.specs.origins import Spec
 
 Key = TypeVar("Key", bound=Hashable)
 
-_SHOWN = 3
-"""Files that a message names of each side."""
+MAX_NAMED_FILES = 3
+"""Files of each group that a message names; more are counted."""
 
 
 def check_results(results: Sequence[Result]) -> None:
-    """Raises unless the results are current and belong together.
+    """Checks that the results are current and can be compared.
 
     Raises:
-        ResultsError: every reason why not, with the files.
+        ResultsError: they are not; the message has all reasons and the files.
     """
     problems = [*_stale_runs(results), *_stale_datasets(results), *_mixed(results)]
     if problems:
         reasons = "\n".join(f"- {problem}" for problem in problems)
-        raise ResultsError(f"these results cannot stand in one table:\n{reasons}")
+        raise ResultsError(f"these results cannot be compared in one table:\n{reasons}")
 
 
 def _stale_runs(results: Sequence[Result]) -> Iterator[str]:
@@ -42,7 +42,7 @@ def _stale_runs(results: Sequence[Result]) -> Iterator[str]:
     for result in results:
         provenance, folder = result.provenance, result.run_folder
         if folder is None or provenance.content is None or not (folder / CONFIG).exists():
-            continue  # the run is elsewhere: the file is all there is
+            continue  # the run folder is not here, so nothing can be compared
         if provenance.algorithm is None or provenance.seed is None:
             continue
         seed = 0 if provenance.frames is None else provenance.seed
@@ -51,7 +51,7 @@ def _stale_runs(results: Sequence[Result]) -> Iterator[str]:
     if stale:
         runs = sorted({str(each.provenance.run) for each in stale})
         yield (
-            f"{_names(stale)}: trained on, or again, since they were measured: {', '.join(runs)}. "
+            f"{_names(stale)}: the runs have changed since they were evaluated: {', '.join(runs)}. "
             "Evaluate again."
         )
 
@@ -87,7 +87,7 @@ def _mixed(results: Sequence[Result]) -> Iterator[str]:
 
 
 def _row(result: Result) -> tuple[str, str | None]:
-    """What one line of a table is of: a label on all datasets, or in one spec without data."""
+    """The key of a table's row: a label on all datasets, or in one spec if it used no data."""
     provenance = result.provenance
     return provenance.label, None if provenance.dataset else result.evaluation.spec_hash
 
@@ -105,13 +105,13 @@ def _mixed_label(label: str, group: Sequence[Result]) -> Iterator[str]:
         if len(same) > 1:
             yield (
                 f"{_names(same)}: {len(same)} results of {label} number {who[2]}"
-                f"{f' on {who[0]}' if who[0] else ''}. Leave out all but one, or give them labels "
-                "of their own."
+                f"{f' on {who[0]}' if who[0] else ''}. Leave out all but one, or give them "
+                "different labels."
             )
 
 
 def _mixed_specs(results: Sequence[Result]) -> Iterator[str]:
-    """One world is compared under one pair of models, unless datasets were observed again."""
+    """Policies in one world need the same models, unless they learned from re-observed data."""
     groups = _groups(results, lambda each: each.evaluation.spec_hash)
     specs = {key: group[0].spec for key, group in groups.items()}
     for key, group in groups.items():
@@ -154,7 +154,7 @@ def _budget(result: Result) -> str:
 
 
 def _settings(result: Result, group: Sequence[Result]) -> str:
-    """The settings of one of a label's results in which the label's results differ."""
+    """The settings of a result that differ within its group."""
     configs = [each.provenance.config for each in group]
     names = sorted({name for config in configs for name in config})
     own = result.provenance.config
@@ -165,11 +165,11 @@ def _settings(result: Result, group: Sequence[Result]) -> str:
 def _differing(
     results: Sequence[Result], what: str, of: Callable[[Result], str | None]
 ) -> Iterator[str]:
-    """One line if a property has several values, with the files of each."""
+    """Yields one line if a property has several values, with the files of each."""
     groups = _groups(results, of)
     if len(groups) > 1:
         sides = "; ".join(f"{value} ({_names(group)})" for value, group in groups.items())
-        yield f"{what} {sides}. Make them alike, or report them apart."
+        yield f"{what} {sides}. Make them equal, or report them separately."
 
 
 def _groups(results: Sequence[Result], of: Callable[[Result], Key]) -> dict[Key, list[Result]]:
@@ -180,10 +180,10 @@ def _groups(results: Sequence[Result], of: Callable[[Result], Key]) -> dict[Key,
 
 
 def _names(results: Sequence[Result]) -> str:
-    """Files of results, or who they are of; a few of them."""
+    """The files or the labels of some results."""
     names = [_name(result) for result in results]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    more = f" and {len(names) - MAX_NAMED_FILES} more" if len(names) > MAX_NAMED_FILES else ""
+    return ", ".join(names[:MAX_NAMED_FILES]) + more
 
 
 def _name(result: Result) -> str:

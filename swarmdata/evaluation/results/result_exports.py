@@ -1,4 +1,4 @@
-"""A result set in the forms of other tools: one row per run as CSV, and marl-eval's nested JSON.
+"""Exports a result set for other tools: one row per run as CSV, and marl-eval's nested JSON.
 
 The JSON's schema is that of marl-eval's README, "Data Structure for Raw Experiment data" (Gorsane
 et al., NeurIPS 2022): environment -> task -> algorithm -> run -> steps and absolute metrics, each
@@ -18,13 +18,23 @@ from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts import metrics
 from swarmdata.types import Double
 
-_WHO = ("label", "dataset", "task", "index", "seed", "algorithm", "updates", "frames", "episodes")
+_RUN_COLUMNS = (
+    "label",
+    "dataset",
+    "task",
+    "index",
+    "seed",
+    "algorithm",
+    "updates",
+    "frames",
+    "episodes",
+)
 
 
 def runs_csv(results: ResultSet) -> str:
-    """One row per run with the mean over its episodes of every metric, task metrics included.
+    """Writes one row per run with the means of all metrics over its episodes.
 
-    Time to goal counts an unsolved episode as the horizon; another undefined mean is empty.
+    Time to goal counts an unsolved episode as the horizon; other undefined means are empty.
     """
     rows = []
     for case in (*results.cases, *results.baselines):
@@ -32,8 +42,8 @@ def runs_csv(results: ResultSet) -> str:
             for result in runs:
                 values = episode_values(case, result)
                 means = {name: value.mean() for name, value in values.items()}
-                rows.append(_who(case, label, result) | means)
-    names = list(dict.fromkeys([*_WHO, *(name for row in rows for name in row)]))
+                rows.append(_run_fields(case, label, result) | means)
+    names = list(dict.fromkeys([*_RUN_COLUMNS, *(name for row in rows for name in row)]))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
     writer.writeheader()
@@ -41,7 +51,7 @@ def runs_csv(results: ResultSet) -> str:
     return text.getvalue()
 
 
-def _who(case: Case, label: str, result: Result) -> dict[str, Any]:
+def _run_fields(case: Case, label: str, result: Result) -> dict[str, Any]:
     provenance = result.provenance
     return {
         "label": label,
@@ -63,7 +73,7 @@ def _cell(value: object) -> object:
 
 
 def episode_values(case: Case, result: Result) -> dict[str, Double]:
-    """Every metric of a result by episode, [n_episodes] each: the score too, where there is one.
+    """Returns all metrics of a result by episode, [n_episodes] each, with the score if it has one.
 
     Time to goal counts an unsolved episode as the horizon.
     """
@@ -79,22 +89,22 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
 
 
 class MarlEval(NamedTuple):
-    """What marl-eval reads, and the labels that it cannot take."""
+    """The document that marl-eval reads, and the labels that it cannot represent."""
 
     document: dict[str, Any]
     left_out: tuple[str, ...]
 
 
 def marl_eval(results: ResultSet) -> MarlEval:
-    """Results as marl-eval reads them: `json.dumps` the document.
+    """Converts results to the schema of marl-eval; write the document with `json.dumps`.
 
-    It needs the same algorithms, with equally many runs, on all tasks of an environment; labels
-    that fall short are left out and named. Without datasets, the tasks stand for themselves.
+    It requires the same algorithms, with equally many runs, on all tasks of an environment; other
+    labels are left out and returned. If there are no datasets, the tasks take their place.
 
-    A run has one logged step, of the first tenth of its episodes, and all of them as absolute
-    metrics. The return, which marl-eval may normalize by its extremes, is there by episode with
-    six digits; of other metrics there is the mean alone, which the schema allows and a file of
-    1000 episodes needs. A metric that some episode leaves undefined is left out.
+    A run has one logged step, with the first tenth of its episodes, and all episodes as absolute
+    metrics. The return, which marl-eval may normalize by its extremes, is written for each episode
+    with six digits. Other metrics are written as means, which the schema allows, to keep files of
+    1000 episodes small. A metric that is undefined in some episode is left out.
     """
     cases = results.cases or results.baselines
     document: dict[str, Any] = {}
@@ -117,7 +127,7 @@ def marl_eval(results: ResultSet) -> MarlEval:
 
 
 def _common(group: list[Case]) -> list[str]:
-    """Labels that every case has, with as many runs as most of them have."""
+    """The labels that all cases have, with the most frequent number of runs."""
     everywhere = [label for label in group[0].runs if all(label in case.runs for case in group)]
     counts = {label: {len(case.runs[label]) for case in group} for label in everywhere}
     usual = Counter(next(iter(n)) for n in counts.values() if len(n) == 1).most_common(1)
@@ -131,7 +141,7 @@ def _task(case: Case, group: list[Case]) -> str:
 
 
 def _defined(group: list[Case], labels: list[str]) -> list[str]:
-    """Metrics that every episode of every run defines."""
+    """The metrics that are defined in all episodes of all runs."""
     runs = [
         episode_values(case, result)
         for case in group

@@ -1,7 +1,7 @@
-"""Results as JSON files, with where the policy comes from and the spec it was measured in.
+"""Results as JSON files, with the provenance of the policy and the spec of the evaluation.
 
-Floats are their shortest exact decimals and undefined values null. Files of format 1 are read as
-well; they say less about their policies.
+Floats are written as their shortest exact decimals, undefined values as null. Files of format 1 are
+read as well; they have less about their policies.
 """
 
 import json
@@ -30,22 +30,22 @@ from swarmdata.types import Double, EvalResult
 FORMAT = "swarmdata-evaluation"
 FORMAT_VERSION = 2
 
-FOREIGN_METRICS = frozenset({"return", "length"})
-"""What is measured in environments that are not ours, at least."""
+REQUIRED_FOREIGN_METRICS = frozenset({"return", "length"})
+"""Metrics that results in environments of other libraries always have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """What was measured of one policy, of which policy, and in which world."""
+    """The evaluation of one policy, with its provenance and spec."""
 
     evaluation: EvalResult
     provenance: Provenance
     spec: Spec
-    path: Path | None = None  # of its file; None: it was not read from one
+    path: Path | None = None  # of its file; None: it was not read from a file
 
     @property
     def run_folder(self) -> Path | None:
-        """Where the policy's run was when it was measured, None if it has none."""
+        """The policy's run folder at the time of the evaluation; None if it has none."""
         run = self.provenance.run
         return None if run is None or self.path is None else self.path.parent / run
 
@@ -54,7 +54,7 @@ Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
 
 
 class _Document(Frozen):
-    """What a file must hold."""
+    """The content of a file."""
 
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[2]
@@ -66,8 +66,8 @@ class _Document(Frozen):
     metrics: dict[str, list[float | None]]
 
 
-class _First(Frozen):
-    """What a file of format 1 holds."""
+class _DocumentOfFormat1(Frozen):
+    """The content of a file of format 1."""
 
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[1]
@@ -81,19 +81,18 @@ class _First(Frozen):
 
 
 def save_result(result: Result, folder: Path) -> Path:
-    """Writes a result into a folder under the name that `file_name` gives it.
+    """Writes a result into a folder, atomically, under the name that `file_name` gives it.
 
-    A temporary file is written first and renamed. A run's folder is kept relative to `folder`, so
-    that both can be moved together.
+    The path of a run folder is stored relative to `folder`, so that both can be moved together.
 
     Returns:
         The file.
 
     Raises:
-        SchemaError: the result is incomplete, not of its spec, or holds what JSON cannot hold.
+        SchemaError: the result is incomplete, does not match its spec, or does not fit into JSON.
     """
     _check(result, "the result to save")
-    evaluation, provenance = result.evaluation, located(result.provenance, folder)
+    evaluation, provenance = result.evaluation, with_relative_run(result.provenance, folder)
     document = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -117,8 +116,8 @@ def save_result(result: Result, folder: Path) -> Path:
     return path
 
 
-def located(provenance: Provenance, folder: Path) -> Provenance:
-    """The same provenance with its run's folder as seen from `folder`."""
+def with_relative_run(provenance: Provenance, folder: Path) -> Provenance:
+    """Makes the path of a provenance's run folder relative to `folder`."""
     if provenance.run is None or not Path(provenance.run).is_absolute():
         return provenance
     run = Path(os.path.relpath(provenance.run, folder.resolve())).as_posix()
@@ -126,24 +125,24 @@ def located(provenance: Provenance, folder: Path) -> Provenance:
 
 
 def _to_json(values: Double) -> list[float | None]:
-    """NaN, which JSON lacks, as None; an infinity stays and is refused by the writer."""
+    """Replaces NaN, which JSON lacks, by None; the writer refuses infinities."""
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def load_result(path: Path) -> Result:
-    """Reads a result that `save` wrote, with the same bits, or one of format 1.
+    """Reads a result that `save_result` wrote, with the same bits, or one of format 1.
 
     Raises:
         FileNotFoundError: there is no such file.
-        SchemaError: the file is not a complete evaluation result, or its spec is not the one that
-            this version makes of it.
+        SchemaError: the file is not a complete evaluation result, or its spec has another hash in
+            this version.
         FormatVersionError: a newer swarmdata wrote it.
     """
     path = Path(path)
     document = _read(path)
     spec: AnySpec
-    if isinstance(document, _First):
-        provenance, spec = _first_provenance(document, path), _spec_of(document, path)
+    if isinstance(document, _DocumentOfFormat1):
+        provenance, spec = _provenance_of_format_1(document, path), _spec_of(document, path)
     else:
         provenance, spec = document.provenance, document.spec
     metrics = {
@@ -157,7 +156,7 @@ def load_result(path: Path) -> Result:
     return result
 
 
-def _read(path: Path) -> _Document | _First:
+def _read(path: Path) -> _Document | _DocumentOfFormat1:
     try:
         data = read_document(path)
     except SpecError as error:
@@ -169,18 +168,18 @@ def _read(path: Path) -> _Document | _First:
             "Upgrade swarmdata."
         )
     try:
-        return (_First if version == 1 else _Document).parse(data, str(path))
+        return (_DocumentOfFormat1 if version == 1 else _Document).parse(data, str(path))
     except SpecError as error:
         raise SchemaError(f"{path} is not an evaluation result: {error}") from error
 
 
-def _first_provenance(document: _First, path: Path) -> Provenance:
-    """What a file of format 1 says of its policy: its metadata were free, but ours had a shape."""
+def _provenance_of_format_1(document: _DocumentOfFormat1, path: Path) -> Provenance:
+    """The provenance in the metadata of format 1, which had no schema."""
     metadata = document.metadata
     try:
         run: dict[str, Any] = metadata.get("run", {})
         index, seeds = metadata.get("index", 0), run.get("seeds", [])
-        fields = {name: run[name] for name in _OF_FIRST_RUNS if name in run}
+        fields = {name: run[name] for name in _RUN_FIELDS_OF_FORMAT_1 if name in run}
         fields["seed"] = seeds[index] if index < len(seeds) else None
         fields |= {"label": document.policy, "index": index, "code_version": document.code_version}
         return Provenance.parse(fields, str(path))
@@ -188,16 +187,16 @@ def _first_provenance(document: _First, path: Path) -> Provenance:
         raise SchemaError(f"{path} is not an evaluation result of format 1: {error}") from error
 
 
-_OF_FIRST_RUNS = ("algorithm", "dataset", "digest", "view", "config", "frames")
-"""What format 1 says of a run, by the names of the fields of a `Provenance`."""
+_RUN_FIELDS_OF_FORMAT_1 = ("algorithm", "dataset", "digest", "view", "config", "frames")
+"""The fields of a `Provenance` that format 1 has."""
 
 
-def _spec_of(document: _First, path: Path) -> TaskSpec:
-    """The preset under the file's models: format 1 holds only its hash."""
+def _spec_of(document: _DocumentOfFormat1, path: Path) -> TaskSpec:
+    """Finds the preset with the file's models and hash: format 1 has only the hash of its spec."""
     found = _named_specs(json.dumps(document.metadata.get("models", {}))).get(document.spec_hash)
     if found is None:
         raise SchemaError(
-            f"{path} has format 1, which does not hold its spec, and no preset has its hash "
+            f"{path} has format 1, which has only the hash of its spec, and no preset has its hash "
             f"{document.spec_hash[:12]}. Evaluate again."
         )
     return found
@@ -205,13 +204,13 @@ def _spec_of(document: _First, path: Path) -> TaskSpec:
 
 @cache
 def _named_specs(models: str) -> dict[str, TaskSpec]:
-    """Every preset under a pair of models, by hash."""
+    """All presets with a pair of models, by hash."""
     specs = (with_models(preset(name), **json.loads(models)) for name in preset_names())
     return {spec.hash(): spec for spec in specs}
 
 
 def _check(result: Result, where: str) -> None:
-    """Raises unless there is one value per metric and seed, all of one policy and spec."""
+    """Checks that there is one value per metric and seed, all of one policy and spec."""
     evaluation, label = result.evaluation, result.provenance.label
     if evaluation.policy != label:
         raise SchemaError(f"{where} is of {evaluation.policy!r}, its provenance of {label!r}.")
@@ -233,7 +232,7 @@ def _check(result: Result, where: str) -> None:
 def _check_names(result: Result, where: str) -> None:
     found = set(result.evaluation.metrics)
     is_foreign = result.spec.world is None
-    needed = FOREIGN_METRICS if is_foreign else set(metrics_of(result.evaluation.task))
+    needed = REQUIRED_FOREIGN_METRICS if is_foreign else set(metrics_of(result.evaluation.task))
     missing, unknown = sorted(needed - found), [] if is_foreign else sorted(found - needed)
     if missing or unknown:
         raise SchemaError(

@@ -1,4 +1,4 @@
-"""Figures of a result set: scores by dataset, performance profiles, who beats whom, Pareto view.
+"""Figures of a result set: scores, performance profiles, comparisons, Pareto fronts, estimates.
 
 A label has the same color and marker in all of them.
 """
@@ -34,16 +34,19 @@ from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
 
+MAX_DISTANCE_IN_VIEW = 0.6
+"""Of a return from those that learned from data, as a share of their range."""
+
 BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 """Of labels that learned from no data, which are all gray."""
 
 
 def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str, dict[str, Any]]:
-    """Color and marker of each label, by name, so that all figures of a report agree.
+    """Returns the color and marker of each label, by name, so that all figures of a report agree.
 
     Args:
-        trained: labels that learned from data: colors first, then markers change.
-        others: labels that did not, all gray.
+        trained: labels that learned from data; they vary in color, then in marker.
+        others: labels that did not; all are gray.
     """
     looks = {
         label: {
@@ -58,14 +61,14 @@ def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str
 
 
 def plot_scores(results: ResultSet, path: Path) -> None:
-    """Draws the score of every label on every dataset with its interval, and the data's mean.
+    """Draws the score of every label on every dataset with its interval, and the mean of the data.
 
     Args:
-        results: what was measured; datasets without a score are left out.
+        results: to draw; datasets without a score are left out.
         path: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: no dataset has a score, or an unknown suffix.
+        SchemaError: no dataset has a score, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     cases = [case for case in results.cases if case.reference is not None]
@@ -101,7 +104,7 @@ def _draw_data(axes: Any, case: Case, place: int, span: float) -> None:
 
 
 def _name_datasets(axes: Any, names: Sequence[str]) -> None:
-    """Ids below their places; long ones on two lines, without the version zero of all."""
+    """Writes ids below their places, on two lines and without the version `-v0`."""
     short = [name.replace("-mini", "\nmini").replace("-v0", "") for name in names]
     axes.set_xticks(range(len(names)), [name.replace("-", "\n", 1) for name in short], fontsize=9)
     axes.set_xlim(-0.5, len(names) - 0.5)
@@ -111,7 +114,7 @@ def _name_datasets(axes: Any, names: Sequence[str]) -> None:
 def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -> None:
     handles = [_legend_handle(axes, look, label) for label, look in looks.items()]
     if extra:
-        handles.append(_legend_handle(axes, DATA_LINE, "the data's mean"))
+        handles.append(_legend_handle(axes, DATA_LINE, "mean of the data"))
     axes.legend(
         handles=handles,
         loc="lower center",
@@ -131,11 +134,11 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
     """Draws the share of runs that score above each threshold, with 95 % bands.
 
     Args:
-        tables: label -> scores [runs, datasets], such as `aggregate.complete(results).tables`.
+        tables: label -> scores [runs, datasets], such as `ComparableScores.tables`.
         path: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: nothing to draw, or an unknown suffix.
+        SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     thresholds = thresholds_of(tables)
@@ -156,14 +159,14 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
 
 
 def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
-    """Draws the probability that a row's run beats a column's; white is undecided at 95 %.
+    """Draws the probability that a run of the row beats one of the column; white if undecided.
 
     Args:
         tables: label -> scores [runs, datasets].
         path: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: nothing to draw, or an unknown suffix.
+        SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     if not tables:
@@ -198,14 +201,14 @@ def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
 
 
 def plot_pareto(cases: Collection[Case], path: Path) -> None:
-    """Draws return against collisions, a panel per case; a line joins what no other beats.
+    """Draws return against collisions, a panel per case; a line joins the Pareto-optimal labels.
 
     Args:
-        cases: datasets or specs of tasks of this library.
+        cases: of tasks of this library.
         path: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: nothing to draw, or an unknown suffix.
+        SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     if not cases:
@@ -224,7 +227,7 @@ def plot_pareto(cases: Collection[Case], path: Path) -> None:
         drawing.supylabel("team return", fontsize=10)
         handles = [_legend_handle(grid[0], look, label) for label, look in looks.items()]
         if any(case.data is not None for case in cases):
-            handles.append(_legend_handle(grid[0], DATA_LINE, "the data's mean"))
+            handles.append(_legend_handle(grid[0], DATA_LINE, "mean of the data"))
         drawing.legend(handles=handles, loc="outside right center", handletextpad=0.4)
 
 
@@ -238,35 +241,37 @@ def _draw_front(axes: Any, case: Case, looks: Mapping[str, Mapping[str, Any]]) -
         axes.axhline(case.data.mean_return, **DATA_LINE, zorder=0)
     axes.set_title(case.name.removesuffix("-v0"), loc="left", fontweight="bold")
     draw_grid(axes, width=0.6)
-    _keep_near(axes, case, points)
+    _zoom_to_trained(axes, case, points)
 
 
-def _keep_near(axes: Any, case: Case, points: Sequence[Point]) -> None:
-    """Looks at what learned from the data; names policies that are far below or above it."""
-    near = [p.team_return.value for p in points if p.label in case.trained]
-    if not near:
+def _zoom_to_trained(axes: Any, case: Case, points: Sequence[Point]) -> None:
+    """Limits the axes to labels that learned from data; lists labels far outside in text."""
+    returns = [p.team_return.value for p in points if p.label in case.trained]
+    if not returns:
         return
-    near += [] if case.data is None else [case.data.mean_return]
-    room = max(max(near) - min(near), 1e-9)
-    low, high = min(near) - 0.6 * room, max(near) + 0.6 * room
+    returns += [] if case.data is None else [case.data.mean_return]
+    span = max(max(returns) - min(returns), 1e-9)
+    low = min(returns) - MAX_DISTANCE_IN_VIEW * span
+    high = max(returns) + MAX_DISTANCE_IN_VIEW * span
     inside = [p for p in points if low <= p.team_return.value <= high]
     far = [p for p in points if p not in inside]
     if not far:
         return
-    ends = [end for p in inside for end in (p.team_return.low, p.team_return.high)] + near
+    ends = [end for p in inside for end in (p.team_return.low, p.team_return.high)]
+    ends += returns
     margin = 0.08 * (max(ends) - min(ends))
-    axes.set_ylim(min(ends) - margin - 0.1 * (1 + len(far)) * room, max(ends) + margin)
+    axes.set_ylim(min(ends) - margin - 0.1 * (1 + len(far)) * span, max(ends) + margin)
     most = max(p.collisions.high for p in inside)
     axes.set_xlim(-0.04 * most, 1.04 * most)
-    words = "\n".join(
+    listed = "\n".join(
         ["not in view (return at collisions)"]
         + [f"{p.label}: {p.team_return.value:.1f} at {p.collisions.value:.1f}" for p in far]
     ).replace("-", "−")
-    axes.text(0.98, 0.03, words, transform=axes.transAxes, ha="right", fontsize=7.5, color=GRAY)
+    axes.text(0.98, 0.03, listed, transform=axes.transAxes, ha="right", fontsize=7.5, color=GRAY)
 
 
 def _draw_point(axes: Any, point: Point, look: Mapping[str, Any]) -> None:
-    """Filled if no other beats it."""
+    """Draws a label with its intervals; filled if it is Pareto-optimal."""
     x, y = point.collisions, point.team_return
     axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], alpha=0.5, lw=1.4)
     axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], alpha=0.5, lw=1.4)
@@ -278,12 +283,12 @@ def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> 
     """Draws estimates as points with intervals: one panel per quantity, one row per policy.
 
     Args:
-        panels: axis label with unit -> policy -> estimate in that unit, the same policies in every
-            panel, first on top; `report.Table.panels` gives it.
+        panels: axis label with unit -> policy -> estimate in that unit, as `Table.panels` returns
+            it; all panels have the same policies, the first one on top.
         path: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: nothing to draw, panels of different policies, or an unknown suffix.
+        SchemaError: there is nothing to draw, panels differ in policies, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     rows = [list(estimates) for estimates in panels.values()]
@@ -296,16 +301,16 @@ def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> 
     with figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as drawing:
         axes = drawing.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
-            _points(panel, list(estimates.values()))
+            _draw_estimates(panel, list(estimates.values()))
             panel.set_xlabel(xlabel)
         axes[0].set_yticks(range(len(labels)), labels)
         axes[0].set_ylim(len(labels) - 0.5, -0.5)  # first row on top
 
 
-def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
+def _draw_estimates(panel: Any, estimates: Sequence[Estimate]) -> None:
     for y, (value, low, high) in enumerate(estimates):
         panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
-        face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
+        face = "white" if math.isnan(low) else COLORS[0]  # no interval: not a measured policy
         panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
     draw_grid(panel, "x")
     panel.margins(x=0.08)

@@ -1,6 +1,6 @@
-"""Reads folders of results into one tidy table: by dataset and label, one result per training seed.
+"""Reads folders of results into one set: by dataset and label, one result per training seed.
 
-Results that are stale, or that do not belong together, are refused with one error.
+Results that are stale or cannot be compared are refused with one error.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,12 +33,12 @@ from swarmdata.types import Double
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What labels are compared on: a dataset, or a spec for policies that learned from no data."""
+    """Results that can be compared: on one dataset, or in one spec if no data was used."""
 
     dataset: str | None  # `Provenance.dataset_key`
-    spec: Spec  # that all were measured in
-    reference: Reference | None  # of the score, where the world has measured ones
-    data: Figures | None  # of the dataset's own episodes, where they are known
+    spec: Spec  # of all evaluations
+    reference: Reference | None  # of the score, if it was measured in this world
+    data: Figures | None  # of the dataset's own episodes, if they are known
     runs: Mapping[str, tuple[Result, ...]]  # label -> one per training seed, by index
 
     @property
@@ -48,39 +48,41 @@ class Case:
 
     @property
     def is_view(self) -> bool:
-        """Whether the dataset was observed again."""
+        """Whether the dataset was re-observed."""
         runs = (run for label in self.trained for run in self.runs[label])
         return any(run.provenance.view is not None for run in runs)
 
     @property
     def trained(self) -> tuple[str, ...]:
-        """Labels that learned from the dataset, baselines left out."""
+        """Labels that learned from the dataset, without baselines."""
         named = self.runs.items()
         return tuple(label for label, runs in named if runs[0].provenance.dataset is not None)
 
     @property
     def time_limit(self) -> float:
-        """Seconds that an unsolved episode took.
+        """Duration of an unsolved episode, in seconds.
 
         Raises:
-            SchemaError: an environment of another library has no time.
+            SchemaError: the environment is of another library, whose steps have no duration.
         """
         if self.spec.horizon is None or self.spec.time_step is None:
-            raise SchemaError(f"{self.name} is of another library: its steps have no duration.")
+            raise SchemaError(
+                f"{self.name} is an environment of another library, whose steps have no duration."
+            )
         return self.spec.horizon * self.spec.time_step
 
     @property
     def data_score(self) -> float | None:
-        """Score of the mean return of the dataset's episodes, action noise included."""
+        """Score of the mean return of the dataset's episodes, with action noise."""
         if self.data is None or self.reference is None:
             return None
         return float(normalized_score(self.data.mean_return, self.reference))
 
     def metric(self, label: str, name: str) -> Double:
-        """A metric of a label, [runs, episodes].
+        """Returns a metric of a label, [runs, episodes].
 
         Raises:
-            UnknownNameError: no such label here, or the metric was not measured.
+            UnknownNameError: the case has no such label or metric.
         """
         if label not in self.runs:
             raise UnknownNameError(f"label of {self.name}", label, self.runs)
@@ -91,7 +93,7 @@ class Case:
         return np.stack([row[name] for row in rows])
 
     def scores(self, label: str) -> Double:
-        """Scores of a label, [runs, episodes].
+        """Returns the scores of a label, [runs, episodes].
 
         Raises:
             SchemaError: the world has no measured references.
@@ -106,19 +108,19 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class ResultSet:
-    """Results that belong together."""
+    """Results that can be compared."""
 
     cases: tuple[Case, ...]  # of datasets, by task, then by the mean return of their data
     baselines: tuple[Case, ...]  # of policies that learned from no data, one per spec
 
     @property
     def datasets(self) -> tuple[str, ...]:
-        """Keys of the datasets, in order."""
+        """The keys of the datasets, in order."""
         return tuple(case.name for case in self.cases)
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """Of what learned from data: the lowest first, by the mean of what was measured of them."""
+        """The labels that learned from data, by their mean score (or return), the lowest first."""
         found: dict[str, list[float]] = {}
         for case in self.cases:
             for label in case.runs:
@@ -129,7 +131,7 @@ class ResultSet:
 
     @cached_property
     def scores(self) -> Mapping[str, Mapping[str, Double]]:
-        """Label -> dataset -> scores [runs, episodes], where they were measured."""
+        """Label -> dataset -> scores [runs, episodes], of datasets that have a score."""
         return MappingProxyType(
             {
                 label: MappingProxyType(
@@ -144,10 +146,10 @@ class ResultSet:
         )
 
     def case(self, dataset: str) -> Case:
-        """What was measured on a dataset.
+        """Returns the case of a dataset.
 
         Raises:
-            UnknownNameError: nothing was.
+            UnknownNameError: there are no results on it.
         """
         found = next((case for case in self.cases if case.name == dataset), None)
         if found is None:
@@ -155,10 +157,9 @@ class ResultSet:
         return found
 
     def with_baselines(self, case: Case) -> Case:
-        """A case with what was measured in its spec of policies that learned from no data, first.
+        """Adds the baselines of its spec to a case: policies that learned from no data come first.
 
-        A team that an algorithm trained online is marked as such: the names of some algorithms are
-        those of offline ones.
+        Labels of online algorithms get a suffix, because some offline algorithms have their names.
         """
         found = (each for each in self.baselines if each.spec.hash() == case.spec.hash())
         others = {
@@ -171,7 +172,7 @@ class ResultSet:
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """All of them."""
+        """All results."""
         groups = (runs for case in (*self.cases, *self.baselines) for runs in case.runs.values())
         return tuple(result for runs in groups for result in runs)
 
@@ -179,17 +180,17 @@ class ResultSet:
 def read_results(
     folders: Iterable[Path | str], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
-    """Reads every result in folders (of those inside them, none) that `evaluate` filled.
+    """Reads all results in folders that `evaluate` wrote, without their subfolders.
 
     Args:
-        folders: with result files; a file is taken as well.
-        data: folders of datasets that are not published and not in the cache, for their own means.
+        folders: with result files; a file is allowed as well.
+        data: folders of datasets that are neither published nor in the cache, for their means.
         is_checked: whether stale and mixed results are refused.
 
     Raises:
         DatasetNotFoundError: a folder holds no results.
-        SchemaError: a file is no result.
-        ResultsError: results are stale, or do not belong together.
+        SchemaError: a file is not a result.
+        ResultsError: results are stale, or cannot be compared.
     """
     files = [file for folder in folders for file in _files(Path(folder))]
     return group_results([load_result(file) for file in files], data=data, is_checked=is_checked)
@@ -198,7 +199,7 @@ def read_results(
 def group_results(
     results: Sequence[Result], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
-    """Puts results together that were read or just measured; arguments and errors as `read`."""
+    """Groups results by dataset and label; arguments and errors as of `read_results`."""
     if is_checked:
         check_results(results)
     groups: dict[tuple[str | None, str], list[Result]] = {}
@@ -242,16 +243,16 @@ def _case(group: Sequence[Result], data: Sequence[Path | str]) -> Case:
 
 
 def _order(case: Case) -> tuple[str, int, float, str]:
-    """By task and team, then by how good the data are; unknown ones last."""
+    """Sorts by task and team size, then by the mean return of the data; unknown ones come last."""
     mean = case.data.mean_return if case.data is not None else float("inf")
     return case.spec.task, case.spec.n_agents, mean, case.name
 
 
 def reference_of(spec: Spec) -> Reference | None:
-    """The ends of the score: measured in the spec itself, else in the headline spec of its world.
+    """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
-    Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
-    the headline spec: the loss shows.
+    Models change neither rewards nor returns. A policy that observes less is scored on the scale of
+    the headline spec, so that the loss is visible.
     """
     if spec.world is None:
         return None
@@ -264,7 +265,7 @@ def reference_of(spec: Spec) -> Reference | None:
 def _data_figures(
     dataset: str | None, digest: str | None, folders: Sequence[Path | str]
 ) -> Figures | None:
-    """Figures of a dataset's own episodes: published ones, else those of its files, else None."""
+    """The figures of a dataset's own episodes: published, else from its files, else None."""
     if dataset is None:
         return None
     entry = published().get(dataset)
@@ -278,9 +279,9 @@ def _data_figures(
 
 
 def _cached(dataset: str) -> list[Path]:
-    """The folder of a dataset that the cache has."""
+    """The folder of a dataset in the cache, if it is there."""
     try:
         folder = find_folder(dataset)
     except UnknownNameError:
-        return []  # somebody's own dataset, which is elsewhere
+        return []  # an unpublished dataset outside the cache
     return [folder] if (folder / "manifest.json").exists() else []

@@ -1,6 +1,6 @@
-"""Tables of a result set: one case in detail, labels by dataset, aggregates, and who beats whom.
+"""Tables of a result set: one case in detail, labels by dataset, aggregates, and comparisons.
 
-Beside what was measured stands what the dataset's own episodes have, action noise included.
+They also show what the dataset's own episodes achieved, with action noise.
 """
 
 import math
@@ -12,9 +12,9 @@ import numpy as np
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
     N_RESAMPLES,
-    Complete,
+    ComparableScores,
     aggregates,
-    complete,
+    comparable_scores,
     improvements,
     mean_over_runs,
 )
@@ -25,23 +25,23 @@ from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
 from swarmdata.types import Double
 
-NOTHING = Estimate(math.nan, math.nan, math.nan)
+UNDEFINED_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A column, where its values come from, and what the dataset's own episodes have of it."""
+    """A column, its values, and its mean over the dataset's own episodes."""
 
     column: Column
     values: Callable[[Case, str], Double]  # of a label, [runs, episodes]
-    data: Callable[[Case], float | None]  # None: not known
+    data: Callable[[Case], float | None]  # None: unknown
 
 
 def _metric(name: str) -> Callable[[Case, str], Double]:
     return lambda case, label: case.metric(label, name)
 
 
-def _figure(name: str) -> Callable[[Case], float | None]:
+def _data_figure(name: str) -> Callable[[Case], float | None]:
     return lambda case: None if case.data is None else float(getattr(case.data, name))
 
 
@@ -49,8 +49,8 @@ def _unknown(_: Case) -> float | None:
     return None
 
 
-def _censored(case: Case, label: str) -> Double:
-    """Time to goal, an unsolved episode counting as the horizon."""
+def _time_to_goal(case: Case, label: str) -> Double:
+    """Time to goal; an unsolved episode counts as the horizon."""
     return metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
 
 
@@ -59,11 +59,11 @@ SCORE = Quantity(
     lambda case, label: case.scores(label),
     lambda case: case.data_score,
 )
-RETURN = Quantity(Column("return", "return", "", 2), _metric("return"), _figure("mean_return"))
+RETURN = Quantity(Column("return", "return", "", 2), _metric("return"), _data_figure("mean_return"))
 SUCCESS = Quantity(
     Column("success", "success", "%", 1, 100.0, is_rate=True),
     _metric("success"),
-    _figure("success"),
+    _data_figure("success"),
 )
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -75,7 +75,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity(
             Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True),
             _metric("clean_success"),
-            _figure("clean_success"),
+            _data_figure("clean_success"),
         ),
         Quantity(
             Column("robot_collisions", "robot collisions", "", 2),
@@ -87,12 +87,12 @@ QUANTITIES: Mapping[str, Quantity] = {
             _metric("obstacle_collisions"),
             _unknown,
         ),
-        Quantity(Column("time_to_goal", "time to goal", "s", 1), _censored, _unknown),
+        Quantity(Column("time_to_goal", "time to goal", "s", 1), _time_to_goal, _unknown),
     )
 }
-"""What tables of our tasks show, by key."""
+"""The quantities in tables of our tasks, by key."""
 
-_FOREIGN = (
+FOREIGN_QUANTITIES = (
     RETURN,
     SUCCESS,
     Quantity(Column("length", "length", "steps", 1), _metric("length"), _unknown),
@@ -100,21 +100,21 @@ _FOREIGN = (
 
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
-    """What was measured in a case: no score without references, other metrics elsewhere."""
+    """Returns the quantities of a case: no score without references, fewer in foreign tasks."""
     if case.spec.world is None:
         measured = [set(r.evaluation.metrics) for runs in case.runs.values() for r in runs]
         known = set.intersection(*measured)
-        return tuple(each for each in _FOREIGN if each.column.key in known)
+        return tuple(each for each in FOREIGN_QUANTITIES if each.column.key in known)
     return tuple(q for q in QUANTITIES.values() if case.reference is not None or q is not SCORE)
 
 
 def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
-    """Everything about one dataset or spec, one row per label.
+    """Returns all quantities of one dataset or spec, one row per label.
 
-    A label with one run gets the mean over episodes; its 95 % interval is Wilson's for shares of
-    episodes and a percentile bootstrap over episodes for the rest. A label with several runs, one
+    A label with one run gets the mean over episodes; its 95 % interval is Wilson's for rates, and a
+    percentile bootstrap over episodes for other quantities. A label with several runs, one
     per training seed, gets the interquartile mean over their means, with a stratified bootstrap
-    over runs. Time to goal counts an unsolved episode as the horizon (`metrics.censored_times`).
+    over runs. An unsolved episode counts as the horizon in time to goal.
     """
     quantities = quantities_of(case)
     rows = [
@@ -125,35 +125,33 @@ def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
         )
         for label, runs in case.runs.items()
     ]
-    own = tuple(_plain(quantity.data(case)) for quantity in quantities)
+    own = tuple(_without_interval(quantity.data(case)) for quantity in quantities)
     if case.data is not None:
         rows.insert(0, Row(f"data of {case.dataset}", 0, own))
-    return Table(tuple(q.column for q in quantities), tuple(rows), _case_caption(case))
+    return Table(tuple(q.column for q in quantities), tuple(rows), _caption_of_case(case))
 
 
 def estimate(
     quantity: Quantity, case: Case, label: str, n_resamples: int = N_RESAMPLES
 ) -> Estimate:
-    """A quantity of a label with its interval; undefined if any episode leaves it undefined."""
+    """Estimates a quantity of a label; undefined if it is undefined in any episode."""
     values = quantity.values(case, label)
     if np.isnan(values).any():
-        return NOTHING
+        return UNDEFINED_ESTIMATE
     if len(values) == 1 and quantity.column.is_rate:
         return score_statistics.wilson_interval(int(values.sum()), values.size)
     return mean_over_runs(values, n_resamples=n_resamples)
 
 
-def _plain(value: float | None) -> Estimate:
+def _without_interval(value: float | None) -> Estimate:
     """A value without an interval."""
-    return NOTHING if value is None else Estimate(value, math.nan, math.nan)
+    return UNDEFINED_ESTIMATE if value is None else Estimate(value, math.nan, math.nan)
 
 
-def _case_caption(case: Case) -> str:
+def _caption_of_case(case: Case) -> str:
     several = any(len(runs) > 1 for runs in case.runs.values())
     what = "Mean [95 % interval]" + (
-        "; over several runs, interquartile mean [stratified bootstrap over runs]"
-        if several
-        else ""
+        "; of several runs, interquartile mean [stratified bootstrap over runs]" if several else ""
     )
     spec, runs = case.spec, next(iter(case.runs.values()))
     where = f"{what}; {len(runs[0].evaluation.seeds)} episodes of {spec.task}"
@@ -161,19 +159,19 @@ def _case_caption(case: Case) -> str:
         return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
     return (
         f"{where} on the evaluation seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
-        "Collisions are contacts that began, per episode. Time to goal counts an unsolved episode "
-        f"as {case.time_limit:g} s."
+        "Collisions are new contacts per episode. Time to goal counts an unsolved episode as "
+        f"{case.time_limit:g} s."
     )
 
 
 def metric_table(
     results: ResultSet, key: str = "score", *, n_resamples: int = N_RESAMPLES
 ) -> Table:
-    """One quantity of every label on every dataset, below the mean of the dataset's own episodes.
+    """Returns one quantity of every label on every dataset, below the mean of the data.
 
     Args:
-        results: what was measured.
-        key: of `QUANTITIES`; datasets without it, such as without references, are left out.
+        results: to show.
+        key: of `QUANTITIES`; datasets without the quantity are left out.
         n_resamples: of each bootstrap.
 
     Raises:
@@ -193,21 +191,23 @@ def metric_table(
             label,
             max(len(case.runs.get(label, ())) for case in results.cases),
             tuple(
-                estimate(quantity, case, label, n_resamples) if label in case.runs else NOTHING
+                estimate(quantity, case, label, n_resamples)
+                if label in case.runs
+                else UNDEFINED_ESTIMATE
                 for case in cases
             ),
         )
         for label in results.labels
     ]
-    own = tuple(_plain(quantity.data(case)) for case in cases)
+    own = tuple(_without_interval(quantity.data(case)) for case in cases)
     if not all(math.isnan(each.value) for each in own):
         rows.insert(0, Row("data", 0, own))
-    return Table(columns, tuple(rows), _metric_caption(cases, shown))
+    return Table(columns, tuple(rows), _caption_of_metric(cases, shown))
 
 
-def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
-    seen = "".join(
-        f" {case.name}: seen again with {describe(case.spec.world)}."
+def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
+    views = "".join(
+        f" {case.name}: re-observed with {describe(case.spec.world)}."
         for case in cases
         if case.is_view and case.spec.world is not None
     )
@@ -217,7 +217,7 @@ def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
     return (
         f"{shown.label.capitalize()}: interquartile mean over runs [95 % stratified bootstrap]; "
         f"of a single run, the mean over episodes.{scale} Row data: the mean of the dataset's own "
-        f"episodes, action noise included.{seen}"
+        f"episodes, with action noise.{views}"
     )
 
 
@@ -227,8 +227,8 @@ def aggregate_table(
     *,
     n_resamples: int = N_RESAMPLES,
 ) -> Table:
-    """Interquartile mean, mean and optimality gap of the score over datasets, as in `complete`."""
-    found = complete(results, datasets)
+    """Returns the interquartile mean, mean and optimality gap of scores over all datasets."""
+    found = comparable_scores(results, datasets)
     columns = (
         Column("iqm", "IQM", "", 1),
         Column("mean", "mean", "", 1),
@@ -247,7 +247,7 @@ def aggregate_table(
             score_statistics.mean(table),
             score_statistics.optimality_gap(table),
         )
-        rows.insert(0, Row("data", 0, tuple(_plain(float(value)) for value in values)))
+        rows.insert(0, Row("data", 0, tuple(_without_interval(float(value)) for value in values)))
     return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")
 
 
@@ -257,12 +257,14 @@ def improvement_table(
     *,
     n_resamples: int = N_RESAMPLES,
 ) -> Table:
-    """Probability that a run of the row's label beats one of the column's on a random dataset."""
-    found = complete(results, datasets)
+    """Returns the probability that a run of the row beats one of the column on a random dataset."""
+    found = comparable_scores(results, datasets)
     pairs = improvements(found.tables, n_resamples=n_resamples)
     columns = tuple(Column(label, label, "", 2) for label in found.tables)
     rows = tuple(
-        Row(label, len(table), tuple(pairs.get((label, c.key), NOTHING) for c in columns))
+        Row(
+            label, len(table), tuple(pairs.get((label, c.key), UNDEFINED_ESTIMATE) for c in columns)
+        )
         for label, table in found.tables.items()
     )
     caption = (
@@ -272,7 +274,7 @@ def improvement_table(
     return Table(columns, rows, caption)
 
 
-def _over(found: Complete) -> str:
-    """What aggregates are of, and what is not in them."""
+def _over(found: ComparableScores) -> str:
+    """The datasets of an aggregate, and what is left out."""
     left = "".join(f"; {name} left out, {why}" for name, why in found.left_out.items())
     return f"over runs and {len(found.datasets)} datasets ({', '.join(found.datasets)}{left})"

@@ -1,9 +1,9 @@
-"""Axes of a robustness sweep: one parameter of what robots hear or see, and the values it takes.
+"""Axes of a robustness sweep: a parameter of the communication or observation model, and values.
 
-An axis is written `drop=0..0.8`, some values evenly spread between two ends, or `drop=0,0.3,0.6`.
+An axis is written `drop=0..0.8`, values evenly spaced between two ends, or `drop=0,0.3,0.6`.
 Its name is a field of the communication or observation model, such as `delay` or `noise.velocity`,
-or one of the short names below. Fields that decide how many numbers a policy reads, or what one
-unit of them is, are no axes: a policy would misread what it sees rather than see less.
+or one of the short names below. Fields that change the number or the unit of the
+features cannot be axes: a policy would misread its observations rather than observe less.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,65 +33,65 @@ Part = Literal["communication", "observation"]
 Place = tuple[str | int, ...]
 """Keys from the top of a spec to one of its values."""
 
-SHORT = {
+SHORT_NAMES = {
     "drop": "drop_probability",
     "bandwidth": "messages_per_step",
     "slots": "slots_in_step",
 }
 """Short names of fields of the communication model."""
 
-NOISES = tuple(SensorNoise.model_fields)
-"""What the short name `noise` sets, as `noise-0.05` does in the name of an observation model."""
+NOISE_FIELDS = tuple(SensorNoise.model_fields)
+"""The fields that the short name `noise` sets, as in the model name `noise-0.05`."""
 
-UNITS = {"state": "range", "lidar": "range", "bearing": "range", "occupancy": "cell_size"}
-"""The field of each kind of observation model that is the unit of what robots see."""
+UNIT_FIELDS = {"state": "range", "lidar": "range", "bearing": "range", "occupancy": "cell_size"}
+"""The field of each kind of observation model that is the unit of its features."""
 
-_HINT = (
-    "What changes the number or the unit of the features cannot be swept: the policy would misread "
-    "them."
+_FIXED_FIELDS_HINT = (
+    "Parameters that change the number or the unit of the features cannot be swept: the policy "
+    "would misread them."
 )
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter and its values, in the order in which they are shown."""
+    """A parameter and its values, in the order of the figure."""
 
     part: Part
     name: str
-    values: tuple[float, ...]  # whole numbers are integers where the field is
+    values: tuple[float, ...]  # integers if the field is an integer
 
     @property
     def parameter(self) -> str:
-        """Such as `communication drop`."""
+        """The name with its part, such as `communication drop`."""
         return f"{self.part} {self.name}"
 
     @property
     def falls(self) -> bool:
-        """Whether the values fall from left to right."""
+        """Whether the values decrease from left to right."""
         return self.values[0] > self.values[-1]
 
     @property
     def option(self) -> str:
-        """As it is written on the command line, every value named."""
+        """The option of the command line, with all values."""
         return f"--{self.part} {self.name}={','.join(map(str, self.values))}"
 
 
 @dataclass(frozen=True)
-class Course:
-    """What an axis means for one policy."""
+class AxisSpecs:
+    """The specs along an axis for one policy."""
 
-    trained: float | None  # the value it was trained with; None: unlimited, or not one number
+    trained: float | None  # value of its training; None: unlimited, or not a single number
     specs: tuple[TaskSpec, ...]  # one for each value of the axis
 
 
 def parse_axis(text: str, part: Part, n_points: int = 5) -> Axis:
-    """Reads an axis.
+    """Parses an axis.
 
     Args:
-        text: `name=a..b` for `n_points` values from a to b, both included, of whole numbers those
-            that are different when rounded; or `name=a,b,...` for these. Either may fall as well
-            as rise: the order is that of the figure.
-        part: whose parameter it is.
+        text: `name=a..b` for `n_points` values from a to b, both included; for integer fields they
+            are rounded, without duplicates. Or `name=a,b,...` for these values. Values may
+            decrease; the figure has their order.
+        part: model that has the parameter.
         n_points: at least 2.
 
     Raises:
@@ -119,7 +119,7 @@ def parse_axis(text: str, part: Part, n_points: int = 5) -> Axis:
 
 
 def _number(text: str, axis: str, part: Part) -> Fraction:
-    """Exact, so that the points between two ends are the nearest floats to what is meant."""
+    """Parses a number exactly, so that points between two ends are the nearest floats."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -136,29 +136,31 @@ def _malformed(text: str, part: Part, problem: str) -> SpecError:
     )
 
 
-def course_of(axis: Axis, policy: str, spec: TaskSpec) -> Course:
-    """Returns the specs along an axis, each the policy's own but for one parameter.
+def specs_along_axis(axis: Axis, policy: str, spec: TaskSpec) -> AxisSpecs:
+    """Returns the specs along an axis, which differ from the policy's spec in one parameter.
 
     Args:
-        axis: what is swept.
-        policy: its name, for messages.
-        spec: that it was trained on.
+        axis: to sweep.
+        policy: name for messages.
+        spec: of its training.
 
     Raises:
         UnknownNameError: the models of the spec have no such parameter.
-        SpecError: a value out of its range, or communication of a policy that hears nothing.
-        SchemaError: the policy could not read what a value gives.
+        SpecError: a value is out of its range, or the policy hears nothing.
+        SchemaError: the policy cannot read the observations that a value gives.
     """
     if axis.part == "communication" and not isinstance(spec.communication, Broadcast):
         raise SpecError(
-            f"{axis.option}: {policy} was trained without messages ({describe(spec)}), so no "
-            "communication can hurt it. Sweep --observation, or train with messages: "
+            f"{axis.option}: {policy} was trained without messages ({describe(spec)}), so "
+            "worse communication does not affect it. Sweep --observation, or train with messages: "
             "swarmdata train ... --communication perfect."
         )
     known = parameters(spec, axis.part)
     if axis.name not in known:
         kind = getattr(spec, axis.part).kind
-        raise UnknownNameError(f"{axis.part} ({kind}) parameter", axis.name, known, _HINT)
+        raise UnknownNameError(
+            f"{axis.part} ({kind}) parameter", axis.name, known, _FIXED_FIELDS_HINT
+        )
     places = known[axis.name]
     specs = tuple(changed(spec, places, value, axis.option) for value in axis.values)
     features = features_of(make_task(spec))
@@ -167,53 +169,53 @@ def course_of(axis: Axis, policy: str, spec: TaskSpec) -> Course:
     trained = _value(spec, places)
     if axis.part == "observation" and axis.name == "range":
         trained = _checked_sight(axis, spec, trained)
-    return Course(trained, specs)
+    return AxisSpecs(trained, specs)
 
 
 def _checked_sight(axis: Axis, spec: TaskSpec, trained: float | None) -> float | None:
-    """How far the robots see; a sensor that is said to see farther than its model does not."""
+    """The range of the robots' sensors, which the range of the model limits."""
     model = spec.observation
     if not isinstance(model, LidarModel | BearingModel):
         return trained
     if max(axis.values) > model.range:
         raise SpecError(
             f"{axis.option}: got {max(axis.values):g} m, but the {model.kind} of this policy sees "
-            f"{model.range:g} m. Farther changes nothing: take values up to {model.range:g}."
+            f"{model.range:g} m. Larger values change nothing; use values up to {model.range:g}."
         )
     limits = [robot.sensor_range or model.range for robot in spec.robots]
     return min(limits[0], model.range) if len(set(limits)) == 1 else None
 
 
 def parameters(spec: TaskSpec, part: Part) -> dict[str, tuple[Place, ...]]:
-    """What can be swept of a spec: names, and the places that each of them sets.
+    """Returns the parameters of a spec that can be swept, and the places that each of them sets.
 
-    Fields come from the models themselves. `range` of what robots see is the limit of the `state`
-    model, and of the others the range of the robots' own sensors, which leaves the unit as it is.
+    Fields come from the models themselves. The observation range is the limit of the `state` model;
+    for other models it is the range of the robots' sensors, which does not change the unit.
     """
     model = getattr(spec, part)
     features = features_of(make_task(spec))
     found: dict[str, tuple[Place, ...]] = {}
     for path, is_whole in _fields(type(model)):
         name, place = ".".join(path), (part, *path)
-        is_unit = part == "observation" and name == UNITS[model.kind]
+        is_unit = part == "observation" and name == UNIT_FIELDS[model.kind]
         if is_unit or _is_idle(model, path):
             continue
         if not (is_whole and _changes_features(spec, place, features)):
             found[name] = (place,)
-    short = {name: (field,) for name, field in SHORT.items()}
+    short = {name: (field,) for name, field in SHORT_NAMES.items()}
     found |= {name: found[path[0]] for name, path in short.items() if path[0] in found}
     if part == "observation":
-        found["noise"] = tuple((part, "noise", each) for each in NOISES)
+        found["noise"] = tuple((part, "noise", each) for each in NOISE_FIELDS)
         sensors = tuple(("team", k, "robot", "sensor_range") for k in range(len(spec.team)))
         found["range"] = found["limit"] if isinstance(model, StateModel) else sensors
     return found
 
 
 def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str) -> TaskSpec:
-    """The spec with a value in each of these places; a model that is absent gets its defaults.
+    """Sets a value in all these places of a spec; an absent model gets its defaults.
 
     Raises:
-        SpecError: the value is out of range; `source` is named.
+        SpecError: the value is out of range; the message names `source`.
     """
     data = spec.model_dump(mode="json")
     for *path, last in places:
@@ -227,7 +229,7 @@ def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str
 
 
 def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
-    """The one number in all these places, None if there is none."""
+    """The number in all these places; None if there is no single one."""
     found = set()
     for place in places:
         node: Any = spec.model_dump(mode="json")
@@ -238,7 +240,7 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
 
 
 def _fields(model: type[Frozen]) -> Iterator[tuple[tuple[str, ...], bool]]:
-    """Paths of the numbers in a model, and whether each is whole."""
+    """The paths of all numbers in a model, and whether each is an integer."""
     for name, field in model.model_fields.items():
         kinds = set(_types(field.annotation))
         if kinds & {int, float}:
@@ -249,7 +251,7 @@ def _fields(model: type[Frozen]) -> Iterator[tuple[tuple[str, ...], bool]]:
 
 
 def _types(annotation: Any) -> Iterator[type]:
-    """The classes in an annotation, whatever is around them."""
+    """The classes in an annotation, at any depth."""
     if isinstance(annotation, type):
         yield annotation
     for inner in get_args(annotation):
@@ -257,14 +259,14 @@ def _types(annotation: Any) -> Iterator[type]:
 
 
 def _is_whole(part: Part, name: str) -> bool:
-    """Whether the models of a part have whole numbers by this name."""
-    path = tuple(SHORT.get(name, name).split("."))
+    """Whether the models of a part have an integer field of this name."""
+    path = tuple(SHORT_NAMES.get(name, name).split("."))
     models = _types(TaskSpec.model_fields[part].annotation)
     return any(dict(_fields(model)).get(path, False) for model in models)
 
 
 def _is_idle(model: Frozen, path: tuple[str, ...]) -> bool:
-    """Whether a field does nothing in this model."""
+    """Whether a field has no effect in this model."""
     if isinstance(model, Broadcast):
         needed: Mapping[str, bool] = {
             "n_nearest": model.topology == "nearest",
@@ -277,13 +279,13 @@ def _is_idle(model: Frozen, path: tuple[str, ...]) -> bool:
 
 
 def _changes_features(spec: TaskSpec, place: Place, features: tuple[Feature, ...]) -> bool:
-    """Whether one more of a whole number, or one less, changes what is observed or done."""
+    """Whether a change of an integer by one changes the features or the actions."""
     now = _value(spec, (place,)) or 0
     for value in (now + 1, now - 1):
         try:
             other = changed(spec, (place,), value, "a probe")
             names = [feature.name for feature in features_of(make_task(other))]
-        except SpecError:  # out of its range: the other one will do
+        except SpecError:  # out of range: try the other one
             continue
         before = [feature.name for feature in features]
         return (names, other.action_size) != (before, spec.action_size)

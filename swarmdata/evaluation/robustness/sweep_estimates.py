@@ -1,4 +1,4 @@
-"""One point of a sweep as numbers with intervals, and what changed there since training."""
+"""The estimates at a point of a sweep, and the change compared with training."""
 
 from collections.abc import Sequence
 
@@ -17,14 +17,14 @@ from swarmdata.specs.task_spec import TaskSpec
 def estimates_of(
     runs: Sequence[Result], before: Sequence[Result], spec: TaskSpec, trained: TaskSpec
 ) -> tuple[tuple[Column, ...], tuple[Estimate, ...]]:
-    """Returns the columns of `tables.case_table`, and what changed since training.
+    """Returns the columns of `result_tables.case_table`, and the change compared with training.
 
     Args:
         runs: one result per policy of a team at the point.
-        before: of the same policies as they were trained.
+        before: results of the same policies with everything as in training.
         spec: of the point.
-        trained: the spec that they were trained on, whose references make the score: a point with
-            other sensors on the robots is in no world that has references of its own.
+        trained: spec of the training, whose references scale the score: a world with other sensors
+            on the robots has no references.
     """
     scale = reference_of(trained)
     label = runs[0].provenance.label
@@ -38,14 +38,14 @@ def estimates_of(
 def change_of(
     runs: Sequence[Result], before: Sequence[Result], scale: Reference | None
 ) -> Estimate:
-    """The difference of scores, or of returns without a scale, with its 95 % interval.
+    """Returns the difference of scores, or of returns without a scale, with its 95 % interval.
 
-    Seed by seed and episode by episode: what differs between training seeds, or between episodes,
-    is not in it, so that the interval is narrower than those of the two scores.
+    Differences are paired by training seed and episode. Variation between seeds and episodes
+    cancels, so the interval is narrower than those of the two scores.
 
     Args:
         runs: one result per policy.
-        before: of the same policies on the same evaluation seeds.
+        before: results of the same policies on the same evaluation seeds.
         scale: of the score.
     """
     sides = (

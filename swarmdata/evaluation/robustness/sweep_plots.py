@@ -1,4 +1,4 @@
-"""The figure of a robustness sweep: what a team loses along one axis, a panel for each metric."""
+"""The figure of a robustness sweep: metrics of teams along one axis, a panel for each."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,10 +12,16 @@ from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
 from swarmdata.types import Double
 
-PANELS = ("success", "clean_success", "time_to_goal", "robot_collisions", "obstacle_collisions")
-"""Columns that are drawn, after the score or, without one, the return."""
+PANEL_COLUMNS = (
+    "success",
+    "clean_success",
+    "time_to_goal",
+    "robot_collisions",
+    "obstacle_collisions",
+)
+"""Columns that are drawn after the score or, without one, the return."""
 
-AXES: Mapping[tuple[str, str], str] = {
+AXIS_LABELS: Mapping[tuple[str, str], str] = {
     ("communication", "drop"): "share of messages lost",
     ("communication", "drop_probability"): "share of messages lost",
     ("communication", "delay"): "delay of messages (steps)",
@@ -31,23 +37,23 @@ AXES: Mapping[tuple[str, str], str] = {
     ("observation", "range"): "range of sight (m)",
     ("observation", "limit"): "range of sight (m)",
     ("observation", "dropout"): "share of returns lost",
-    ("observation", "delay"): "delay of what is seen (steps)",
+    ("observation", "delay"): "delay of observations (steps)",
 }
-"""What the horizontal axis says; another parameter is shown by its name."""
+"""Of the horizontal axis; other parameters are shown by their names."""
 
 
 def plot_degradation(found: Degradation, out: Path) -> None:
-    """Draws one axis of a sweep: lines with 95 % bands, a ring where all is as in training.
+    """Draws one axis of a sweep: lines with 95 % bands, and a ring at the value of training.
 
-    A team whose training has no place on the axis, such as unlimited bandwidth, has a dotted line
-    at what it achieved then. The axis runs as it was written, so that worse may be on the right.
+    If the value of training is not on the axis, such as unlimited bandwidth, a dotted line shows
+    its result. The axis runs in the order of its values, so that worse ones may be on the right.
 
     Args:
-        found: what to draw.
+        found: sweep to draw.
         out: where to save; the suffix is the format.
 
     Raises:
-        SchemaError: nothing to draw, or an unknown suffix.
+        SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     if not found.lines or not all(line.on_axis for line in found.lines):
@@ -59,14 +65,14 @@ def plot_degradation(found: Degradation, out: Path) -> None:
             "Sweep fewer at once."
         )
     first = "score" if "score" in [column.key for column in found.columns] else "return"
-    xlabel = AXES.get((found.part, found.name), f"{found.part} {found.name}")
+    xlabel = AXIS_LABELS.get((found.part, found.name), f"{found.part} {found.name}")
     with figure(out, width=8.6, height=5.2) as drawing:
         grid = drawing.subplots(2, 3, sharex=True)
-        for axes, key in zip(grid.ravel(), (first, *PANELS), strict=True):
+        for axes, key in zip(grid.ravel(), (first, *PANEL_COLUMNS), strict=True):
             index = found.column(key)
             for k, line in enumerate(found.lines):
                 _draw(axes, line, index, found.columns[index], line_style(k))
-            _frame(axes, found.columns[index])
+            _set_limits(axes, found.columns[index])
         if found.falls:
             grid[0, 0].invert_xaxis()
         for axes in grid[-1]:
@@ -91,15 +97,16 @@ def _draw(axes: Any, line: Line, index: int, column: Column, style: Mapping[str,
 
 
 def _shown(points: tuple[Point, ...], index: int, column: Column) -> Double:
-    """Estimates and ends of their intervals in the shown unit, [3, P]."""
+    """Estimates and their intervals in the shown unit, [3, P]."""
     return column.factor * np.array([point.estimates[index] for point in points]).T
 
 
-def _frame(axes: Any, column: Column) -> None:
+def _set_limits(axes: Any, column: Column) -> None:
+    """Titles a panel and limits its vertical axis."""
     axes.set_title(column.header, loc="left", fontsize=10)
     if column.is_rate:
         axes.set_ylim(-4.0, 104.0)  # room for markers at the ends
-    elif column.key != "return":  # 0 is always seen, with room for a marker at the top
+    elif column.key != "return":  # always shows 0, with room for a marker at the top
         low, high = axes.get_ylim()
         low, high = min(0.0, low), max(0.0, high)
         axes.set_ylim(low, high + 0.05 * (high - low))

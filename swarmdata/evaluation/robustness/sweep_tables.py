@@ -1,4 +1,4 @@
-"""What a robustness sweep found along its axes, as Markdown and as tidy CSV."""
+"""The results of a robustness sweep along its axes, as Markdown and as CSV."""
 
 import csv
 import io
@@ -10,7 +10,7 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.rollouts.score_statistics import Estimate
 
-HEAD = (
+CSV_COLUMNS = (
     "part",
     "parameter",
     "value",
@@ -23,20 +23,20 @@ HEAD = (
     "low",
     "high",
 )
-"""Columns of the CSV; values in stored units, empty where undefined or unlimited."""
+"""Values are in stored units, and empty if undefined or unlimited."""
 
 
-FEW = 5
-"""Training seeds below which a bootstrap over them covers much less than it says: of two, half."""
+MIN_SEEDS_OF_BOOTSTRAP = 5
+"""With fewer seeds, a bootstrap over them covers far less than 95 %; with two, only half."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What one team achieved at one value of an axis."""
+    """The estimates of a team at one value of an axis."""
 
-    value: float | None  # None: as trained, where that is no number
+    value: float | None  # None: as trained, if that has no number
     is_trained: bool  # whether everything is as in training
-    estimates: tuple[Estimate, ...]  # one per column; NaN where nothing is defined
+    estimates: tuple[Estimate, ...]  # one per column; NaN if undefined
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Line:
 
     label: str
     n_runs: int  # policies, one per training seed
-    points: tuple[Point, ...]  # in the order of the axis; as trained among them, or first
+    points: tuple[Point, ...]  # in the order of the axis; the trained one is among them, or first
 
     @property
     def on_axis(self) -> tuple[Point, ...]:
@@ -54,7 +54,7 @@ class Line:
 
     @property
     def trained(self) -> Point:
-        """What it achieved with everything as in training."""
+        """The point with everything as in training."""
         return next(point for point in self.points if point.is_trained)
 
 
@@ -70,10 +70,10 @@ class Degradation:
     falls: bool  # whether the values of the axis fall from left to right
 
     def column(self, key: str) -> int:
-        """Index of a column.
+        """Returns the index of a column.
 
         Raises:
-            UnknownNameError: there is none with that key.
+            UnknownNameError: no column has that key.
         """
         known = {column.key: index for index, column in enumerate(self.columns)}
         if key not in known:
@@ -83,7 +83,7 @@ class Degradation:
     def to_markdown(self) -> str:
         """A heading and a table with a row for each team and value."""
         rows = tuple(
-            Row(f"{line.label}, {_words(self.name, point)}", line.n_runs, point.estimates)
+            Row(f"{line.label}, {_describe_value(self.name, point)}", line.n_runs, point.estimates)
             for line in self.lines
             for point in line.points
         )
@@ -92,7 +92,7 @@ class Degradation:
 
     def _caption(self) -> str:
         several = any(line.n_runs > 1 for line in self.lines)
-        few = any(1 < line.n_runs < FEW for line in self.lines)
+        few = any(1 < line.n_runs < MIN_SEEDS_OF_BOOTSTRAP for line in self.lines)
         single = any(line.n_runs == 1 for line in self.lines)
         ways = [
             "interquartile mean over training seeds [95 % bootstrap over seeds"
@@ -100,25 +100,25 @@ class Degradation:
             "of one policy, mean [95 % interval over episodes]" * single,
         ]
         return (
-            f"Only {self.part} {self.name} changes; everything else is as each policy was trained. "
-            f"The same {self.n_episodes} evaluation seeds at every point; "
-            f"{'; '.join(way for way in ways if way)}. Collisions are contacts that began, per "
+            f"Only {self.part} {self.name} changes; everything else is as in the training of each "
+            f"policy. All points have the same {self.n_episodes} evaluation seeds; "
+            f"{'; '.join(way for way in ways if way)}. Collisions are new contacts per "
             "episode. Time to goal counts an unsolved episode as the horizon. The change is from "
-            "what the same policies achieve as trained, seed by seed and episode by episode."
+            "the same policies as trained, paired by training seed and episode."
         )
 
 
-def _words(name: str, point: Point) -> str:
+def _describe_value(name: str, point: Point) -> str:
     if point.value is None:
         return "as trained"
     return f"{name} {point.value:g}{' (as trained)' if point.is_trained else ''}"
 
 
 def to_csv(found: Sequence[Degradation]) -> str:
-    """Every estimate of every axis at full precision, one in a row."""
+    """Writes all estimates of all axes at full precision, one per row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(HEAD)
+    writer.writerow(CSV_COLUMNS)
     for each in found:
         writer.writerows(_rows(each))
     return out.getvalue()

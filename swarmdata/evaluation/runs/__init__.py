@@ -1,1 +1,1 @@
-"""Training runs: how they are started, and which policies they keep."""
+"""Training runs: how they are started, and the provenance of their policies."""

@@ -1,4 +1,4 @@
-"""Where a measured policy comes from: what a result file says besides its numbers."""
+"""The provenance of an evaluated policy, as result files store it."""
 
 import hashlib
 from typing import Annotated, Any
@@ -12,43 +12,43 @@ from swarmdata.specs.plain_names import Sha256, checked_label
 FilePart = Annotated[
     str, Field(pattern=r"^[^/\\\s.][^/\\\n]*$", max_length=96), AfterValidator(checked_label)
 ]
-"""A label that is a part of a file's name."""
+"""A label that can be part of a file name."""
 
 Natural = Annotated[int, Field(ge=0, lt=1 << 63)]
 
 
 class Provenance(Frozen):
-    """One policy: who it is, what it was trained on and how far, and which code measured it.
+    """A policy, its training, and the version of the code that evaluated it.
 
-    What does not apply is None: a scripted policy has no dataset and no run.
+    Fields that do not apply are None: a scripted policy has no dataset and no run.
     """
 
-    label: FilePart  # row of tables: the algorithm
-    index: Natural = 0  # among the policies of its label
-    algorithm: str | None = None  # that trained it
-    dataset: FilePart | None = None  # id, with version, of what it was trained on
+    label: FilePart  # of its row in tables, such as the algorithm
+    index: Natural = 0  # among the policies with its label
+    algorithm: str | None = None  # of its training
+    dataset: FilePart | None = None  # id with version, of its training
     digest: Sha256 | None = None  # of that dataset
-    view: str | None = None  # of a reobservation: its models as canonical JSON
-    config: dict[str, Any] = Field(default_factory=dict)  # of the algorithm, complete
+    view: str | None = None  # if the dataset was re-observed: the models as canonical JSON
+    config: dict[str, Any] = Field(default_factory=dict)  # of the algorithm, with all defaults
     seed: Natural | None = None  # of the training
-    updates: Natural | None = None  # gradient updates at the measured checkpoint, offline
-    frames: Natural | None = None  # joint steps at the measured checkpoint, online
-    run: str | None = None  # the run's folder, in a file relative to the file's folder
-    content: Sha256 | None = None  # of the run's measured files, the checkpoint or the recipe
+    updates: Natural | None = None  # offline: gradient updates at the evaluated checkpoint
+    frames: Natural | None = None  # online: joint steps at the evaluated checkpoint
+    run: str | None = None  # run folder; in a file, relative to the file's folder
+    content: Sha256 | None = None  # of the run's files, the checkpoint or the recipe
     code_version: str = __version__
 
     @property
     def dataset_key(self) -> str | None:
-        """The dataset's id; of a view with the beginning of its hash: `coop_nav-medium-v0@1f`."""
+        """The dataset's id, for a view with the start of its hash: `coop_nav-medium-v0@1f`."""
         if self.dataset is None or self.view is None:
             return self.dataset
         return f"{self.dataset}@{hashlib.sha256(self.view.encode()).hexdigest()[:8]}"
 
 
 def file_name(provenance: Provenance, spec_hash: str) -> str:
-    """Name of a result's file: one for each label, dataset, spec and policy.
+    """Returns the name of a result file, unique for each label, dataset, spec and policy.
 
-    For example `bc--coop_nav-medium-v0--5d0f39ab-0.json`, or `idle--5d0f39ab-0.json` of a policy
+    For example `bc--coop_nav-medium-v0--5d0f39ab-0.json`, or `idle--5d0f39ab-0.json` for a policy
     that was not trained on data.
     """
     key = provenance.dataset_key

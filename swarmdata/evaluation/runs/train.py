@@ -47,25 +47,25 @@ def train(
     compile: bool = False,
     progress: bool = True,
 ) -> list[Policy]:
-    """Trains seeds 0, 1, ... at once on the train split; goes on where a run in `out` stopped.
+    """Trains seeds 0, 1, ... together on the train split; resumes an interrupted run in `out`.
 
     Args:
         algorithm: registered offline algorithm.
-        dataset_id: of a dataset, or its folder, as `load` takes it. Policies for recordings of
-            other environments are not evaluated while they train: `record.evaluate_parallel` does
-            it with the environment.
-        out: the run's folder.
-        n_seeds: how many.
+        dataset_id: id or folder of a dataset, as `load` takes it. On recordings of other
+            environments there is no learning curve; `record.evaluate_parallel` evaluates with the
+            environment afterwards.
+        out: run folder.
+        n_seeds: number of seeds.
         changes: settings of the algorithm as text.
-        observation: trains on, and evaluates under, another model than the recorded one.
-        communication: the same.
-        frame: anchor of the frame that the robots see and act in, as `frames.find_frame` takes it,
-            or `auto`: the task's natural one.
+        observation: observation model for training and evaluation; None: as recorded.
+        communication: communication model, likewise.
+        frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it, or
+            `auto` for the natural one of the task.
         curve_every: updates between two points of the learning curve.
-        keep: whether every checkpoint is kept, for `rank` to choose among.
-        device: of torch.
-        compile: whether to make kernels first, as `train_seeds` takes it.
-        progress: whether to show bars.
+        keep: whether to keep all checkpoints, so that `rank` can compare them.
+        device: torch device.
+        compile: whether to compile the updates, as `train_seeds` takes it.
+        progress: whether to show progress bars.
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
@@ -97,11 +97,11 @@ def train(
 
 
 def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
-    """Returns the frame of an anchor in a task, None for the world's.
+    """Returns the frame of an anchor in a task; None for the world frame.
 
     Args:
-        spec: of a dataset. Recorded environments have the world's frame only.
-        anchor: as `frames.find_frame` takes it, or `auto` for the task's natural one.
+        spec: of a dataset. Recorded environments have only the world frame.
+        anchor: as `frames.find_frame` takes it, or `auto` for the natural one of the task.
 
     Raises:
         SpecError: the task's observations have no such anchor.
@@ -109,8 +109,8 @@ def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
     if spec.world is None:
         if anchor not in ("auto", "world"):
             raise SpecError(
-                f"frame {anchor!r}: what a recorded environment's features mean is not known. Use "
-                "frame 'world'."
+                f"frame {anchor!r}: the meaning of a recorded environment's features is unknown. "
+                "Use frame 'world'."
             )
         return None
     features = features_of(make_task(spec.world))
@@ -129,18 +129,18 @@ def train_online(
     workers: int = 1,
     progress: bool = True,
 ) -> None:
-    """Trains seeds at once, in `out`, or in `out/seeds-...` for each of several processes.
+    """Trains seeds together in `out`; several processes train in folders `out/seeds-...`.
 
     Args:
         algorithm: registered online algorithm.
-        task: to train in: a preset's name, or a spec's file.
-        out: folder of the run; goes on where it stopped.
-        seeds: one policy each.
+        task: to train in: a preset's name, or a spec file.
+        out: run folder; an interrupted run in it resumes.
+        seeds: of the policies.
         changes: settings of the algorithm as text.
-        observation: what the robots sense, if not what the task says.
-        communication: what they hear, the same.
-        workers: processes, each with an equal share of the seeds.
-        progress: whether to show bars.
+        observation: observation model; None: that of the task.
+        communication: communication model, likewise.
+        workers: number of processes, each with an equal share of the seeds.
+        progress: whether to show progress bars.
 
     Raises:
         UnknownNameError: no such algorithm, task or setting.
@@ -153,7 +153,7 @@ def train_online(
         train_run(describe_run(algorithm, config, spec, seeds), out, progress=progress)
         return
     groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
-    context = multiprocessing.get_context("spawn")  # threads of torch do not survive a fork
+    context = multiprocessing.get_context("spawn")  # torch threads do not survive a fork
     jobs = []
     for group in groups:
         folder = out / f"seeds-{'-'.join(map(str, group))}"
@@ -166,18 +166,18 @@ def train_online(
     if any(job.exitcode for job in jobs):
         raise BuildError(
             f"{sum(bool(job.exitcode) for job in jobs)} of {len(jobs)} processes failed; their "
-            "errors are above. Run the same command again to go on from the last checkpoints."
+            "errors are above. Run the same command again to resume from the last checkpoints."
         )
 
 
 def read_settings(name: str) -> dict[str, str]:
-    """Reads settings of an algorithm as text, as `--set` takes them.
+    """Reads settings of an algorithm as text, like those of `--set`.
 
     Args:
-        name: of a file in the package's `online_algos/configs`, without its `.yaml`, or a path.
+        name: of a file in the package's `online_algos/configs`, without `.yaml`, or a path.
 
     Raises:
-        UnknownNameError: neither is there.
+        UnknownNameError: there is no such file.
         SpecError: the file is not a table.
     """
     folder = files("swarmdata.online_algos") / "configs"

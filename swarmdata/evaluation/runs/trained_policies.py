@@ -1,4 +1,4 @@
-"""Who the policies of a run folder are, and the policies themselves, whatever trained them."""
+"""The policies of offline and online run folders, with their provenance."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,16 +19,16 @@ class Trained(NamedTuple):
 
     provenances: tuple[Provenance, ...]
     spec: dict[str, Any]  # of their training, JSON
-    files: list[Path]  # of online policies; of an offline run its folder
+    files: list[Path]  # of online policies; or the folder of an offline run
 
 
 def read_trained(folder: Path) -> Trained:
-    """Reads who the policies of a run are.
+    """Reads the provenances of a run's policies.
 
-    With their provenances, what `record.evaluate_parallel` measured is saved like ours.
+    With them, results of `record.evaluate_parallel` can be saved like those of our tasks.
 
     Raises:
-        CheckpointError: the folder holds no run, or one without a checkpoint.
+        CheckpointError: the folder holds no run, or its run has no checkpoint.
         BuildError: an online run has no policy yet.
     """
     first = (run_folders(folder) or (folder,))[0]
@@ -43,7 +43,7 @@ def load_policies(trained: Trained) -> list[Policy]:
 
 
 def _online_run(folder: Path) -> Trained:
-    """The newest policies of an online run, of all its processes."""
+    """The newest policies of an online run, from all its processes."""
     seeds = seeds_of([folder])
     paths = [last_policy_path(*seed) for seed in seeds]
     run = read_online_run(seeds[0].folder)
@@ -90,10 +90,10 @@ def _offline_run(folder: Path) -> Trained:
 
 
 def label_of(name: str, dataset: str) -> str:
-    """Label of a run folder: its name without the dataset's id at the end.
+    """Returns the label of a run folder: its name without the dataset's id at the end.
 
-    `bc` and `bc-coop_nav-medium` are both `bc`, so that runs of an algorithm on several datasets
-    are one row.
+    `bc` and `bc-coop_nav-medium` both get the label `bc`, so that runs of an algorithm on several
+    datasets share a row.
     """
     for suffix in (f"-{dataset}", f"-{dataset.rpartition('-v')[0]}"):
         if name.endswith(suffix) and name != suffix:

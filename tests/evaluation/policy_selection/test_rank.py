@@ -138,13 +138,13 @@ def test_results_of_other_policies_are_refused(made: Made, tmp_path: Path) -> No
 
 
 def test_runs_must_be_of_the_dataset(made: Made, tmp_path: Path) -> None:
-    with pytest.raises(SchemaError, match="is not what"):
+    with pytest.raises(SchemaError, match="is not the dataset that"):
         made.rank(dataset_id=str(made.other))
     stranger = tmp_path / "stranger"
     shutil.copytree(made.runs[0], stranger)
     document = json.loads((stranger / "config.json").read_text())
     (stranger / "config.json").write_text(json.dumps({**document, "digest": "0" * 64}))
-    with pytest.raises(SchemaError, match="Rank runs of one dataset and one view"):
+    with pytest.raises(SchemaError, match="Rank only runs of one dataset and one view"):
         made.rank(folders=[made.runs[0], stranger])
 
 

@@ -85,8 +85,8 @@ def test_quality_is_a_second_table_where_scores_are_known() -> None:
 
 
 def test_the_caption_says_where_values_are_not_to_be_trusted() -> None:
-    assert "No target met the bound [-10, 5]" in ranking().caption
-    assert "cut up to 12.5 % of a policy's" in ranking(policy(fqe_clipped=0.125)).caption
+    assert "The bound [-10, 5] clipped no target" in ranking().caption
+    assert "clipped up to 12.5 % of a policy's" in ranking(policy(fqe_clipped=0.125)).caption
     assert "18 validation episodes" in ranking().caption
     assert "200 simulated episodes" in scored().caption
     assert "simulated" not in ranking().caption

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
     aggregates,
-    complete,
+    comparable_scores,
     improvements,
     mean_over_runs,
     pareto,
@@ -101,7 +101,9 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     short = [r for r in grid({"few": means["bc"]}) if r.provenance.dataset == MEDIUM or
              r.provenance.index == 0]  # fmt: skip
     lone = result("iql", "coop_nav-random-v0", spec=TaskSpec(horizon=9))
-    found = complete(group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}}), *short, lone]))
+    found = comparable_scores(
+        group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}}), *short, lone])
+    )
     assert found.datasets == (MEDIUM, EXPERT)
     assert list(found.tables) == ["bc", "omar"]
     assert found.tables["bc"].shape == (3, 2)
@@ -117,11 +119,11 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
         assert each.n_runs == 3
         assert each.iqm.low <= each.iqm.value <= each.iqm.high
         assert each.optimality_gap.value >= 100 - each.mean.value - 1e-9
-    assert complete(group_results([lone])).tables == {}
+    assert comparable_scores(group_results([lone])).tables == {}
     results = group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
-    assert list(complete(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
+    assert list(comparable_scores(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
     with pytest.raises(UnknownNameError, match="unknown dataset with results"):
-        complete(results, ["coop_nav-medum-v0"])
+        comparable_scores(results, ["coop_nav-medum-v0"])
     with pytest.raises(SchemaError, match="no scores to draw a profile"):
         thresholds_of({})
 

@@ -66,7 +66,7 @@ def test_the_table_counts_what_was_reached_and_what_it_cost(runs: Path, tmp_path
 def test_runs_of_different_tasks_are_not_one_training(tmp_path: Path) -> None:
     train(tmp_path / "seeds-0", (0,))
     train(tmp_path / "seeds-1", (1,), horizon=21)
-    with pytest.raises(SchemaError, match="2 different trainings"):
+    with pytest.raises(SchemaError, match="runs of 2 different tasks"):
         read_training(tmp_path)
 
 

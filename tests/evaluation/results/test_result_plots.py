@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregates import complete
+from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
     plot_improvements,
@@ -39,14 +39,14 @@ def test_looks_differ_and_are_by_name() -> None:
 def test_scores_name_datasets_labels_and_the_data(tmp_path: Path) -> None:
     plot_scores(RESULTS, tmp_path / "scores.svg")
     text = words(tmp_path / "scores.svg")
-    for name in ("bc", "omar", "the data's mean", "medium", "expert"):
+    for name in ("bc", "omar", "mean of the data", "medium", "expert"):
         assert f"<!-- {name} -->" in text
     with pytest.raises(SchemaError, match="no dataset has scores"):
         plot_scores(group_results([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
 
 
 def test_profiles_and_improvements_name_every_label(tmp_path: Path) -> None:
-    tables = complete(RESULTS).tables
+    tables = comparable_scores(RESULTS).tables
     plot_profiles(tables, tmp_path / "a.svg")
     plot_improvements(tables, tmp_path / "b.svg")
     for name in ("a.svg", "b.svg"):

@@ -186,7 +186,7 @@ def test_results_of_a_run_that_went_on_are_stale(tmp_path: Path) -> None:
     save_result(made, folder)
     read_results([folder])
     (run / "checkpoint.safetensors").write_text("2000 updates")
-    with pytest.raises(ResultsError, match=r"since they were measured: \.\./runs/bc"):
+    with pytest.raises(ResultsError, match=r"since they were evaluated: \.\./runs/bc"):
         read_results([folder])
     run.rename(tmp_path / "elsewhere")
     read_results([folder])  # the file is all there is

@@ -114,7 +114,7 @@ def test_views_are_explained() -> None:
         group_results([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK
     )
     plain, view = sorted(column.label for column in table.columns)
-    assert f"{view}: seen again with observation lidar" in table.caption
+    assert f"{view}: re-observed with observation lidar" in table.caption
     assert f"{plain}: seen" not in table.caption
 
 

@@ -92,7 +92,7 @@ def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     text = (swept / "sweep.md").read_text()
     assert "| talks, drop 0.3 (as trained) | 2 |" in text
     assert "| talks, noise 0 (as trained) | 2 |" in text
-    assert f"The same {N} evaluation seeds" in text
+    assert f"the same {N} evaluation seeds" in text
 
 
 @pytest.mark.parametrize(
@@ -221,8 +221,8 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
         ([talks], [DROP, parse_axis("drop=0,1", "communication")], "drop is swept twice"),
         ([talks, talks], [NOISE], "called 'talks' on coop_nav-small-v0"),
         ([Path("expert"), Path("expert")], [NOISE], "called 'expert', so"),
-        ([Path("scripted")], [NOISE], "does not act on what robots see"),
-        ([Path("coop_nav-random")], [NOISE], "does not act on what robots see"),
+        ([Path("scripted")], [NOISE], "does not use observations or messages"),
+        ([Path("coop_nav-random")], [NOISE], "does not use observations or messages"),
         ([talks, Path("expert")], [NOISE], "different worlds"),
     ]
     for names, axes, message in refusals:

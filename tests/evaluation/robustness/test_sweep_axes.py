@@ -11,9 +11,9 @@ from swarmdata.evaluation.robustness.sweep_axes import (
     Part,
     Place,
     changed,
-    course_of,
     parameters,
     parse_axis,
+    specs_along_axis,
 )
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
@@ -90,7 +90,7 @@ def test_names_mean_what_they_mean_in_models(
     axis: str, observation: str | None, communication: str | None
 ) -> None:
     parsed = parse_axis(axis, "communication" if observation is None else "observation")
-    course = course_of(parsed, "bc", TALKING)
+    course = specs_along_axis(parsed, "bc", TALKING)
     assert course.specs[-1] == with_models(TALKING, observation, communication)
 
 
@@ -119,7 +119,7 @@ def test_an_axis_changes_its_parameter_and_nothing_else(part: Part, kind: str) -
     spec = with_models(TALKING, kind)
     for name, places in parameters(spec, part).items():
         value = next(v for v in (1, 0.5) if _is_accepted(spec, places, v))
-        course = course_of(Axis(part, name, (value,)), "bc", spec)
+        course = specs_along_axis(Axis(part, name, (value,)), "bc", spec)
         paths = {path for path, _, _ in differences(spec, course.specs[0])}
         allowed = [".".join(map(str, place[:2])).replace(".0", "[0]") for place in places]
         assert all(path.startswith(tuple(allowed)) for path in paths), (name, paths)
@@ -135,7 +135,7 @@ def _is_accepted(spec: TaskSpec, places: tuple[Place, ...], value: float) -> boo
 
 def test_the_trained_value_is_known() -> None:
     def trained(text: str, part: Part, spec: TaskSpec) -> float | None:
-        return course_of(parse_axis(text, part), "bc", spec).trained
+        return specs_along_axis(parse_axis(text, part), "bc", spec).trained
 
     assert trained("drop=0,1", "communication", TALKING) == 0.3
     assert trained("bandwidth=2,1", "communication", TALKING) is None
@@ -151,7 +151,7 @@ def test_the_trained_value_is_known() -> None:
 
 def test_shorter_sight_of_a_lidar_loses_hits_and_keeps_the_unit() -> None:
     spec = with_models(TaskSpec(), "lidar-8")
-    (near,) = course_of(Axis("observation", "range", (0.6,)), "bc", spec).specs
+    (near,) = specs_along_axis(Axis("observation", "range", (0.6,)), "bc", spec).specs
     views = []
     for each in (spec, near):
         env = make_env(each, 4)
@@ -180,5 +180,5 @@ def test_what_cannot_be_swept_is_refused(
     text: str, part: Part, spec: TaskSpec, message: str
 ) -> None:
     with pytest.raises(SwarmdataError, match=message) as error:
-        course_of(parse_axis(text, part), "runs/bc", spec)
+        specs_along_axis(parse_axis(text, part), "runs/bc", spec)
     assert isinstance(error.value, SpecError | UnknownNameError)

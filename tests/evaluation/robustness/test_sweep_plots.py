@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib", reason="figures need matplotlib")
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.robustness.sweep_plots import PANELS, plot_degradation
+from swarmdata.evaluation.robustness.sweep_plots import PANEL_COLUMNS, plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -20,7 +20,7 @@ RATES = ("success", "clean_success")
 def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line:
     """A team whose metrics fall along the axis; its time to goal is not defined."""
     points = [(trained, True), *((value, False) for value in values)]
-    size = len(PANELS) + 1
+    size = len(PANEL_COLUMNS) + 1
     return Line(
         label,
         n_runs,
@@ -34,7 +34,7 @@ def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line
 def draw(out: Path, *lines: Line, first: str = "score", name: str = "drop") -> str:
     columns = tuple(
         Column(key, key.replace("_", " "), "", 1, 100.0 if key in RATES else 1.0, key in RATES)
-        for key in (first, *PANELS)
+        for key in (first, *PANEL_COLUMNS)
     )
     plot_degradation(Degradation("communication", name, columns, lines, 9, falls=False), out)
     return out.read_text(encoding="utf-8")

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.robustness.sweep_tables import HEAD, Degradation, Line, Point, to_csv
+from swarmdata.evaluation.robustness.sweep_tables import (
+    CSV_COLUMNS,
+    Degradation,
+    Line,
+    Point,
+    to_csv,
+)
 from swarmdata.rollouts.score_statistics import Estimate
 
 COLUMNS = (Column("return", "return", "", 2), Column("success", "success", "%", 1, 100.0))
@@ -47,7 +53,7 @@ def test_markdown_says_what_changes_and_which_interval_is_meant() -> None:
 
 def test_csv_has_one_estimate_in_a_row() -> None:
     rows = list(csv.DictReader(io.StringIO(to_csv([MEASURED]))))
-    assert tuple(rows[0]) == HEAD
+    assert tuple(rows[0]) == CSV_COLUMNS
     assert len(rows) == 2 * 4
     undefined = [row for row in rows if row["estimate"] == ""]
     assert [(row["policy"], row["metric"], row["low"]) for row in undefined] == [

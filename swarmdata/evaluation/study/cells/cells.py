@@ -1,4 +1,4 @@
-"""Cell, one algorithm on one dataset with all its seeds, and the cells that a study asks for."""
+"""Cells of a study: one algorithm on one dataset with all seeds."""
 
 import dataclasses
 import hashlib
@@ -20,64 +20,64 @@ from swarmdata.specs.frozen import Frozen
 
 ONLINE_FAMILY = "online"
 
-UNDECISIVE = {"family", "source", "run"}
-"""Fields that change neither training nor evaluation: what a family is called, where files are."""
+FIELDS_OUTSIDE_KEY = {"family", "source", "run"}
+"""Fields that affect neither training nor evaluation: the name of the family, paths of files."""
 
 LENGTHS = ("n_updates", "bc_warmup_updates")
-"""Settings that are numbers of updates: a study's budget scales them together."""
+"""Settings that are numbers of updates; a study's budget scales them together."""
 
 
 class Cell(Frozen):
-    """Everything that decides the results of one cell."""
+    """Everything that determines the results of one cell."""
 
-    kind: Literal["offline", "online", "run"]  # a dataset; a task to train in; a finished run
+    kind: Literal["offline", "online", "run"]  # on a dataset, in a task, or of a finished run
     label: str  # of the algorithm, in the study
     data: str  # short name of the dataset, or of the task
     family: str
     algorithm: str
-    config: dict[str, Any]  # every default written out; of a run, empty: `digest` covers it
+    config: dict[str, Any]  # with all defaults; empty for a finished run, which `digest` covers
     source: str = ""  # dataset to load, or task to train in
     run: str = ""  # folder of a finished run
     digest: str  # of the dataset, or of the run's configuration and policies
-    n_steps: int | None = None  # only the first episodes of the dataset
-    observation: str | None = None  # trained and evaluated under other models than the recorded
+    n_steps: int | None = None  # uses only the first episodes of the dataset
+    observation: str | None = None  # model for training and evaluation; None: as recorded
     communication: str | None = None
     frame: str = "auto"  # of offline cells
     seeds: tuple[int, ...]
     n_episodes: int
-    curve_every: int | None = None  # updates; None: no learning curve
+    curve_every: int | None = None  # updates between points; None: no learning curve
     curve_episodes: int = 64
     device: str = "cpu"
     code_version: str = __version__
 
     @property
     def name(self) -> str:
-        """Unique in a study; also the cell's folder."""
+        """The name, unique in a study; also the path of the cell's folder."""
         return f"{self.label}/{self.data}"
 
     @property
     def key(self) -> str:
-        """Hash of everything that decides the results."""
-        content = self.model_dump(mode="json", exclude=UNDECISIVE)
+        """Hash of everything that determines the results."""
+        content = self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def n_updates(self) -> int:
-        """Length of training in the algorithm's own unit, 0 of a finished run."""
+        """Length of training in the algorithm's own unit; 0 for a finished run."""
         return int(self.config.get("n_updates", self.config.get("n_steps", 0)))
 
 
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
-    """The cells of a study but those of its sweeps, each once, in the order of the file.
+    """Returns the cells of a study without those of its sweeps, in the order of the plan.
 
     Args:
-        study: the file.
-        digest_of: the digest of a dataset by its id or folder.
+        study: the plan.
+        digest_of: returns the digest of a dataset by its id or folder.
 
     Raises:
         UnknownNameError: no such algorithm or setting.
-        SpecError: two cells have one name, an algorithm has a setting of another kind, or no
-            algorithm has a setting that is for all.
+        SpecError: two cells have the same name, a setting has the wrong type, or no algorithm has
+            a setting of the study.
     """
     _check_settings(study)
     parts: list[tuple[str, int | None, tuple[str, ...]]] = [
@@ -114,10 +114,9 @@ def _check_settings(study: Study) -> None:
 
 
 def _add(cells: dict[str, Cell], cell: Cell) -> None:
-    there = cells.setdefault(cell.name, cell)
-    if there != cell:
+    if cells.setdefault(cell.name, cell) != cell:
         raise SpecError(
-            f"two different cells are called {cell.name}; datasets of a study need different names"
+            f"two different cells are called {cell.name}; rename a dataset of the study"
         )
 
 
@@ -131,7 +130,7 @@ def offline_cell(
     observation: str | None = None,
     communication: str | None = None,
 ) -> Cell:
-    """The cell of a variant on a dataset, or on its first joint steps, or seen otherwise."""
+    """The cell of a variant on a dataset, on its first joint steps, or re-observed."""
     variant = study.algorithms[label]
     config = config_of(study, variant)
     data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
@@ -162,7 +161,7 @@ def offline_cell(
 
 
 def config_of(study: Study, variant: Variant) -> dict[str, Any]:
-    """The variant's complete configuration as JSON values, as `config.json` of its runs has it."""
+    """The complete configuration of a variant as JSON values, as in `config.json` of its runs."""
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, variant.algorithm)
     config = kind.Config()
     updates = variant.updates or max(1, round(config.n_updates * study.budget))
@@ -199,11 +198,11 @@ def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
 
 
 def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
-    """The cell that only evaluates the newest policies of a finished online run."""
+    """The cell of a finished online run, which only evaluates its newest policies."""
     if not run_folders(folder):
         raise SpecError(
-            f"online baseline {shared['label']!r}: {folder} is no run folder. Train it with: "
-            "swarmdata train, or give algorithm, task and frames in the study."
+            f"online baseline {shared['label']!r}: {folder} is not a run folder. Train it with "
+            "swarmdata train, or set algorithm, task and frames in the study."
         )
     found = seeds_of([folder])
     document = json.loads((found[0].folder / CONFIG).read_text(encoding="utf-8"))

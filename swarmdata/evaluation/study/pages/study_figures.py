@@ -179,9 +179,12 @@ def plot_sizes(
                     color=look["color"], alpha=0.13, lw=0,
                 )  # fmt: skip
             means = data.get(dataset, {})
-            axes.plot(sorted(means), [means[k] for k in sorted(means)], **DATA_LINE)
+            sizes = sorted(means or {n for each in lines.values() for n in each})
+            if means:
+                values = [means[n] for n in sizes]
+                axes.plot(sizes, values, **DATA_LINE, label="mean of the data")
             axes.set_xscale("log")
-            axes.set_xticks(sorted(means or {n for each in lines.values() for n in each}))
+            axes.set_xticks(sizes)
             axes.set_xticks([], minor=True)
             axes.xaxis.set_major_formatter(_rounded_thousands)
             _set_up_panel(axes, dataset)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata import __version__
-from swarmdata.evaluation.results.aggregates import complete
+from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import aggregate_table
@@ -217,7 +217,7 @@ def _pareto(results: ResultSet, out: Path) -> list[Section]:
 
 def _overall(results: ResultSet, out: Path) -> list[Section]:
     """Aggregates of the algorithms that have results on all datasets."""
-    tables = complete(results).tables
+    tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
         return []
     body = aggregate_table(results).to_markdown()

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.study.cells.cells import UNDECISIVE, Cell, cells_of
+from swarmdata.evaluation.study.cells.cells import FIELDS_OUTSIDE_KEY, Cell, cells_of
 from swarmdata.evaluation.study.cells.study_data import (
     dataset_of_size,
     digest_of,
@@ -97,7 +97,7 @@ OTHERS: dict[str, Any] = {
 def test_keys_change_with_all_that_decides(make_study: Make, name: str) -> None:
     cell = next(iter(cells(make_study()).values()))
     other = cell.model_copy(update={name: OTHERS[name]})
-    assert (other.key == cell.key) == (name in UNDECISIVE)
+    assert (other.key == cell.key) == (name in FIELDS_OUTSIDE_KEY)
 
 
 def test_two_cells_of_one_name_are_refused(make_study: Make, tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_unknown_names_are_told(make_study: Make) -> None:
         cells(make_study(algorithms={"x": {"algorithm": "madpg_bc", "family": "f"}}))
     with pytest.raises(UnknownNameError, match="Did you mean 'output'"):
         cells(make_study(algorithms={"x": {**BC, "settings": {"outputs": "tanh"}}}))
-    with pytest.raises(SpecError, match="is no run folder"):
+    with pytest.raises(SpecError, match="is not a run folder"):
         cells(make_study(online={"x": {"run": "nowhere"}}))
 
 
