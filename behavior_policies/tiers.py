@@ -7,7 +7,7 @@ preset has no checkpoints for is absent.
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -202,6 +202,7 @@ def shipped_recipes() -> MappingProxyType[str, Recipe]:
     return MappingProxyType(recipes)
 
 
+@cache
 def find_recipe(dataset_id: str) -> Recipe:
     """Returns the shipped recipe of an id; without a version it is the newest.
 
@@ -220,6 +221,7 @@ def is_dataset(name: str) -> bool:
     return name in shipped_recipes() or name in _newest()
 
 
-def _newest() -> dict[str, Recipe]:
+@cache
+def _newest() -> Mapping[str, Recipe]:
     """Recipes by id without version."""
     return {key.rpartition("-v")[0]: recipe for key, recipe in shipped_recipes().items()}

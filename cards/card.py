@@ -1,7 +1,7 @@
 """Writes a dataset's card from its files; nothing on it is typed by hand.
 
 The card is Markdown with the front matter that the Hugging Face Hub reads, and a pure function of
-its `Facts`: manifest, recipe, episode table, statistics of the arrays and measured references.
+its `CardData`: manifest, origin, episode table, statistics of the arrays and measured references.
 """
 
 from pathlib import Path
@@ -11,8 +11,8 @@ import numpy as np
 from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.sections.baselines import baselines_section, study_runs
-from swarmdata.cards.sections.card_data import Facts, facts_of
-from swarmdata.cards.sections.front_matter import bullets, front_matter, snippet
+from swarmdata.cards.sections.card_data import CardData, card_data_of
+from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.origin import (
     about_section,
     origin_section,
@@ -34,13 +34,12 @@ from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import Interval
 from swarmdata.rollouts.metrics import EPISODE_METRICS
-from swarmdata.specs.origins import RecordedSpec, task_of
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import task_of
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS
 
-SHOWN = (
+REFERENCE_METRICS = (
     "return",
     "success",
     "clean_success",
@@ -48,7 +47,7 @@ SHOWN = (
     "robot_collisions",
     "obstacle_collisions",
 )
-"""Metrics of the reference table."""
+"""Columns of the table of reference policies."""
 
 
 def write_card(folder: Path) -> None:
@@ -58,7 +57,7 @@ def write_card(folder: Path) -> None:
 
 
 def side_files(folder: Path) -> dict[str, bytes]:
-    """What belongs beside the files of a finished dataset: its card, and references if there are.
+    """The card of a finished dataset, and its references if there are any, by file name.
 
     Errors are those of `card_of`.
     """
@@ -80,122 +79,104 @@ def card_of(folder: Path, picture: str | None = None) -> str:
         SpecError: something stored has no description.
     """
     stored = open_store(folder, verify="none")
-    if isinstance(stored.recipe.spec, RecordedSpec):
+    if stored.recipe.spec.world is None:
         return render_recorded(stored, picture)
-    return render(facts_of(stored), picture)
+    return render(card_data_of(stored), picture)
 
 
-def render(facts: Facts, picture: str | None = None) -> str:
-    """Returns the card's text; with a picture in the place of the histogram in text.
+def render(data: CardData, picture: str | None = None) -> str:
+    """Returns the card's text; a picture replaces the histogram in text.
 
     Raises:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    spec = task_of(facts.recipe, "a card of a task")
+    spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
     sections = (
-        _identity(facts),
-        tier_section(facts.recipe),
-        about_section(facts.recipe),
+        identity_section(data.manifest, data.origin),
+        tier_section(data.origin),
+        about_section(data.origin),
+        statistics_section(data, picture),
+        policies_section(data),
+        _references(data),
+        baselines_section(data.origin.id, data.manifest.digest, study_runs()),
+        coverage_section(data),
+        log_probs_section(data),
+        splits_section(data.table, data.origin),
+        bullets("Known limits", _limits(data)),
         task_section(task),
         reward_section(task),
         senses_section(spec),
-        arrays_section(task, facts.manifest),
-        policies_section(facts),
-        statistics_section(facts, picture),
-        coverage_section(facts),
-        log_probs_section(facts),
-        splits_section(facts.table, facts.recipe),
-        _references(facts),
-        baselines_section(facts.recipe.id, facts.manifest.digest, study_runs()),
-        bullets("Checks passed", check(facts)),
-        bullets("Known limits", _limits(facts)),
-        origin_section(facts.recipe, facts.manifest),
+        arrays_section(task, data.manifest),
+        bullets("Checks passed", check(data)),
+        origin_section(data.origin, data.manifest),
     )
-    return "".join([front_matter(facts.manifest, facts.recipe), *sections])
+    return "".join([front_matter(data.manifest, data.origin), *sections])
 
 
-def _identity(facts: Facts) -> str:
-    manifest, recipe = facts.manifest, facts.recipe
-    size = sum(entry.size for entry in manifest.files.values())
-    is_shipped = isinstance(recipe, Recipe)
-    rows = (
-        ("id", f"`{recipe.id}`"),
-        ("task", f"`{recipe.spec.task}` version {recipe.spec.version}"),
-        ("tier", recipe.tier),
-        ("joint steps", f"{manifest.n_steps:,}"),
-        ("episodes", f"{manifest.n_episodes:,}"),
-        ("size", f"{size / 1e6:,.1f} MB"),
-        ("digest of the arrays", f"`{manifest.digest}`"),
-        ("recipe" if is_shipped else "origin", f"`{manifest.recipe_hash}`"),
-        ("format version", str(manifest.format_version)),
-    )
-    opening = f'load("{recipe.id}")' if is_shipped else 'Dataset.open("FOLDER OF THIS CARD")'
-    return f"\n# {recipe.id}\n\n{snippet(opening)}\n" + markdown.table(("", ""), rows)
-
-
-def _references(facts: Facts) -> str:
-    known = facts.references
+def _references(data: CardData) -> str:
+    known = data.references
     if known is None:
-        return "\n## Reference scores\n\nNone measured for this spec.\n"
+        return "\n## Reference scores\n\nNo reference policies were measured for this spec.\n"
     rows = [
-        (policy, *(_interval(metrics.get(name)) for name in SHOWN))
+        (policy, *(_interval(metrics.get(name)) for name in REFERENCE_METRICS))
         for policy, metrics in known.policies.items()
     ]
-    score = known.score(float(facts.table.team_return.mean()))
-    anchors = "The score needs an expert, which is not measured yet.\n"
+    score = known.score(float(data.table.team_return.mean()))
+    anchors = "There is no score yet, because no expert was measured.\n"
     if score is not None:
         anchors = (
-            f"Score = 100 (R - {known.no_skill:.3f}) / ({known.expert:.3f} - {known.no_skill:.3f});"
-            f" this dataset's own mean return scores {score:.1f}.\n"
+            f"Score = 100 (R - R0) / (R1 - R0) with R0 = {known.no_skill:.3f}, the better of the "
+            f"idle and the random team, and R1 = {known.expert:.3f}, the expert. The mean return "
+            f"of this dataset scores {score:.1f}.\n"
         )
-    labels = tuple(EPISODE_METRICS[name].label for name in SHOWN)
+    labels = tuple(EPISODE_METRICS[name].label for name in REFERENCE_METRICS)
     return (
         "\n## Reference scores\n\n"
         + markdown.table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
-        f"intervals, policies without noise. {anchors}"
-        f"`{REFERENCES}` beside this card has all digits, and every metric.\n"
+        f"intervals; the policies act without noise. {anchors}"
+        f"`{REFERENCES}` beside this card has all metrics at full precision.\n"
     )
 
 
-def check(facts: Facts) -> tuple[str, ...]:
-    """Returns what holds of this dataset.
+def check(data: CardData) -> tuple[str, ...]:
+    """Returns the claims that hold for this dataset.
 
     Raises:
-        SchemaError: naming what does not hold, which must not happen to what a recipe makes.
+        SchemaError: names the claims that fail for a dataset that a recipe generated.
     """
-    holds, broken = checked(facts)
-    if broken and isinstance(facts.recipe, Recipe):
-        raise SchemaError(f"{facts.recipe.id} fails its checks: {' '.join(broken)}")
+    holds, broken = checked(data)
+    if broken and data.origin.recipe is not None:
+        raise SchemaError(f"{data.origin.id} fails its checks: {' '.join(broken)}")
     return holds
 
 
-def checked(facts: Facts) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Claims about this dataset that hold, and those that do not."""
-    table, spec = facts.table, task_of(facts.recipe, "checking")
+def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Claims about this dataset: those that hold, and those that do not."""
+    table, spec = data.table, task_of(data.origin, "checking")
     claims = {
         "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
         "No seed occurs twice.": len(np.unique(table.seeds)) == len(table),
         "No episode is longer than the horizon.": (table.lengths <= spec.horizon).all(),
-        "Every episode that was not solved or failed has the horizon's length.": (
+        "Every truncated episode has the length of the horizon.": (
             table.lengths[table.end_reason == END_REASONS.index("horizon")] == spec.horizon
         ).all(),
         "Every return is finite.": np.isfinite(table.team_return).all(),
     }
-    if isinstance(facts.recipe, Recipe):
-        is_whole = facts.manifest.n_steps >= facts.recipe.n_steps
-        claims["The dataset has the steps of its recipe."] = is_whole
+    if data.origin.recipe is not None:
+        is_whole = data.manifest.n_steps >= data.origin.recipe.n_steps
+        claims["The dataset has at least the joint steps of its recipe."] = is_whole
     return (
         tuple(claim for claim, holds in claims.items() if holds),
         tuple(claim for claim, holds in claims.items() if not holds),
     )
 
 
-def _limits(facts: Facts) -> tuple[str, ...]:
-    known = limits_of(facts.recipe.spec.task, facts.recipe.tier)
-    return (*known, *(f"This does not hold: {claim}" for claim in checked(facts)[1]))
+def _limits(data: CardData) -> tuple[str, ...]:
+    known = limits_of(data.origin.spec.task, data.origin.tier)
+    return (*known, *(f"This claim does not hold: {claim}" for claim in checked(data)[1]))
 
 
 def _interval(interval: Interval | None) -> str:

@@ -1,22 +1,27 @@
-"""The card of a dataset that was recorded in another library's environment, or edited from such."""
+"""The card of a dataset of an environment that this package cannot simulate."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.cards.sections.front_matter import bullets, front_matter, snippet
+from swarmdata.cards.sections.front_matter import (
+    PROPERTIES,
+    bullets,
+    front_matter,
+    identity_section,
+)
 from swarmdata.cards.sections.origin import (
     about_section,
-    acting,
+    acting_policies,
     origin_section,
     splits_section,
     tier_section,
 )
-from swarmdata.cards.sections.problem import OFFSETS
-from swarmdata.cards.sections.statistics import histogram, percent
+from swarmdata.cards.sections.problem import ROW_OFFSETS
+from swarmdata.cards.sections.statistics import HISTOGRAM_TITLE, histogram, percent
 from swarmdata.drawing import markdown
 from swarmdata.errors import SpecError
-from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import (
     Bound,
     BoxSpace,
@@ -31,15 +36,16 @@ from swarmdata.specs.spaces import (
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import END_REASONS
 
-LIMITS = (
-    "What the environment does is known here by its name and version only: rewards and "
-    "observations cannot be recomputed, and nothing can be seen with other sensors.",
-    "Whether a policy was the one it is said to be, nobody checked.",
-    "There is no normalized score: no reference policies were measured.",
+FOREIGN_LIMITS = (
+    "This package cannot simulate the environment: rewards and observations cannot be recomputed, "
+    "and episodes cannot be observed again with other sensors.",
+    "Nobody has verified that the episodes come from the policies named here.",
+    "There is no normalized score, because no reference policies were measured.",
 )
-"""Known limits of every recording of another environment."""
+"""Known limits of every dataset of another environment."""
 
-_SHORT = 8  # bounds that are shown one by one
+MOST_BOUNDS = 8
+"""Bounds of a box that are listed one by one."""
 
 
 def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
@@ -50,69 +56,49 @@ def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
         picture: file name of its picture, if the card shows one.
 
     Raises:
-        SpecError: it is of a task of this library.
+        SpecError: it is of a task of this package, whose card has more.
     """
     origin, table = stored.recipe, stored.table
     spec = origin.spec
-    if not isinstance(spec, RecordedSpec):
-        raise SpecError(f"{origin.id} is of the task {spec.task}, which has a card of its own kind")
+    if spec.world is not None:
+        raise SpecError(f"{origin.id} is of the task {spec.task}: `card_of` renders its card")
     holds, broken = _checked(table, spec)
     sections = (
         front_matter(stored.manifest, origin),
-        _identity(stored, spec),
+        identity_section(stored.manifest, origin),
         tier_section(origin),
         about_section(origin),
-        _environment(spec),
-        _arrays(stored, spec),
-        _policies(table, origin),
         _statistics(table, origin, picture),
+        _policies(table, origin),
         splits_section(table, origin),
+        bullets("Known limits", (*FOREIGN_LIMITS, *spec.limits, *_own_limits(stored), *broken)),
+        _environment(spec, stored.manifest.arrays["observations"].shape[2]),
+        _arrays(stored),
         bullets("Checks passed", holds),
-        bullets("Known limits", (*LIMITS, *_own_limits(stored, spec), *broken)),
         origin_section(origin, stored.manifest),
     )
     return "".join(sections)
 
 
-def _identity(stored: StoredDataset, spec: RecordedSpec) -> str:
-    manifest = stored.manifest
-    size = sum(entry.size for entry in manifest.files.values())
-    rows = (
-        ("id", f"`{manifest.id}`"),
-        ("environment", f"`{spec.task}`"),
-        ("library", f"{spec.library} {spec.version}".strip() or "not known"),
-        ("options", ", ".join(f"{k}={v!r}" for k, v in sorted(spec.options.items())) or "none"),
-        ("tier", stored.recipe.tier),
-        ("joint steps", f"{manifest.n_steps:,}"),
-        ("episodes", f"{manifest.n_episodes:,}"),
-        ("size", f"{size / 1e6:,.1f} MB"),
-        ("digest of the arrays", f"`{manifest.digest}`"),
-        ("origin", f"`{manifest.recipe_hash}`"),
-        ("format version", str(manifest.format_version)),
-    )
-    opening = snippet('Dataset.open("FOLDER OF THIS CARD")')
-    return f"\n# {manifest.id}\n\n{opening}\n" + markdown.table(("", ""), rows)
-
-
-def _environment(spec: RecordedSpec) -> str:
+def _environment(spec: Spec, n_columns: int) -> str:
+    spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
     rows = [
-        (f"`{agent.name}`", describe(agent.observation), str(width(agent.observation)),
-         describe(agent.action), str(width(agent.action)))
-        for agent in spec.agents
-    ]  # fmt: skip
+        (f"`{name}`", describe(seen), str(width(seen)), describe(chosen), str(width(chosen)))
+        for name, (seen, chosen) in zip(spec.agent_names, spaces, strict=True)
+    ]
     head = ("agent", "observation", "columns", "action", "columns")
-    states = {
-        "environment": "the environment's own `state()`",
-        "observations": "all observations, one after the other",
-    }[spec.state_from]
-    horizon = f"at most {spec.horizon} steps" if spec.horizon else "of a length that is not known"
+    horizon = "Their greatest length is not known."
+    if spec.horizon is not None:
+        horizon = f"Episodes have at most {spec.horizon} steps."
+    if spec.time_step is not None:
+        horizon += f" A step takes {spec.time_step:g} s."
     return (
         "\n## Environment\n\n"
         + markdown.table(head, rows)
-        + f"\nStates are {states}: {spec.state_size} numbers. Episodes are {horizon}. Values are "
-        "as the environment gave and got them: dictionaries in the order of their sorted keys, "
-        "boxes row by row, a discrete choice as its number. Rows of smaller agents are filled with "
-        "zeros on the right.\n"
+        + f"\nStates: {spec.state_meaning} {horizon} Values are stored as the environment "
+        "exchanged them: the entries of dictionaries by sorted key, boxes in row-major order, a "
+        "discrete choice as its number. Rows of agents with smaller spaces are padded with zeros "
+        "on the right.\n"
     )
 
 
@@ -139,30 +125,31 @@ def _bound(bound: Bound, infinite: str) -> str:
     texts = [infinite if value is None else f"{value:g}" for value in each]
     if len(texts) == 1:
         return texts[0]
-    shown = texts if len(texts) <= _SHORT else [*texts[: _SHORT - 1], "…"]
+    shown = texts if len(texts) <= MOST_BOUNDS else [*texts[: MOST_BOUNDS - 1], "…"]
     return f"({', '.join(shown)})"
 
 
-def _arrays(stored: StoredDataset, spec: RecordedSpec) -> str:
+def _arrays(stored: StoredDataset) -> str:
     rows = [
         (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
         for name, entry in sorted(stored.manifest.arrays.items())
     ]
     text = "\n## Arrays\n\n" + markdown.table(("array", "dtype", "shape"), rows)
-    text += f"\n{OFFSETS}\n\nArrays with an axis of 0 were not recorded."
+    text += f"\n{ROW_OFFSETS}\n\nArrays with an axis of length 0 were not recorded."
     if "alive" in stored.arrays:
         text += (
-            " Agents can leave before the team's end: `alive` says who acts next; what agents that "
-            "left would have seen, done and got is zero. The last observation of an agent is kept."
+            " Agents can leave before the episode ends: `alive` marks the agents that act next. "
+            "Observations, actions and rewards of agents that left are zero; the last observation "
+            "of each agent is kept."
         )
     if "action_masks" in stored.arrays:
-        text += " `action_masks` says which choices were allowed."
+        text += " `action_masks` marks the choices that were allowed."
     return f"{text}\n"
 
 
 def _policies(table: EpisodeTable, origin: Origin) -> str:
     rows = []
-    for index in acting(table, origin):
+    for index in acting_policies(table, origin):
         source, own = origin.policies[index], table.take(np.flatnonzero(table.policy == index))
         rows.append(
             (
@@ -179,16 +166,16 @@ def _policies(table: EpisodeTable, origin: Origin) -> str:
     return (
         "\n## Behavior policies\n\n"
         + markdown.table(head, rows)
-        + "\nReturns are means ± standard deviations over episodes of the sum over time of the "
-        "mean reward over agents; lengths are mean joint steps. `external` policies are the "
-        "recorder's own.\n"
+        + "\nThe return of an episode is the sum over time of the mean reward over agents, given "
+        "as mean ± standard deviation over episodes; lengths are mean joint steps. `external` "
+        "policies are not part of swarmdata.\n"
     )
 
 
 def _success(table: EpisodeTable) -> str:
-    """Share of solved episodes, where the environment ever said whether they were."""
+    """Share of solved episodes, if the environment reports whether they are."""
     codes = [END_REASONS.index(reason) for reason in ("success", "failure")]
-    return percent(table.success) if np.isin(table.end_reason, codes).any() else "not told"
+    return percent(table.success) if np.isin(table.end_reason, codes).any() else "not reported"
 
 
 def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str:
@@ -203,23 +190,23 @@ def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str
     ]
     for code, reason in enumerate(END_REASONS):
         if (table.end_reason == code).any():
-            name = "without a word of success" if reason == "ended" else f"by {reason}"
+            name = "with success not reported" if reason == "ended" else f"by {reason}"
             rows.append((f"ended {name}", percent(table.end_reason == code)))
     if picture is None:
         text = histogram(table.team_return)
-        shown = f"\nTeam return and number of episodes:\n\n```text\n{text}```\n"
+        shown = f"\n{HISTOGRAM_TITLE}\n\n```text\n{text}```\n"
     else:
-        shown = f"\n![Return and length of episodes, and actions, of {origin.id}]({picture})\n"
-    return "\n## Statistics\n\n" + markdown.table(("", "per episode"), rows) + shown
+        shown = f"\n![Returns, episode lengths and actions of {origin.id}]({picture})\n"
+    return "\n## Statistics\n\n" + markdown.table(PROPERTIES, rows) + shown
 
 
-def _checked(table: EpisodeTable, spec: RecordedSpec) -> tuple[Sequence[str], Sequence[str]]:
-    """What holds, and what does not, in words."""
+def _checked(table: EpisodeTable, spec: Spec) -> tuple[Sequence[str], Sequence[str]]:
+    """Claims that hold, and claims that do not, in words."""
     unique = len(np.unique(table.seeds)) == len(table)
     holds = ["Every return is finite."]
     broken: list[str] = []
     (holds if unique else broken).append(
-        "No seed of a reset occurs twice." if unique else "Some seeds of resets occur twice."
+        "No reset seed occurs twice." if unique else "Some reset seeds occur twice."
     )
     if spec.horizon is not None:
         within = bool((table.lengths <= spec.horizon).all())
@@ -231,12 +218,10 @@ def _checked(table: EpisodeTable, spec: RecordedSpec) -> tuple[Sequence[str], Se
     return holds, broken
 
 
-def _own_limits(stored: StoredDataset, spec: RecordedSpec) -> list[str]:
+def _own_limits(stored: StoredDataset) -> list[str]:
     found = []
-    if not spec.version:
-        found.append("The version of the environment's library is not known.")
     if not stored.arrays["log_probs"].shape[1]:
-        found.append("Probabilities of the actions were not recorded.")
-    if _success(stored.table) == "not told":
-        found.append("The environment did not say whether its task was solved.")
+        found.append("The log-probabilities of the actions were not recorded.")
+    if _success(stored.table) == "not reported":
+        found.append("The environment does not report whether its task was solved.")
     return found

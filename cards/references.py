@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.evaluate import check_comparable
-from swarmdata.rollouts.metrics import bootstrap, mean
+from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0

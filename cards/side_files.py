@@ -12,8 +12,10 @@ from swarmdata.store import Damage, open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 
 
-def write_missing(folder: Path) -> None:
-    """Writes those that a finished dataset lacks, such as one from before there were references.
+def finish(folder: Path) -> None:
+    """Writes what a dataset lacks beside its own files: the last step of everything that makes one.
+
+    A card comes last, so a dataset that has one is finished. What is there already is kept.
 
     Raises:
         DatasetError: the dataset cannot be used.

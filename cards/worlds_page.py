@@ -1,4 +1,4 @@
-"""The page of all worlds: what reference policies achieve in every preset."""
+"""The page of all worlds: how reference policies perform in every preset."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,23 +8,24 @@ from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
 from swarmdata.types import Metric
 
-SHARED = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
+SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Metrics that every row has; those of the task follow."""
 
-HEAD = """# Worlds
+PAGE_HEAD = """# Worlds
 
-What an idle, a random, a straight driving and the scripted team achieve in every preset: means over
-{n} reserved evaluation seeds, with the 95 % bootstrap interval of the return and of the success.
-`swarmdata references PRESET --out cards/references.json` measures a preset again, and
-`swarmdata task table --out docs/worlds.md` writes this page. Times are those of solved episodes.
+The performance of four teams in every preset: idle, random, driving straight to the targets, and
+scripted. Values are means over {n} reserved evaluation seeds, with 95 % bootstrap intervals of
+return and success; times are those of solved episodes. `swarmdata references PRESET --out
+cards/references.json` measures a preset again, and `swarmdata task table --out docs/worlds.md`
+writes this page.
 
-Where policies were trained for a preset, `medium` and `expert` are the means of their checkpoints,
-which follow one by one, greedy and without noise. The score is 0 for the better of the idle and the
-random team and 100 for the expert.
+Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
+and a row for each checkpoint follows; these policies act greedily, without noise. The score is 0
+for the better of the idle and the random team and 100 for the expert.
 """
 
 
-ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
+POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Rows of a table."""
 
 
@@ -38,7 +39,7 @@ def worlds_page(known: Mapping[str, TaskReferences]) -> str:
     for name in preset_names():
         tasks.setdefault(preset(name).task, []).append(name)
     n_episodes = sorted({entry.n_episodes for entry in known.values()})
-    text = HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
+    text = PAGE_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
     for task, names in tasks.items():
         text += f"\n## {task}\n"
         for name in names:
@@ -54,10 +55,10 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
         f"{spec.horizon * spec.control_dt:g} s.\n\n"
     )
     if entry is None or entry.spec_hash != spec.hash():
-        return f"{head}Not measured on this version of the preset.\n"
+        return f"{head}This version of the preset was not measured.\n"
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
-    columns = [*SHARED, "time_to_goal", *own]
+    columns = [*SHARED_METRICS, "time_to_goal", *own]
     titles = ["policy", "score", *(_title(metrics[column]) for column in columns)]
     rows = [
         [policy, _score(entry, policy), *(_cell(values.get(column), column) for column in columns)]
@@ -67,9 +68,9 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
 
 
 def _rank(policy: str) -> tuple[int, str]:
-    """Policies in the order of `ORDER`, the checkpoints of a tier after it."""
+    """Sorts policies as in `POLICY_ORDER`, the checkpoints of a tier after it."""
     tier = policy.rstrip("0123456789").removesuffix("-")
-    return ORDER.index(tier) if tier in ORDER else len(ORDER), policy
+    return POLICY_ORDER.index(tier) if tier in POLICY_ORDER else len(POLICY_ORDER), policy
 
 
 def _score(entry: TaskReferences, policy: str) -> str:

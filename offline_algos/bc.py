@@ -6,13 +6,13 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
 Deviations: one network for all agents, which sees the agent's number; observations are normalized
-with the statistics of the dataset; the step size decays along a cosine. It begins at 3e-3: on
+with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3: on
 `coop_nav-expert` (in the world's frame, hidden sizes 128, batches of 256, 2 seeds, 100 episodes)
 4,000 updates scored 97.7, as many as 10,000 from 1e-3. With hidden sizes 64 and batches of 128,
 4,000 updates from 1e-3 scored 48 in the world's frame, and 3,000 from 3e-3 in the target's 99.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,12 +20,11 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -37,9 +36,9 @@ class BCConfig:
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
     output: Literal["tanh", "clip"] = "tanh"
-    step_size: float = 3e-3  # see the deviations above
-    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step size
-    max_gradient_norm: float | None = None
+    learning_rate: float = 3e-3  # see the deviations above
+    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
+    max_grad_norm: float | None = None
 
     @property
     def discount(self) -> float:
@@ -48,46 +47,33 @@ class BCConfig:
 
 
 class BC:
-    """K actors, one per seed, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        statistics: of the dataset, to normalize observations.
-        device: where to train.
-    """
+    """K actors, one per seed, trained at once."""
 
     Config = BCConfig
     LOSSES = ("bc_loss",)
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: BCConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
         self.n_updates = 0
         self.actor = StackedActor(
-            sizes, seeds, config.hidden, statistics, squash=config.output == "tanh", device=device
-        )
+            setup.sizes, setup.seeds, config.hidden, setup.statistics,
+            squash=config.output == "tanh", device=setup.device,
+        )  # fmt: skip
         self.optimizer = StackedAdam(
-            self.actor.network, len(seeds), config.step_size, config.max_gradient_norm
+            self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
         )
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns `bc_loss`, [K]."""
         losses = self._gradient(batch)
-        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
+        scale = cosine(
+            self.n_updates, self.config.n_updates, self.config.final_learning_rate_factor
+        )
         self.optimizer.descend(scale)
         self.n_updates += 1
         return losses
 
-    @fusable
+    @compilable
     def _gradient(self, batch: Batch) -> dict[str, Tensor]:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]

@@ -31,32 +31,81 @@ Deviations:
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
-from swarmdata.learn.objectives.conservative import (
-    counterfactual_samples,
-    draw_agents,
-    soft_maximum,
+from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.objectives.conservative import counterfactual_gap
+from swarmdata.learn.objectives.in_sample import team_cloning_loss
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.training.actor_critic import (
+    DelayedConfig,
+    Loss,
+    delayed_update,
+    joint_inputs,
+    joint_parts,
+    policy_of,
+    restore_state,
+    smoothed_actions,
+    state_of,
 )
-from swarmdata.learn.objectives.pessimistic import PessimisticConfig, PessimisticTeam
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class CFCQLConfig(PessimisticConfig):
+class CFCQLConfig(DelayedConfig):
     """Counterfactual CQL: 10 samples and the gradient of one's own action, as the paper's code."""
 
+    cql_weight: float = 0.5  # alpha, of the penalty; see the deviations above, also for tau
+    temperature: float = 0.1  # of the soft maximum, tau in the penalty
+    n_samples: int = 10  # of the drawn agent's actions, for each row's penalty
+    joint_gradient: JointGradient = "own"
+    bc_weight: float = 0.4  # w; see the deviations above
+    clip_target: bool = True
 
-class CFCQL(PessimisticTeam):
-    """K seeds of actors and twin critics with counterfactual penalties, trained at once."""
+
+class CFCQL:
+    """K seeds of actors and two critics with counterfactual penalties, trained at once."""
 
     Config = CFCQLConfig
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
+
+    update, policy = delayed_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
+
+    def __init__(self, setup: Setup, config: CFCQLConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
+
+    def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
+        """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
+        td_loss = td_error(q, self.targets(batch))  # [K]
+        gap = self.gap(batch, x, q).sum(1)  # [K]
+        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
+        return Loss(td_loss + self.config.cql_weight * gap, reported)
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
+        a_next = smoothed_actions(self, batch.next_observations)
+        x_next = self.normalizer.information(batch.next_states, batch.next_observations)
+        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B], the smaller one
+        q_next = q_next.clamp(max=self.normalizer.max_value)
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
-        """Draws an agent and its actions for each row; see `PessimisticTeam.gap`."""
-        noise, config = self.parts.generators, self.config
-        agents = draw_agents(noise, batch.actions)
-        samples = counterfactual_samples(noise, batch.actions, agents, config.n_samples)
-        values = self.parts.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B, M]
-        highest = soft_maximum(values, samples.log_density, config.temperature)
-        return (highest - q).mean(2)
+        """Returns gap_j, [K, 2]; draws an agent for each row, and its actions."""
+        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
+
+    def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns L(pi); the critics' parameters are constants here."""
+        # [K, B], or [K, B N] for "own"
+        q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        return Loss(self.config.bc_weight * bc_loss - q.mean(1) / size, {"policy_q": q.mean(1)})

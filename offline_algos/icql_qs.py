@@ -33,8 +33,25 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.objectives.conservative import draw_agents, replace_drawn
-from swarmdata.offline_algos.cfcql import CFCQL, CFCQLConfig
+from swarmdata.learn.objectives.conservative import (
+    counterfactual_gap,
+    draw_agents,
+    replace_drawn,
+)
+from swarmdata.learn.objectives.in_sample import team_cloning_loss
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.training.actor_critic import (
+    Loss,
+    delayed_update,
+    joint_inputs,
+    joint_parts,
+    policy_of,
+    restore_state,
+    smoothed_actions,
+    state_of,
+)
+from swarmdata.learn.training.setup import Setup
+from swarmdata.offline_algos.cfcql import CFCQLConfig
 from swarmdata.types import Batch
 
 
@@ -43,14 +60,33 @@ class ICQLQSConfig(CFCQLConfig):
     """Partial action replacement with counterfactual CQL, whose settings it has."""
 
 
-class ICQLQS(CFCQL):
-    """K seeds of `CFCQL`'s actors and critics; only the targets differ."""
+class ICQLQS:
+    """K seeds of actors and two critics whose targets let one agent leave the data."""
 
     Config = ICQLQSConfig
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
+
+    update, policy = delayed_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
+
+    def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
+
+    def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
+        """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
+        td_loss = td_error(q, self.targets(batch))  # [K]
+        gap = self.gap(batch, x, q).sum(1)  # [K]
+        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
+        return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards; draws the agents and the smoothing noise.
+        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise and the agents.
 
         Raises:
             SchemaError: the batch does not know the next actions.
@@ -60,8 +96,24 @@ class ICQLQS(CFCQL):
                 "a batch for icql_qs has no next_actions, expected those of the data; take batches "
                 "from the sampler of a dataset"
             )
-        pi = self.parts.next_policy_actions(batch)
-        agents = draw_agents(self.parts.generators, batch.actions)  # [K, B, N]
+        pi_next = smoothed_actions(self, batch.next_observations)
+        agents = draw_agents(self.generators, batch.actions)  # [K, B, N]
         # nobody acted after a cut: there everybody's action comes from the policy
         agents = agents | batch.truncations[..., None]
-        return self.parts.bootstrapped(batch, replace_drawn(batch.next_actions, pi, agents))
+        a_next = replace_drawn(batch.next_actions, pi_next, agents)  # [K, B, N, A]
+        x_next = self.normalizer.information(batch.next_states, batch.next_observations)
+        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B], the smaller one
+        q_next = q_next.clamp(max=self.normalizer.max_value)
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        return td_target(r, batch.terminations, q_next, self.config.discount)
+
+    def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
+        """Returns gap_j, [K, 2]; draws an agent for each row, and its actions."""
+        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
+
+    def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns L(pi); the critics' parameters are constants here."""
+        # [K, B], or [K, B N] for "own"
+        q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        return Loss(self.config.bc_weight * bc_loss - q.mean(1) / size, {"policy_q": q.mean(1)})

@@ -25,110 +25,89 @@ Deviations:
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.critics import JointCritics, information
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.optimizer import (
+    StackedAdam,
+    cosine,
+    restore_networks,
+    state_of_networks,
+)
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.in_sample import (
     expectile_loss,
     exponential_weights,
     weighted_cloning_loss,
 )
-from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.training.actor_critic import (
+    ActorCriticConfig,
+    joint_critics,
+    policy_of,
+    squashed_actor,
+)
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class IQLConfig:
+class IQLConfig(ActorCriticConfig):
     """Implicit Q-learning of a team; one setting for all datasets."""
 
-    n_updates: int = 8_000
-    batch_size: int = 256  # joint transitions
-    actor_hidden: tuple[int, ...] = (128, 128)
-    critic_hidden: tuple[int, ...] = (128, 128)  # of Q and V
-    step_size: float = 3e-3  # see `bc`
-    critic_step_size: float = 1e-3  # see `maddpg_bc`
-    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
-    discount: float = 0.95
-    polyak: float = 0.01
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
-    beta: float = 3.0  # Kostrikov et al. 2022, appendix B; see the deviations above
+    inverse_temperature: float = 3.0  # beta; Kostrikov et al. 2022, appendix B; see above
     max_weight: float = 100.0  # w*, as in the authors' code
-    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
 
 class IQL:
-    """K seeds of actors, twin critics and value networks, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors, twin critics and value networks, trained at once."""
 
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: IQLConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    policy = policy_of
+
+    def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        step_size, norm = config.critic_step_size, config.max_gradient_norm
-        self.actor = StackedActor(
-            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
+        self.actor = squashed_actor(setup, config)
+        self.critics = joint_critics(setup, config)
+        shape = MLPShape(setup.sizes.information, config.critic_hidden, 1, layer_norm=True)
+        self.value = StackedMLP(shape, setup.n_seeds, setup.device)
+        initialize(self.value, setup.seeds, VALUE_STREAM)
+        self.actor_adam = StackedAdam(
+            self.actor.network, setup.n_seeds, config.actor_learning_rate, config.max_grad_norm
         )
-        self.critics = JointCritics(
-            sizes, seeds, config.critic_hidden, step_size=step_size, max_norm=norm, device=device
+        self.value_adam = StackedAdam(
+            self.value, setup.n_seeds, config.critic_learning_rate, config.max_grad_norm
         )
-        inputs = sizes.state + sizes.n_agents * sizes.observation
-        shape = MLPShape(inputs, config.critic_hidden, 1, layer_norm=True)
-        self.value = StackedMLP(shape, len(seeds), device)
-        initialize(self.value, seeds, VALUE_STREAM)
-        self.actor_adam = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
-        self.value_adam = StackedAdam(self.value, len(seeds), step_size, norm)
-        self.normalizer = Normalizer(statistics, device)
-        self.reward_scale = 1 / statistics.return_std
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
         config = self.config
-        scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
-        x = self.information(batch.states, batch.observations)
+        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        x = self.normalizer.information(batch.states, batch.observations)
         with torch.no_grad():
             q = self.critics.target_q(x, batch.actions)[..., 0].amin(1)  # [K, B]
         advantages = q - self.value(x)[..., 0]
-        value_loss = expectile_loss(advantages, config.expectile).mean(1)  # [K]
+        value_loss = expectile_loss(advantages, config.expectile).mean(1)  # [K], eq. 5
         y = self.targets(batch)  # of the value network as it was
         self.value_adam.step(value_loss, scale)
-        critic_loss = (self.critics.q(x, batch.actions)[..., 0] - y[:, None]).square()
-        critic_loss = critic_loss.mean(2).sum(1)
+        critic_loss = td_error(self.critics.q(x, batch.actions)[..., 0], y)  # [K], eq. 6
         self.critics.step(critic_loss, scale)
-        weights = exponential_weights(config.beta * advantages, config.max_weight)  # [K, B]
+        # without a gradient, [K, B]
+        weights = exponential_weights(config.inverse_temperature * advantages, config.max_weight)
         pi = self.actor(batch.observations)  # [K, B, N, A]
-        actor_loss = weighted_cloning_loss(pi, batch.actions, weights[..., None])
+        actor_loss = weighted_cloning_loss(pi, batch.actions, weights[..., None])  # [K], eq. 7
         self.actor_adam.step(actor_loss, scale)
-        self.critics.follow(config.polyak)
+        self.critics.follow(config.tau)
         self.n_updates += 1
         losses = (value_loss, critic_loss, actor_loss, q.mean(1), advantages.std(1))
         named = zip(self.LOSSES, (*losses, weights.mean(1)), strict=True)
@@ -137,36 +116,21 @@ class IQL:
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y of eq. 6, [K, B], in units of scaled rewards."""
-        x_next = self.information(batch.next_states, batch.next_observations)
-        r = team_reward(batch.rewards) * self.reward_scale
+        x_next = self.normalizer.information(batch.next_states, batch.next_observations)
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
         v_next = self.value(x_next)[..., 0]  # [K, B]
         return td_target(r, batch.terminations, v_next, self.config.discount)
-
-    def information(self, states: Tensor, observations: Tensor) -> Tensor:
-        """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
-        known = self.normalizer
-        return information(known.states(states), known.observations(observations))
-
-    def policy(self, index: int) -> TorchPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments and the number of updates, as copies."""
         return {
             "n_updates": torch.tensor(self.n_updates),
-            "actor": self.actor.network.flat.clone(),
-            "value": self.value.flat.clone(),
-            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
-            **{f"value_adam.{k}": v for k, v in self.value_adam.state_dict().items()},
+            **state_of_networks({"actor": self.actor_adam, "value": self.value_adam}),
             **self.critics.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
-        self.actor.network.load(state["actor"])
-        self.value.load(state["value"])
-        self.actor_adam.load_state_dict(part(state, "actor_adam"))
-        self.value_adam.load_state_dict(part(state, "value_adam"))
+        restore_networks({"actor": self.actor_adam, "value": self.value_adam}, state)
         self.critics.load_state_dict(state)

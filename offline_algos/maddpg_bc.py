@@ -32,95 +32,79 @@ Deviations:
   dense, so that 20 steps (2 s) hold the consequences of an action. Its effect was not isolated.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.compilation import fusable
+from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.joint_actor_critic import JointActorCritic, imitation
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.objectives.in_sample import team_cloning_loss
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.training.actor_critic import (
+    DelayedConfig,
+    joint_parts,
+    policy_of,
+    restore_state,
+    state_of,
+)
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class MADDPGBCConfig:
+class MADDPGBCConfig(DelayedConfig):
     """TD3+BC with a centralized critic; one setting for all datasets."""
 
-    n_updates: int = 8_000
-    batch_size: int = 256  # joint transitions
-    actor_hidden: tuple[int, ...] = (128, 128)
-    critic_hidden: tuple[int, ...] = (128, 128)
-    step_size: float = 3e-3  # see `bc`
-    critic_step_size: float = 1e-3  # see the deviations above
-    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
-    discount: float = 0.95  # see the deviations above
-    polyak: float = 0.01  # per actor update; 0.005 was too slow for 20,000 updates
-    policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next three too
-    noise: float = 0.2
-    noise_clip: float = 0.5
-    alpha: float = 2.5  # Fujimoto & Gu 2021, table 3
+    rl_weight: float = 2.5  # alpha; Fujimoto & Gu 2021, table 3
     joint_gradient: JointGradient = "all"
     clip_target: bool = True
-    warm_start: int = 4000
-    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
 
 class MADDPGBC:
-    """K seeds of actors and twin critics, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization, reward scale and R*.
-        device: where to train.
-    """
+    """K seeds of actors and two critics, trained at once."""
 
     Config = MADDPGBCConfig
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: MADDPGBCConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
+
+    def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.parts = JointActorCritic(sizes, seeds, config, statistics, device)
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves."""
+        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
+
+        The loop is `delayed_update`, with gradients that can be compiled.
+        """
         config = self.config
-        scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
-        noise = normal_like(self.parts.generators, batch.actions)
-        x = self.parts.information(batch.states, batch.observations)
-        losses = self._critic_gradient(batch, x, noise)
-        self.parts.critics.optimizer.descend(scale)
+        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        noise = normal_like(self.generators, batch.actions)
+        x = self.normalizer.information(batch.states, batch.observations)
+        losses = self.critic_gradient(batch, x, noise)
+        self.critics.optimizer.descend(scale)
         self.n_updates += 1
-        is_warm = self.n_updates <= config.warm_start
-        if is_warm or self.n_updates % config.policy_delay == 0:
-            losses |= self._actor_gradient(batch, x, 0.0 if is_warm else config.alpha)
-            self.parts.actor.optimizer.descend(scale)
-            self.parts.follow()
+        is_warmup = self.n_updates <= config.bc_warmup_updates
+        if is_warmup or self.n_updates % config.policy_delay == 0:
+            losses |= self.actor_gradient(batch, x, 0.0 if is_warmup else config.rl_weight)
+            self.actor.optimizer.descend(scale)
+            self.actor.follow(config.tau)
+            self.critics.follow(config.tau)
         return losses
 
-    @fusable
-    def _critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
+    @compilable
+    def critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
+        """Fills the critics' gradients with that of sum_j L(Q_j); returns losses, each [K]."""
         y = self.targets(batch, noise)  # [K, B]
-        q = self.parts.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        critic_loss = (q - y[:, None]).square().mean(2).sum(1)  # [K]
-        self.parts.critics.online.backward(critic_loss.sum())
+        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
+        critic_loss = td_error(q, y)  # [K]
+        self.critics.online.backward(critic_loss.sum())
         return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2))}
 
     @torch.no_grad()
@@ -132,42 +116,39 @@ class MADDPGBC:
             noise: standard normal, [K, B, N, A], of the target policies' smoothing.
         """
         o_next, config = batch.next_observations, self.config
-        a_next = self.parts.actor.smoothed_by(noise, o_next, config.noise, config.noise_clip)
-        return self.parts.bootstrapped(batch, a_next)
+        a_next = self.actor.smoothed_by(noise, o_next, config.smoothing, config.smoothing_clip)
+        x_next = self.normalizer.information(batch.next_states, o_next)
+        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B], the smaller one
+        q_next = q_next.clamp(max=self.normalizer.max_value)
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        return td_target(r, batch.terminations, q_next, config.discount)
 
     @torch.no_grad()
     def td_error(self, batch: Batch) -> Tensor:
         """Returns the mean of (Q_j - y)^2, [K], over critics and rows; y without noise."""
         y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B]
-        x = self.parts.information(batch.states, batch.observations)
-        q = self.parts.critics.q(x, batch.actions)  # [K, 2, B, 1]
+        x = self.normalizer.information(batch.states, batch.observations)
+        q = self.critics.q(x, batch.actions)  # [K, 2, B, 1]
         return (q[..., 0] - y[:, None]).square().mean((1, 2))
 
-    @fusable
-    def _actor_gradient(self, batch: Batch, x: Tensor, alpha: float) -> dict[str, Tensor]:
-        parts, actions = self.parts, batch.actions
-        pi = parts.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = imitation(pi, actions)
+    @compilable
+    def actor_gradient(self, batch: Batch, x: Tensor, rl_weight: float) -> dict[str, Tensor]:
+        """Fills the actors' gradients with that of L(pi); returns losses, each [K].
+
+        Args:
+            batch: tensors [K, B, ...].
+            x: what the critics see, [K, B, S + N O].
+            rl_weight: alpha; 0 clones the data.
+        """
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        bc_loss = team_cloning_loss(pi, batch.actions)  # [K]
         losses = {"bc_loss": bc_loss}
         actor_loss = bc_loss
-        if alpha != 0:
+        if rl_weight != 0:
             # [K, B], or [K, B N] for "own"; the critics' parameters are constants here
-            q = parts.critics.policy_values(x, pi, actions, self.config.joint_gradient)[..., 0]
-            lam = alpha / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+            q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+            lam = rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
             actor_loss = bc_loss - lam * q.mean(1)
             losses |= {"policy_q": q.mean(1), "lambda": lam}
-        parts.actor.online.network.backward(actor_loss.sum())
+        self.actor.online.network.backward(actor_loss.sum())
         return {name: loss.detach() for name, loss in losses.items()}
-
-    def policy(self, index: int) -> TorchPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.parts.policy(index)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that training goes on from, as copies."""
-        return {"n_updates": torch.tensor(self.n_updates), **self.parts.state_dict()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        self.parts.load_state_dict(state)

@@ -36,42 +36,100 @@ from torch import Tensor
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.objectives.conservative import (
     Samples,
+    cql_gap,
+    join_samples,
     noisy_samples,
-    soft_maximum,
-    together,
     uniform_samples,
 )
-from swarmdata.learn.objectives.pessimistic import PessimisticConfig, PessimisticTeam
+from swarmdata.learn.objectives.in_sample import team_cloning_loss
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.training.actor_critic import (
+    DelayedConfig,
+    Loss,
+    delayed_update,
+    joint_inputs,
+    joint_parts,
+    policy_of,
+    restore_state,
+    smoothed_actions,
+    state_of,
+)
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class MADDPGCQLConfig(PessimisticConfig):
-    """CQL over joint actions; alpha and tau are `cfcql`'s, and were not tuned apart."""
+class MADDPGCQLConfig(DelayedConfig):
+    """CQL over joint actions; `cql_weight` and `temperature` are those of `cfcql`."""
 
+    cql_weight: float = 0.5  # alpha, of the penalty; as `cfcql`
+    temperature: float = 0.1  # of the soft maximum, tau in the penalty
     n_samples: int = 5  # of each of the three kinds; 10 in the papers' code
     sample_noise: float = 0.2  # the code of OMAR and CFCQL
     joint_gradient: JointGradient = "all"
+    bc_weight: float = 0.4  # w; as `cfcql`
+    clip_target: bool = True
 
 
-class MADDPGCQL(PessimisticTeam):
-    """K seeds of actors and twin critics with penalties on joint actions, trained at once."""
+class MADDPGCQL:
+    """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
 
-    def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
-        """Draws joint actions; see `PessimisticTeam.gap`."""
-        samples = self._samples(batch)
-        values = self.parts.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B, 3 M]
-        highest = soft_maximum(values, samples.log_density, self.config.temperature)
-        return (highest - q).mean(2)
+    update, policy = delayed_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
+    critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
+
+    def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
+            setup, config, clip_target=config.clip_target
+        )
+
+    def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
+        """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
+        td_loss = td_error(q, self.targets(batch))  # [K]
+        gap = self.gap(batch, x, q).sum(1)  # [K]
+        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
+        return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     @torch.no_grad()
-    def _samples(self, batch: Batch) -> Samples:
-        """Joint actions from anywhere, from near pi(o) and from near pi(o'), [K, B, 3 M, N, A]."""
-        noise, config, actor = self.parts.generators, self.config, self.parts.actor
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
+        a_next = smoothed_actions(self, batch.next_observations)
+        x_next = self.normalizer.information(batch.next_states, batch.next_observations)
+        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B], the smaller one
+        q_next = q_next.clamp(max=self.normalizer.max_value)
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        return td_target(r, batch.terminations, q_next, self.config.discount)
+
+    def gap(self, batch: Batch, x: Tensor, q: Tensor) -> Tensor:
+        """Returns gap_j, [K, 2]; draws joint actions.
+
+        Args:
+            batch: tensors [K, B, ...].
+            x: what the critics see, [K, B, S + N O].
+            q: their values of the data's actions, [K, 2, B].
+        """
+        samples = self.samples(batch)
+        values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B, 3 M]
+        return cql_gap(samples, values, q, self.config.temperature)
+
+    @torch.no_grad()
+    def samples(self, batch: Batch) -> Samples:
+        """Returns joint actions from anywhere, near pi(o) and near pi(o'), [K, B, 3 M, N, A]."""
+        n_samples, deviation = self.config.n_samples, self.config.sample_noise
         near = [
-            noisy_samples(noise, actor(observations), config.n_samples, config.sample_noise)
-            for observations in (batch.observations, batch.next_observations)
+            noisy_samples(self.generators, self.actor(o), n_samples, deviation)
+            for o in (batch.observations, batch.next_observations)
         ]
-        return together([uniform_samples(noise, batch.actions, config.n_samples), *near])
+        return join_samples([uniform_samples(self.generators, batch.actions, n_samples), *near])
+
+    def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns L(pi); the critics' parameters are constants here."""
+        # [K, B], or [K, B N] for "own"
+        q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
+        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        return Loss(self.config.bc_weight * bc_loss - q.mean(1) / size, {"policy_q": q.mean(1)})

@@ -36,142 +36,119 @@ Deviations:
   LayerNorm, normalization and step sizes are those of `maddpg_bc`, which has their sources.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import DelayedActor
 from swarmdata.learn.networks.critics import Critics
-from swarmdata.learn.networks.network_inputs import (
-    generator_states,
-    generators,
-    restore_generators,
-    with_agent_id,
-)
+from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.conservative import soft_maximum, uniform_samples
-from swarmdata.learn.objectives.td_targets import td_target
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
+from swarmdata.learn.objectives.td_targets import td_error, td_target
+from swarmdata.learn.training.actor_critic import (
+    DelayedConfig,
+    Loss,
+    delayed_actor,
+    delayed_update,
+    policy_of,
+    restore_state,
+    smoothed_actions,
+    state_of,
+)
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class OMARConfig:
+class OMARConfig(DelayedConfig):
     """Independent CQL with actor rectification; one setting for all datasets."""
 
-    n_updates: int = 8_000
-    batch_size: int = 256  # joint transitions, each with the actions of N agents
-    actor_hidden: tuple[int, ...] = (128, 128)
-    critic_hidden: tuple[int, ...] = (128, 128)
-    step_size: float = 3e-3  # see `bc`
-    critic_step_size: float = 1e-3  # see `maddpg_bc`
-    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
-    discount: float = 0.95
-    polyak: float = 0.01  # per actor update
-    policy_delay: int = 2
-    noise: float = 0.2
-    noise_clip: float = 0.5
-    alpha: float = 0.5  # of the penalty; see the deviations above, also for tau
-    temperature: float = 0.1  # tau
+    cql_weight: float = 0.5  # alpha, of the penalty; see the deviations above, also for tau
+    temperature: float = 0.1  # of the soft maximum, tau in the penalty
     n_samples: int = 5  # of the penalty; 10 in the paper's code, at twice the cost
     rectification: float = 0.7  # rho
     bc_weight: float = 0.4  # w; see the deviations above
     n_iterations: int = 3  # of the search; the paper's code, the next two too
     n_candidates: int = 10
     search_deviation: float = 2.0  # sigma at the start
-    warm_start: int = 4000  # updates in which the actors clone the data
-    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
 
 class OMAR:
-    """K seeds of actors and twin critics that see one agent, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors and two critics that see one agent, trained at once."""
 
     Config = OMARConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss")
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: OMARConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        self.config, self.n_updates, norm = config, 0, config.max_gradient_norm
-        self.actor = DelayedActor(
-            sizes, seeds, config.actor_hidden, statistics,
-            step_size=config.step_size, max_norm=norm, device=device,
-        )  # fmt: skip
+    update, policy = delayed_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
+
+    def __init__(self, setup: Setup, config: OMARConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.actor = delayed_actor(setup, config)
+        n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
         self.critics = Critics(
-            sizes.observation + sizes.n_agents + sizes.action, seeds, config.critic_hidden,
-            step_size=config.critic_step_size, max_norm=norm, device=device,
+            n_inputs, setup.seeds, config.critic_hidden,
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
+            device=setup.device,
         )  # fmt: skip
-        self.generators = generators(seeds, device)
-        self.normalizer = Normalizer(statistics, device)
-        self.reward_scale = 1 / statistics.return_std
+        self.generators = setup.generators()
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
-    def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves."""
-        config = self.config
-        scale = cosine(self.n_updates, config.n_updates, config.final_step_size)
-        x, actions = self.seen(batch.observations), by_agent(batch.actions)
-        losses = self._update_critics(batch, x, actions, scale)
-        self.n_updates += 1
-        is_warm = self.n_updates <= config.warm_start
-        if is_warm or self.n_updates % config.policy_delay == 0:
-            pi = by_agent(self.actor(batch.observations))  # [K, B N, 1, A]
-            bc_loss = (pi - actions).square().mean((1, 2, 3))  # [K]
-            if is_warm:
-                self.actor.step(bc_loss, scale)
-            else:
-                losses |= self._improve(x, pi, bc_loss, scale)
-            losses["bc_loss"] = bc_loss
-            self.actor.follow(config.polyak)
-            self.critics.follow(config.polyak)
-        return {name: loss.detach() for name, loss in losses.items()}
+    def critic_inputs(self, batch: Batch) -> Tensor:
+        """Returns what the critics see besides actions, [K, B N, O + N]."""
+        return self.inputs_of(batch.observations)
 
-    def seen(self, observations: Tensor) -> Tensor:
-        """Returns what a critic sees besides an action, [K, B N, O + N], of [K, B, N, O]."""
+    def inputs_of(self, observations: Tensor) -> Tensor:
+        """Returns critic inputs, [K, B N, O + N], of observations [K, B, N, O]."""
         return with_agent_id(self.normalizer.observations(observations)).flatten(1, 2)
+
+    def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
+        """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        actions = by_agent(batch.actions)
+        q = self.critics.q(x, actions)[..., 0]  # [K, 2, B N]
+        td_loss = td_error(q, self.targets(batch))  # [K]
+        gap = self.gap(x, actions, q).sum(1)  # [K]
+        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
+        return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
-        """Returns y, [K, B N], in units of scaled rewards; draws the smoothing noise."""
-        config, o_next = self.config, batch.next_observations
-        a_next = self.actor.smoothed(o_next, self.generators, config.noise, config.noise_clip)
-        q_next = self.critics.target_q(self.seen(o_next), by_agent(a_next))[..., 0].amin(1)
-        r = batch.rewards * self.reward_scale  # [K, B, N]
-        over = batch.terminations[..., None].expand_as(r)
-        return td_target(r.flatten(1), over.flatten(1), q_next, config.discount)
+        """Returns y_i, [K, B N], in units of scaled rewards; draws the smoothing noise."""
+        a_next = by_agent(smoothed_actions(self, batch.next_observations))
+        x_next = self.inputs_of(batch.next_observations)
+        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B N], the smaller one
+        r = batch.rewards * self.normalizer.reward_scale  # [K, B, N]
+        terminations = batch.terminations[..., None].expand_as(r)
+        return td_target(r.flatten(1), terminations.flatten(1), q_next, self.config.discount)
 
     def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
-        """Returns each critic's own penalty, [K, 2]; draws actions.
+        """Returns gap_j, [K, 2], the mean over agents; draws actions.
 
         Args:
             x: what the critics see, [K, B N, O + N].
             actions: of the data, [K, B N, 1, A].
             q: the critics' values of them, [K, 2, B N].
         """
-        config = self.config
-        samples = uniform_samples(self.generators, actions, config.n_samples)
+        samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
-        return (soft_maximum(values, samples.log_density, config.temperature) - q).mean(2)
+        return cql_gap(samples, values, q, self.config.temperature)
+
+    @staticmethod
+    def bc_loss(pi: Tensor, actions: Tensor) -> Tensor:
+        """Returns |pi - a_i|^2, the mean over agents, components and rows, [K]."""
+        return (by_agent(pi) - by_agent(actions)).square().mean((1, 2, 3))
+
+    def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns L(pi), eq. 4; the critics' parameters and the search's actions are constants."""
+        rho, pi = self.config.rectification, by_agent(pi)  # [K, B N, 1, A]
+        search_loss = (pi - self.search(x, pi)).square().mean((1, 2, 3))  # [K]
+        q = self.critics.first_q(x, pi)[..., 0]  # [K, B N]
+        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        rectified = rho * search_loss - (1 - rho) * q.mean(1) / size
+        reported = {"policy_q": q.mean(1), "search_loss": search_loss}
+        return Loss(rectified + self.config.bc_weight * bc_loss, reported)
 
     @torch.no_grad()
     def search(self, x: Tensor, pi: Tensor) -> Tensor:
@@ -197,47 +174,6 @@ class OMAR:
         values = torch.cat([values, self.critics.first_q(x, pi)], 2)
         best = values.argmax(2)[:, :, None, None, None].expand(-1, -1, -1, 1, pi.shape[-1])
         return options.gather(2, best)[:, :, 0]
-
-    def _update_critics(
-        self, batch: Batch, x: Tensor, actions: Tensor, scale: float
-    ) -> dict[str, Tensor]:
-        y = self.targets(batch)  # [K, B N]
-        q = self.critics.q(x, actions)[..., 0]  # [K, 2, B N]
-        critic_loss = (q - y[:, None]).square().mean(2).sum(1)  # [K]
-        gap = self.gap(x, actions, q).sum(1)  # [K]
-        self.critics.step(critic_loss + self.config.alpha * gap, scale)
-        return {"critic_loss": critic_loss, "gap": gap, "q": q.mean((1, 2))}
-
-    def _improve(self, x: Tensor, pi: Tensor, bc_loss: Tensor, scale: float) -> dict[str, Tensor]:
-        rho = self.config.rectification
-        best = self.search(x, pi)  # a constant
-        search_loss = (pi - best).square().mean((1, 2, 3))  # [K]
-        # the critics' parameters are constants here
-        q = self.critics.first_q(x, pi)[..., 0]  # [K, B N]
-        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
-        rectified = rho * search_loss - (1 - rho) * q.mean(1) / size
-        self.actor.step(rectified + self.config.bc_weight * bc_loss, scale)
-        return {"policy_q": q.mean(1), "search_loss": search_loss}
-
-    def policy(self, index: int) -> TorchPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that training goes on from, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "generators": generator_states(self.generators),
-            **self.actor.state_dict(),
-            **self.critics.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        restore_generators(self.generators, state["generators"])
-        self.actor.load_state_dict(state)
-        self.critics.load_state_dict(state)
 
 
 def by_agent(actions: Tensor) -> Tensor:

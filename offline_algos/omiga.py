@@ -31,118 +31,93 @@ Deviations:
 - Step sizes decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.critics import information
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape
-from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.in_sample import (
     exponential_weights,
     soft_value_loss,
     weighted_cloning_loss,
 )
-from swarmdata.learn.objectives.td_targets import polyak, td_target, team_reward
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward
+from swarmdata.learn.training.actor_critic import ActorCriticConfig, policy_of, squashed_actor
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class OMIGAConfig:
+class OMIGAConfig(ActorCriticConfig):
     """Implicit global-to-local regularization; one setting for all datasets."""
 
-    n_updates: int = 8_000
-    batch_size: int = 256  # joint transitions
-    actor_hidden: tuple[int, ...] = (128, 128)
-    critic_hidden: tuple[int, ...] = (128, 128)  # of Q_i and V_i
     mixer_hidden: int = 64  # of the network of w and b, as in the authors' code
-    step_size: float = 3e-3  # see `bc`
-    critic_step_size: float = 1e-3  # see `maddpg_bc`
-    final_step_size: float = 0.0  # factor at the end of the cosine; 1 keeps the step sizes
-    discount: float = 0.95
-    polyak: float = 0.01
-    alpha: float = 0.1  # see the deviations above
+    temperature: float = 0.1  # alpha; see the deviations above
     max_weight: float = 100.0  # w*
-    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
 
 
 class OMIGA:
-    """K seeds of actors, factored critics and local value networks, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of actors, factored critics and local value networks, trained at once."""
 
     Config = OMIGAConfig
     LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: OMIGAConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    policy = policy_of
+
+    def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
         self.config, self.n_updates = config, 0
-        n_agents, step_size, norm = (
-            sizes.n_agents,
-            config.critic_step_size,
-            config.max_gradient_norm,
-        )
-        self.actor = StackedActor(
-            sizes, seeds, config.actor_hidden, statistics, squash=True, device=device
-        )
+        sizes, seeds, norm = setup.sizes, setup.seeds, config.max_grad_norm
+        self.actor = squashed_actor(setup, config)
         self.mixer = LinearMixer(
-            n_agents, sizes.state + n_agents * sizes.observation, seeds, MIXER_STREAM,
-            hidden=config.mixer_hidden, device=device,
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
+            hidden=config.mixer_hidden, device=setup.device,
         )  # fmt: skip
         self.critics = FactoredCritics(
             sizes, seeds, config.critic_hidden, self.mixer,
-            step_size=step_size, max_norm=norm, n_critics=1, device=device,
+            learning_rate=config.critic_learning_rate, max_norm=norm, n_critics=1,
+            device=setup.device,
         )  # fmt: skip
         shape = MLPShape(sizes.observation, config.critic_hidden, 1, layer_norm=True)
-        self.values = Team(shape, n_agents, seeds, VALUE_STREAM, parameters="shared", device=device)
+        self.values = Team(
+            shape, sizes.n_agents, seeds, VALUE_STREAM, parameters="shared", device=setup.device
+        )
         self.target_values = self.values.network.clone()
-        self.actor_adam = StackedAdam(self.actor.network, len(seeds), config.step_size, norm)
-        self.value_adam = StackedAdam(self.values.network, len(seeds), step_size, norm)
-        self.normalizer = Normalizer(statistics, device)
-        self.reward_scale = 1 / statistics.return_std
+        self.actor_adam = StackedAdam(
+            self.actor.network, setup.n_seeds, config.actor_learning_rate, norm
+        )
+        self.value_adam = StackedAdam(
+            self.values.network, setup.n_seeds, config.critic_learning_rate, norm
+        )
+        self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
-        scale = cosine(self.n_updates, self.config.n_updates, self.config.final_step_size)
+        config = self.config
+        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         s = self.normalizer.states(batch.states)
         o = self.normalizer.observations(batch.observations)
         y = self.targets(batch)
         value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
         q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
         critic_loss = (q - y).square().mean(1)  # [K]
-        weights = exponential_weights(z, self.config.max_weight)  # [K, B, N]
+        weights = exponential_weights(z, config.max_weight)  # [K, B, N]
         pi = self.actor(batch.observations)  # [K, B, N, A]
         actor_loss = weighted_cloning_loss(pi, batch.actions, weights)
         self.critics.step(critic_loss, scale)
         self.value_adam.step(value_loss, scale)
         self.actor_adam.step(actor_loss, scale)
-        self.critics.follow(self.config.polyak)
-        polyak(self.target_values, self.values.network, self.config.polyak)
+        self.critics.follow(config.tau)
+        move_target(self.target_values, self.values.network, config.tau)
         self.n_updates += 1
         losses = (critic_loss, value_loss, actor_loss, q.mean(1))
         spread = (z.std((1, 2)), weights.mean((1, 2)))
@@ -160,8 +135,8 @@ class OMIGA:
         with torch.no_grad():
             q = self.critics.agent_values(o, actions, self.critics.target_utilities)[:, 0]
             w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]
-        v = w * self.values(o)[..., 0] / self.config.alpha  # [K, B, N]
-        z = w * q / self.config.alpha - v
+        v = w * self.values(o)[..., 0] / self.config.temperature  # [K, B, N]
+        z = w * q / self.config.temperature - v
         return soft_value_loss(z, v, self.config.max_weight).mean((1, 2)), z
 
     @torch.no_grad()
@@ -171,12 +146,8 @@ class OMIGA:
         o_next = self.normalizer.observations(batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
-        r = team_reward(batch.rewards) * self.reward_scale
+        r = team_reward(batch.rewards) * self.normalizer.reward_scale
         return td_target(r, batch.terminations, v_next, self.config.discount)
-
-    def policy(self, index: int) -> TorchPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments and the number of updates, as copies."""

@@ -1,106 +1,110 @@
 """Offline QMIX: the team's value is a monotonic function of its robots' values and of the state.
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
-learning", ICML 2018, equations 4 and 5, over choices: recorded ones, or knots of each column of
-continuous actions (`offline_algos.vdn` names the sources):
+learning", ICML 2018, equations 4 and 5, over choices: recorded ones, or bins of each column of
+continuous actions. `offline_algos.vdn` explains the symbols, the rule and the `regulariser`, and
+names the sources:
 
-    Q(s, o, a) = f(Q(o_1, a_1), ..., Q(o_N, a_N); s)      df / dQ(o_i, a_i) >= 0
+    Q_j(s, o, a) = f_j(Q_j(o_1, a_1), ..., Q_j(o_N, a_N); s)      df_j / dQ_j(o_i, a_i) >= 0
+    a'_i  = rule(1/2 sum_j U_j(o'_i), pi_b(. | o'_i))             chosen by the online networks
+    y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(s', o', a'), R*)   valued by the targets
+    L_td  = sum_j Huber(Q_j(s, o, a) - y),                        plus L_b or L_cql of `vdn`
 
-f is `learn.mixers.MonotonicMixer` on the normalized state. The other equations are those of
-`learn.factored_values`: targets, losses and the `regulariser`, `none`, `bc`, `bcq` or `cql`, which
-`offline_algos.vdn` explains.
+f is `learn.mixers.MonotonicMixer` on the normalized state.
 
 Deviations: those of `offline_algos.vdn` but the first, and
 - one hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
-- Each twin has a mixing network of its own.
+- Each of the two utility networks has a mixing network of its own.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.choices.factored_values import (
+from swarmdata.learn.choices.utility_networks import (
     LOSSES,
     MIXER_STREAM,
-    TWINS,
-    FactoredConfig,
-    FactoredValues,
+    N_CRITICS,
+    DecompositionConfig,
+    Evaluated,
+    UtilityNetworks,
+    by_critic,
+    policy_of,
+    regularised_update,
+    restore_state,
+    state_of,
 )
 from swarmdata.learn.networks.mixers import MonotonicMixer
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.policies.choice_policy import ChoicePolicy
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.objectives.td_targets import td_target, team_reward
+from swarmdata.learn.objectives.value_losses import huber_error, robot_values
+from swarmdata.learn.training.actor_critic import Loss
+from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class QMIXConfig(FactoredConfig):
-    """Settings of offline QMIX: those of every algorithm of factored values, and of the mixer."""
+class QMIXConfig(DecompositionConfig):
+    """Settings of offline QMIX: those of every value decomposition, and of the mixer."""
 
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64
 
 
 class QMIX:
-    """K seeds of offline QMIX, trained at once.
-
-    Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        statistics: of the dataset: normalization and reward scale.
-        device: where to train.
-    """
+    """K seeds of offline QMIX, trained at once."""
 
     Config = QMIXConfig
     LOSSES = LOSSES
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: QMIXConfig,
-        *,
-        statistics: Statistics,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        def mixer() -> MonotonicMixer:
-            return MonotonicMixer(
-                sizes.n_agents,
-                sizes.state,
-                seeds,
-                MIXER_STREAM,
-                embedding=config.mixer_embedding,
-                hidden=config.mixer_hidden,
-                device=device,
-                n_twins=TWINS,
-            )
+    update, policy = regularised_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
 
-        self.values = FactoredValues(
-            sizes, seeds, config, mixer, statistics=statistics, device=device
-        )
+    def __init__(self, setup: Setup, config: QMIXConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.mixer = MonotonicMixer(
+            setup.sizes.n_agents, setup.sizes.state, setup.seeds, MIXER_STREAM,
+            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
+            n_critics=N_CRITICS,
+        )  # fmt: skip
+        self.networks = UtilityNetworks(setup, config, self.mixer.network)
 
-    @property
-    def n_updates(self) -> int:
-        """Updates made so far."""
-        return self.values.n_updates
+    def value(
+        self, utilities: Tensor, weights: Tensor, states: Tensor, mixer: StackedMLP | None = None
+    ) -> Tensor:
+        """Returns Q_j(s, o, a), [K, J, B].
 
-    def update(self, batch: Batch) -> dict[str, Tensor]:
-        """One step on tensors [K, B, ...]; returns losses, each [K]."""
-        return self.values.update(batch)
+        Args:
+            utilities: [K, J, B, N, D, C].
+            weights: the actions as weights of the choices, [K, B, N, D, C].
+            states: as recorded, [K, B, S].
+            mixer: other parameters to use, those of the targets.
+        """
+        return self.mix(robot_values(utilities, weights), states, mixer)
 
-    def policy(self, index: int) -> ChoicePolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.values.policy(index)
+    def mix(self, values: Tensor, states: Tensor, mixer: StackedMLP | None = None) -> Tensor:
+        """Returns f_j of robots' values, [K, J, B] of [K, J, B, N], equations 4 and 5."""
+        s = self.networks.normalizer.states(states).repeat_interleave(N_CRITICS, 0)
+        return by_critic(self.mixer(values.flatten(0, 1), s, mixer))
 
-    def state_dict(self) -> dict[str, Any]:
-        """Everything needed to continue, as copies."""
-        return self.values.state_dict()
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards."""
+        networks, slow = self.networks, self.networks.descent.targets
+        features = networks.normalizer.observations(batch.next_observations)
+        a_next = networks.act(networks.utilities(features), networks.log_probs(features))
+        utilities = networks.utilities(features, slow["team"])
+        q_next = self.value(utilities, a_next, batch.next_states, slow["mixer"]).mean(1)  # [K, B]
+        q_next = q_next.clamp(max=networks.normalizer.max_value)
+        r = team_reward(batch.rewards) * networks.normalizer.reward_scale
+        return td_target(r, batch.terminations, q_next, self.config.discount)
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.values.load_state_dict(state)
+    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
+        """Returns L_td with L_b or L_cql of the regulariser; y is a constant."""
+        q = self.value(batch.utilities, batch.weights, batch.states)  # [K, J, B]
+        td_loss = huber_error(q, y)  # [K]
+        near_data = self.networks.regulariser_loss(batch)
+        reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
+        return Loss(td_loss + near_data.total, reported | near_data.reported)

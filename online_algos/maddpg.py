@@ -1,13 +1,13 @@
-"""MADDPG: actors that see what their robots see, led by a critic that sees everything.
+"""MADDPG: actors that act on their own observations, trained with a critic that sees everything.
 
 Lowe et al., "Multi-agent actor-critic for mixed cooperative-competitive environments", NeurIPS
 2017, equations 5 and 6; with the corrections of TD3 (Fujimoto et al. 2018, algorithm 1) it is MATD3
-(Ackermann et al. 2019, section 4). With the reward r_i of robot i, Q_ji what critic j says of it,
-and what the critics see, x = (state, all observations):
+(Ackermann et al. 2019, section 4). With the reward r_i of robot i, its value Q_ji by critic j, and
+the critics' inputs x = (state, all observations):
 
-    y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', pi'(o') + clip(noise, -c, c))
-    L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
-    L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
+    (1) y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', pi'(o') + clip(noise, -c, c))
+    (2) L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
+    (3) L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
 
 `corrections` "none" is the original: one critic, no smoothing noise, no delay.
 
@@ -15,31 +15,197 @@ Deviations:
 - A critic is one network with a value for each robot's reward, where the paper has a network for
   each. The robots are a team: all climb the mean of the values, which is the value of the team's
   reward.
-- `joint_gradient` "all": Q sees every robot's action from its policy (the centralized gradient of
-  FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action from its
-  policy, the others' from the replay.
+- `joint_gradient` "all": every robot's action in Q comes from its policy (the centralized gradient
+  of FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action comes
+  from its policy, the others' from the replay.
 - `parameters` "shared": one actor for all robots, which sees the robot's number; the paper's robots
   have one each ("separate").
-- The critics have LayerNorm; Huber loss instead of squares; inputs are normalized by what random
-  actions lead to; actions and observations are turned to the robot's target (`frame`).
+- The critics have LayerNorm; Huber loss instead of squares; inputs are normalized by their moments
+  under random actions; actions and observations are turned to the robot's target (`frame`).
 - w is the weight that the paper's code puts on the actor's outputs before they are squashed.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.networks.optimizer import linear
+from swarmdata.learn.networks.actor import ACTOR_STREAM
+from swarmdata.learn.networks.critics import JointCritics, JointGradient
+from swarmdata.learn.networks.network_inputs import (
+    generator_states,
+    generators,
+    information,
+    restore_generators,
+)
+from swarmdata.learn.networks.optimizer import StackedAdam, linear
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.td_targets import move_target, td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.exploration import LinearSchedule, gaussian, uniform_like
-from swarmdata.online_algos.collection.maddpg_learner import Learner, MADDPGConfig
+from swarmdata.learn.training.exploration import (
+    LinearSchedule,
+    gaussian,
+    normal_like,
+    uniform_like,
+)
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
 from swarmdata.types import Batch
+
+NOISE_STREAM = 2
+"""Stream of a seed's smoothing noise; the networks have the streams before it."""
+
+
+@dataclass(frozen=True)
+class MADDPGConfig:
+    """Settings of MADDPG; steps are joint steps of one seed."""
+
+    n_steps: int = 2_000_000
+    n_copies: int = 64
+    rollout_steps: int = 64  # of every copy in one round
+    n_gradient_steps: int = 2  # after each of them
+    batch_size: int = 256  # joint transitions
+    capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
+    margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # with random actions, before the first gradient step
+    corrections: Literal["td3", "none"] = "td3"
+    joint_gradient: JointGradient = "all"
+    actor_hidden: tuple[int, ...] = (64, 64)
+    critic_hidden: tuple[int, ...] = (128, 128)
+    parameters: Parameters = "shared"
+    frame: str = "target"  # in which robots observe and act, `frames.find_frame`
+    actor_learning_rate: float = 1e-3
+    critic_learning_rate: float = 1e-3
+    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
+    discount: float = 0.97
+    reward_scale: float = 1.0
+    tau: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
+    policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
+    smoothing: float = 0.1  # half of the paper's; not compared alone
+    smoothing_clip: float = 0.5  # c
+    logit_penalty: float = 1e-3  # w, from the code of Lowe et al.
+    noise: float = 0.5  # deviation of exploring actions
+    final_noise: float = 0.1
+    exploration: float = 0.5  # part of training in which the noise falls
+    max_grad_norm: float | None = 10.0  # per seed, of each network kind
+
+    @property
+    def n_critics(self) -> int:
+        """Critics of one seed, J."""
+        return 2 if self.corrections == "td3" else 1
+
+    @property
+    def delay(self) -> int:
+        """Steps of the critics for one of the actors."""
+        return self.policy_delay if self.corrections == "td3" else 1
+
+
+class Learner:
+    """K seeds of actors and critics, trained on batches of normalized observations and states.
+
+    Args:
+        sizes: numbers of robots and features.
+        seeds: of initial parameters and noise, [K].
+        config: settings.
+    """
+
+    LOSSES = ("critic_loss", "q", "policy_q")
+
+    def __init__(self, sizes: Sizes, seeds: Sequence[int], config: MADDPGConfig) -> None:
+        self.config, self.n_updates = config, 0
+        shape = MLPShape(sizes.observation, config.actor_hidden, sizes.action)
+        self.actors = Team(
+            shape, sizes.n_agents, seeds, ACTOR_STREAM, parameters=config.parameters, device="cpu"
+        )
+        self.critics = JointCritics(
+            sizes, seeds, config.critic_hidden,
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
+            n_critics=config.n_critics, n_values=sizes.n_agents,
+        )  # fmt: skip
+        self.target_actors = self.actors.network.clone()
+        self.actor_optimizer = StackedAdam(
+            self.actors.network, len(seeds), config.actor_learning_rate, config.max_grad_norm
+        )
+        self.generators = generators(seeds, "cpu", NOISE_STREAM)
+
+    def actions(self, observations: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns actions, [K, B, N, A], of normalized observations [K, B, N, O]."""
+        return self.actors(observations, network).tanh()
+
+    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
+        """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
+
+        Args:
+            batch: normalized observations and states.
+            scale: factor on the learning rates.
+        """
+        x = information(batch.states, batch.observations)
+        losses = self._update_critics(batch, x, scale)
+        self.n_updates += 1
+        if self.n_updates % self.config.delay == 0:
+            losses |= self._update_actors(batch, x, scale)
+            move_target(self.target_actors, self.actors.network, self.config.tau)
+            self.critics.follow(self.config.tau)
+        return {name: loss.detach() for name, loss in losses.items()}
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B, N], in units of scaled rewards; draws the smoothing noise, if any."""
+        config = self.config
+        a_next = self.actions(batch.next_observations, self.target_actors)
+        if config.corrections == "td3":
+            noise = config.smoothing * normal_like(self.generators, a_next)
+            a_next = a_next + noise.clamp(-config.smoothing_clip, config.smoothing_clip)
+        x_next = information(batch.next_states, batch.next_observations)
+        q_next = self.critics.target_q(x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B, N]
+        r = batch.rewards * config.reward_scale
+        return td_target(r, batch.terminations[..., None], q_next, config.discount)  # (1)
+
+    def _update_critics(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
+        y = self.targets(batch)  # [K, B, N]
+        q = self.critics.q(x, batch.actions)  # [K, J, B, N]
+        errors = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
+        loss = errors.mean((2, 3)).sum(1)  # [K]  (2)
+        self.critics.step(loss, scale)
+        return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
+
+    def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
+        logits = self.actors(batch.observations)
+        # [K, B, N], or [K, B N, N] for "own"; the critics' parameters are constants here
+        values = self.critics.policy_values(
+            x, logits.tanh(), batch.actions, self.config.joint_gradient
+        )
+        q = values.mean(-1).mean(1)  # [K]
+        penalty = self.config.logit_penalty * logits.square().mean((1, 2, 3))
+        self.actor_optimizer.step(penalty - q, scale)  # (3)
+        return {"policy_q": q}
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "generators": generator_states(self.generators),
+            "actors": self.actors.network.flat.clone(),
+            "target_actors": self.target_actors.flat.clone(),
+            **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
+            **self.critics.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        restore_generators(self.generators, state["generators"])
+        self.actors.network.load(state["actors"])
+        self.target_actors.load(state["target_actors"])
+        self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
+        self.critics.load_state_dict(state)
 
 
 class MADDPG:
@@ -68,9 +234,27 @@ class MADDPG:
         """Joint steps that each seed has taken."""
         return self.collector.frames
 
+    def prepare(self) -> bool:
+        """Does nothing: the first rounds fill the replay."""
+        return False
+
     def update(self) -> dict[str, Tensor]:
         """One round of acting and learning; returns losses, each [K], NaN before learning began."""
         return self.collector.round(self._act, self._learn, Learner.LOSSES)
+
+    @torch.no_grad()
+    def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        actions = self.learner.actions(observations)
+        if self.frames < self.config.warmup_transitions:
+            actions = 2 * uniform_like(self.collector.acting, actions) - 1
+        else:
+            deviation = self.schedule.at(self.collector.progress)
+            actions = gaussian(self.collector.acting, actions, deviation)
+        return actions, actions
+
+    def _learn(self, batch: Batch) -> dict[str, Tensor]:
+        factor = linear(self.collector.progress, self.config.final_learning_rate_factor)
+        return self.learner.update(batch, factor)
 
     def policy(self, index: int) -> TorchPolicy:
         """The greedy policy of seed number `index`, as it is now."""
@@ -83,10 +267,6 @@ class MADDPG:
             frame=self.collector.frame,
             parameters=self.config.parameters,
         )
-
-    def warm_start(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
@@ -105,18 +285,3 @@ class MADDPG:
         """
         self.collector.load_state_dict(part(state, "collector"))
         self.learner.load_state_dict(part(state, "learner"))
-
-    @torch.no_grad()
-    def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        actions = self.learner.actions(observations)
-        if self.frames < self.config.warm_up:
-            actions = 2 * uniform_like(self.collector.acting, actions) - 1
-        else:
-            deviation = self.schedule.at(self.collector.progress)
-            actions = gaussian(self.collector.acting, actions, deviation)
-        return actions, actions
-
-    def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        return self.learner.update(
-            batch, linear(self.collector.progress, self.config.final_step_size)
-        )

@@ -1,107 +1,121 @@
 """QMIX: the team's value is a monotonic function of its robots' values that depends on the state.
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
-learning", ICML 2018, equations 5 and 6, over choices among knots of each action dimension
-(`learn.bins`):
+learning", ICML 2018, equations 5 and 6, over choices among bins of each action dimension
+(`learn.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
 
     Q_tot(s, o, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); s)      dQ_tot / dQ_i >= 0
+    u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks
+    y     = r + gamma (1 - termination) Q'_tot(s', o', u')          valued by the targets
+    L     = Huber(Q_tot(s, o, u) - y)
 
-trained by double Q-learning (`learn.decomposition`); f is `learn.mixers.MonotonicMixer`.
+Q_i is the mean over action dimensions, and f is `learn.mixers.MonotonicMixer`.
 
 Deviations:
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
 - Feed-forward networks, no recurrent ones: observations hold velocities.
-- Single transitions from many copies instead of whole episodes; Polyak targets instead of hard
-  copies; Huber loss; actions and observations turned to the robot's target (`frame`).
+- Single transitions from many copies instead of whole episodes; slowly moving targets instead of
+  hard copies; Huber loss; actions and observations turned to the robot's target (`frame`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import torch
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.choices import decomposition
-from swarmdata.learn.choices.bins import BinPolicy
+from swarmdata.learn.choices import bins
+from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.online_algos.collection.value_learning import MIXER_STREAM, Choosing, ChoosingConfig
+from swarmdata.learn.objectives.td_targets import td_target, team_reward
+from swarmdata.learn.training.exploration import LinearSchedule
+from swarmdata.online_algos.collection import value_learning
+from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.value_learning import (
+    LOSSES,
+    MIXER_STREAM,
+    ValueLearningConfig,
+    td_update,
+    utilities_of,
+    utility_team,
+)
+from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class QMIXConfig(ChoosingConfig):
-    """Settings of QMIX: those of every algorithm that chooses, and of the mixer."""
+class QMIXConfig(ValueLearningConfig):
+    """Settings of QMIX: those of every value decomposition, and of the mixer."""
 
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64
 
 
-class QMIX:
-    """K seeds of QMIX.
+class QMIXLearner:
+    """K seeds of utility networks and a mixer, trained on batches of bins.
+
+    A discrete action space is the case of one dimension: with `sizes.action` 1 there are `n_bins`
+    actions to choose from.
 
     Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
+        sizes: numbers of robots and features; `action` is the number of choices to make.
+        seeds: of the initial parameters, [K].
         config: settings.
-        folder: of the replay.
     """
 
+    utilities, update = utilities_of, td_update
+
+    def __init__(self, sizes: Sizes, seeds: Sequence[int], config: QMIXConfig) -> None:
+        self.config = config
+        self.team = utility_team(sizes, seeds, config)
+        self.mixer = MonotonicMixer(
+            sizes.n_agents, sizes.state, seeds, MIXER_STREAM,
+            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device="cpu",
+        )  # fmt: skip
+        networks = {"team": self.team.network, "mixer": self.mixer.network}
+        self.descent = Descent(
+            networks, len(seeds), config.learning_rate, config.max_grad_norm, followed=networks
+        )
+
+    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
+        """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are normalized, [K, B, S]."""
+        return self.mixer(bins.chosen(self.utilities(features), choices), states)
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y, [K, B], in units of scaled rewards."""
+        o_next, slow = batch.next_observations, self.descent.targets
+        choices = bins.greedy(self.utilities(o_next))
+        values = bins.chosen(self.utilities(o_next, slow["team"]), choices)  # [K, B, N]
+        q_next = self.mixer(values, batch.next_states, slow["mixer"])  # [K, B]
+        r = team_reward(batch.rewards) * self.config.reward_scale
+        return td_target(r, batch.terminations, q_next, self.config.discount)
+
+
+class QMIX:
+    """K seeds of QMIX in K E copies of a task, with their replay in a folder."""
+
     Config = QMIXConfig
-    LOSSES = (*decomposition.LOSSES, "reward")
+    LOSSES = (*LOSSES, "reward")
+
+    update = value_learning.update_round
+    policy = value_learning.policy_of
+    prepare = value_learning.skip_preparation
+    restart_worlds = value_learning.restart_worlds
+    state_dict = value_learning.state_of
+    load_state_dict = value_learning.restore_state
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: QMIXConfig, folder: Path | str
     ) -> None:
-        def build(sizes: Sizes, seeds: Sequence[int]) -> MonotonicMixer:
-            return make_mixer(sizes, seeds, config)
-
-        self._loop = Choosing(env, seeds, config, folder, build)
+        self.collector = Collector(env, seeds, Plan.of(config), folder)
+        self.learner = QMIXLearner(self.collector.sizes, seeds, config)
+        self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
 
     @property
     def frames(self) -> int:
         """Joint steps that each seed has taken."""
-        return self._loop.collector.frames
-
-    def update(self) -> dict[str, Tensor]:
-        """One round of acting and learning; returns losses, each [K], NaN before learning began."""
-        return self._loop.update()
-
-    def policy(self, index: int) -> BinPolicy:
-        """The greedy policy of seed number `index`, as it is now."""
-        return self._loop.policy(index)
-
-    def warm_start(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self._loop.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        return self._loop.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
-        self._loop.load_state_dict(state)
-
-
-def make_mixer(sizes: Sizes, seeds: Sequence[int], config: QMIXConfig) -> MonotonicMixer:
-    """Makes the mixers of K seeds."""
-    return MonotonicMixer(
-        sizes.n_agents,
-        sizes.state,
-        seeds,
-        MIXER_STREAM,
-        embedding=config.mixer_embedding,
-        hidden=config.mixer_hidden,
-        device="cpu",
-    )
+        return self.collector.frames

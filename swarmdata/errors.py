@@ -1,36 +1,40 @@
-"""Every error that swarmdata raises on purpose.
+"""The errors that swarmdata raises.
+
+Catch `SwarmdataError` to handle them all. Each type is also the builtin exception in brackets, so
+`except ValueError` works as well. A message says what was found, what was expected, where, and what
+to do next.
 
 SwarmdataError
-├── UnknownNameError (KeyError)         a registry or the catalog has no such name
-├── SpecError (ValueError)              a spec is malformed or asks for what there is not
-├── SchemaError (ValueError)            arrays do not have the promised shape, dtype or range
-├── SpawnError (RuntimeError)           no collision-free layout could be drawn for this spec
-├── CheckpointError (ValueError)        a checkpoint is not the one the recipe names
-├── MissingExtraError (ImportError)     an optional dependency is needed and absent
-├── ConversionError (ValueError)        data of another format is ambiguous or broken
-├── ProgramError (OSError)              another program, such as ffmpeg, is absent or has failed
-├── DivergedError (ArithmeticError)     training became infinite or NaN; the checkpoint is kept
-├── BuildError (RuntimeError)           a dataset could not be made
-│   └── RecipeConflictError             the folder holds parts of another recipe
-├── StudyError (RuntimeError)           a study, or a cell of it, could not be finished
+├── UnknownNameError (KeyError)         no task, preset, policy or dataset has this name
+├── SpecError (ValueError)              a spec or recipe is malformed or asks for the impossible
+├── SchemaError (ValueError)            an array has the wrong shape, dtype or range
+├── SpawnError (RuntimeError)           no collision-free layout was found for a spec
+├── CheckpointError (ValueError)        a checkpoint is malformed or not the one the recipe names
+├── MissingExtraError (ImportError)     an optional dependency is not installed
+├── ConversionError (ValueError)        data in another format is ambiguous, broken or does not fit
+├── ProgramError (OSError)              an external program, such as ffmpeg, is missing or failed
+├── DivergedError (ArithmeticError)     training produced NaN or infinite values
+├── BuildError (RuntimeError)           a dataset could not be built
+│   └── RecipeConflictError             the folder holds parts that another recipe built
+├── StudyError (RuntimeError)           a study, or one of its cells, could not be finished
 │   └── StaleCellError                  a cell's folder holds results of another configuration
-├── FileKindError (OSError)             a named file is no regular file, or is too large
-├── DiskFullError (OSError)             no space was left; what was finished before is kept
-├── AddressError (ValueError)           an address or a dataset's id is malformed
-├── GateError (ValueError)              a dataset may not be published
-├── ResultsError (ValueError)           results are stale, or do not belong together
-├── HubError (OSError)                  a remote could not be asked, or refused
+├── FileKindError (OSError)             a file is not a regular file, or is too large
+├── DiskFullError (OSError)             the disk or the quota is full
+├── AddressError (ValueError)           the address of a remote or the id of a dataset is malformed
+├── GateError (ValueError)              a dataset does not meet the conditions for publication
+├── ResultsError (ValueError)           results are out of date or cannot be combined
+├── HubError (OSError)                  a remote could not be reached or refused a request
 │   ├── AbsentFileError                 the remote has no such file
-│   ├── ConflictError                   someone else published there meanwhile
-│   └── VersionTakenError               this version is published already, and never changes
+│   ├── ConflictError                   another push to the same place came first
+│   └── VersionTakenError               this version is already published and cannot be replaced
 └── DatasetError (OSError)              a stored dataset cannot be used
-    ├── DatasetNotFoundError            there is nothing at that path
-    ├── MissingManifestError            the folder has no manifest, so it was never finished
-    ├── ManifestError                   the manifest cannot be read or contradicts itself
-    ├── FormatVersionError              written by a newer swarmdata
-    ├── MissingFileError                a listed file or chunk is absent
-    ├── TruncatedFileError              a file is shorter or longer than listed
-    └── ChecksumError                   the bytes are not those that were written
+    ├── DatasetNotFoundError            there is no dataset at this path
+    ├── MissingManifestError            the folder has no manifest: unfinished, or the file was lost
+    ├── ManifestError                   the manifest is unreadable or inconsistent
+    ├── FormatVersionError              a newer version of swarmdata wrote the dataset
+    ├── MissingFileError                a file that the manifest lists is missing
+    ├── TruncatedFileError              a file does not have the size that the manifest lists
+    └── ChecksumError                   a file's bytes have changed since it was written
 """
 
 import difflib
@@ -38,21 +42,21 @@ from collections.abc import Iterable
 
 
 class SwarmdataError(Exception):
-    """Base class of every error this library raises on purpose."""
+    """Base class of every error that this library raises."""
 
     def __str__(self) -> str:
-        """The message itself; `KeyError` would otherwise show it quoted."""
+        """Returns the plain message, which `KeyError` would show in quotes."""
         return str(self.args[0]) if self.args else ""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Returns " Did you mean 'x'?" for the nearest known name, or an empty string."""
+    """Returns " Did you mean 'x'?" for the closest known name, or "" if none is close."""
     near = difflib.get_close_matches(name[:100], list(known), n=1)
     return f" Did you mean {near[0]!r}?" if near else ""
 
 
 class UnknownNameError(SwarmdataError, KeyError):
-    """A registry or the catalog was asked for a name that it does not hold."""
+    """No task, preset, policy or dataset has this name; the message lists those that exist."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
         options = sorted(known)
@@ -64,23 +68,23 @@ class UnknownNameError(SwarmdataError, KeyError):
 
 
 class SpecError(SwarmdataError, ValueError):
-    """A TaskSpec or Recipe is malformed, or asks for something that is not available."""
+    """A TaskSpec or Recipe is malformed, contradicts itself or asks for something impossible."""
 
 
 class SchemaError(SwarmdataError, ValueError):
-    """Arrays do not have the shape, dtype or range that was promised."""
+    """An array or argument does not have the expected shape, dtype or range."""
 
 
 class SpawnError(SwarmdataError, RuntimeError):
-    """No collision-free layout could be drawn for this spec."""
+    """No collision-free layout was found for a spec in the allowed number of attempts."""
 
 
 class CheckpointError(SwarmdataError, ValueError):
-    """A checkpoint is malformed or is not the one that the recipe names."""
+    """A checkpoint is malformed, or its hash is not the one that the recipe names."""
 
 
 class MissingExtraError(SwarmdataError, ImportError):
-    """An optional dependency is needed and absent."""
+    """An optional dependency is not installed; the message says how to install it."""
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         super().__init__(
@@ -90,27 +94,27 @@ class MissingExtraError(SwarmdataError, ImportError):
 
 
 class ConversionError(SwarmdataError, ValueError):
-    """Data of another format is ambiguous, does not fit together, or cannot hold what is asked."""
+    """Data in another format is ambiguous or inconsistent, or that format cannot hold the data."""
 
 
 class ProgramError(SwarmdataError, OSError):
-    """Another program, such as ffmpeg, is needed and absent, or has failed."""
+    """An external program, such as ffmpeg, is not installed or has failed."""
 
 
 class DivergedError(SwarmdataError, ArithmeticError):
-    """Training left the finite numbers; the last checkpoint is of before."""
+    """Training produced NaN or infinite values; the last checkpoint is from before that."""
 
 
 class BuildError(SwarmdataError, RuntimeError):
-    """A dataset could not be made; finished parts are kept."""
+    """A dataset could not be built; the parts that were finished are kept."""
 
 
 class RecipeConflictError(BuildError):
-    """The build folder holds parts of another recipe."""
+    """The build folder holds parts that were built from another recipe."""
 
 
 class StudyError(SwarmdataError, RuntimeError):
-    """A study, or a cell of it, could not be finished; what is done is kept."""
+    """A study, or one of its cells, could not be finished; finished cells are kept."""
 
 
 class StaleCellError(StudyError):
@@ -118,27 +122,27 @@ class StaleCellError(StudyError):
 
 
 class FileKindError(SwarmdataError, OSError):
-    """A file that somebody named is no regular file, or is larger than such a file may be."""
+    """A file is not a regular file (a link, pipe or device), or is larger than allowed."""
 
 
 class DiskFullError(SwarmdataError, OSError):
-    """No space was left while writing; what was finished before is kept."""
+    """The disk or the quota was full while writing; files that were finished before are kept."""
 
 
 class AddressError(SwarmdataError, ValueError):
-    """An address of a remote, or the id of a dataset, is malformed."""
+    """The address of a remote, or the id of a dataset, is malformed."""
 
 
 class GateError(SwarmdataError, ValueError):
-    """A dataset may not be published; the message lists every reason."""
+    """A dataset does not meet the conditions for publication; the message lists every reason."""
 
 
 class ResultsError(SwarmdataError, ValueError):
-    """Results are stale, or do not belong together; the message names every file."""
+    """Results are out of date or cannot be combined; the message names every file."""
 
 
 class HubError(SwarmdataError, OSError):
-    """A remote could not be asked, refused, or gave what it must not give."""
+    """A remote could not be reached, refused a request, or returned invalid data."""
 
 
 class AbsentFileError(HubError):
@@ -146,11 +150,11 @@ class AbsentFileError(HubError):
 
 
 class ConflictError(HubError):
-    """Someone else published to the same place meanwhile; nothing of this push is visible."""
+    """Another push to the same place came first; nothing of this push is visible."""
 
 
 class VersionTakenError(HubError):
-    """Another dataset is published under this id and version, which never changes."""
+    """A different dataset is already published under this id and version, which never change."""
 
 
 class DatasetError(SwarmdataError, OSError):
@@ -170,11 +174,11 @@ class ManifestError(DatasetError):
 
 
 class FormatVersionError(DatasetError):
-    """The dataset was written in a format newer than this library reads."""
+    """The dataset has a newer format than this version of swarmdata can read; upgrade swarmdata."""
 
 
 class MissingFileError(DatasetError):
-    """A file or chunk that the manifest lists is absent."""
+    """A file or chunk that the manifest lists is missing."""
 
 
 class TruncatedFileError(DatasetError):
@@ -182,4 +186,4 @@ class TruncatedFileError(DatasetError):
 
 
 class ChecksumError(DatasetError):
-    """The stored bytes are not those that were written."""
+    """A file's bytes have changed since it was written."""

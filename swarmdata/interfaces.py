@@ -1,4 +1,7 @@
-"""What a world, a policy and an algorithm must be able to do. Nothing else is assumed of them."""
+"""The protocols of tasks, environments, policies and algorithms: all that swarmdata asks of them.
+
+Any class with these members will do; none has to be inherited. Axis letters are those of `types`.
+"""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -23,79 +26,96 @@ from swarmdata.types import (
 
 @runtime_checkable
 class Task(Protocol):
-    """One problem with the constants of one spec: pure functions over arrays, and no physics.
+    """A task with the constants of one spec: pure functions over arrays, without physics.
 
-    Built as `Task(spec)`. A state row is described in `states`; what follows the robots and the
-    movable bodies, `extras` numbers, is the task's own. An episode's states and layout, its seed
-    and its times determine all that these functions write, so it can be computed again from a
-    dataset.
+    Built as `Task(spec)`. `state_layout` describes a row of the states: robots, movable bodies, and
+    then the task's own numbers, whose columns are `extras`. Everything that these functions write
+    depends only on an episode's states, layout, seed and times, so that it can be computed again
+    from a dataset.
     """
 
     spec: TaskSpec
     kinds: Int  # [M] shape code of each row of a layout, the same in every episode
     movables: tuple[Payload, ...]  # bodies that robots can push
     extras: tuple[Column, ...]  # the task's own columns of a state
-    features: tuple[Feature, ...]  # what the task adds to every robot's observation
-    terms: tuple[Term, ...]  # of the task's own reward; `registry.reward_terms` has all
-    solved: str  # when the task is, a clause
-    metrics: ClassVar[Mapping[str, Metric]]  # what the task adds to `metrics.EPISODE_METRICS`
+    features: tuple[Feature, ...]  # added by the task to every robot's observation
+    terms: tuple[Term, ...]  # of the task's own reward; `components.reward_terms` returns all terms
+    solved: str  # the condition under which the task is solved, as a clause
+    metrics: ClassVar[Mapping[str, Metric]]  # added by the task to `metrics.EPISODE_METRICS`
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        """Draws the episodes `seeds` into the rows `copies` of layouts [E, M, 8], states [E, S].
+        """Draws new episodes: their obstacles, their initial states and the task's own numbers.
+
+        Args:
+            seeds: episode seeds, [len(copies)].
+            copies: rows to write.
+            layouts: written, [E, M, 8].
+            states: written, [E, S].
 
         Raises:
-            SpawnError: no layout could be drawn.
+            SpawnError: no collision-free layout was found.
         """
         ...
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
-        """Completes the states of the active copies and scores the step.
+        """Completes the states of the active copies after a physics step, and scores the step.
 
         Args:
-            before: the step before; only read.
-            now: positions, velocities and headings in `states`, `times`, `events`, `layouts` and
-                `seeds` are those of this step; targets and extras still those of the step before,
-                and to be written.
-            active: copies that took the step, [E].
-            rewards: written, the task's own reward of each robot, without what every task shares
-                (success, contacts, proximity), [E, N].
-            solved: written, whether the task is solved in this step, [E].
+            before: the previous step; only read.
+            now: this step. Its `times`, `events`, `layouts`, `seeds`, and the positions, velocities
+                and headings in `states` are final; targets and extras are still those of the
+                previous step and have to be updated here.
+            active: which copies took the step, [E].
+            rewards: written: the task's own reward of each robot, without the terms that all tasks
+                share (success, contacts, proximity), [E, N].
+            solved: written: whether the task is solved after this step, [E].
         """
         ...
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
-        """Writes `features` of every robot of the active copies in the world's frame, [E, N, F]."""
+        """Writes the task's features of every robot in the active copies.
+
+        Args:
+            states: [E, S].
+            layouts: [E, M, 8].
+            active: which copies to write, [E].
+            out: written, in the order of `features` and in the world's frame, [E, N, F].
+        """
         ...
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
-        """One value per name of `metrics`."""
+        """Returns one value for each name in `metrics`."""
         ...
 
 
 @runtime_checkable
 class VecEnv(Protocol):
-    """E copies of one task, stepped together; resetting is the caller's visible decision."""
+    """E copies of one task that are stepped together.
+
+    Copies are never reset automatically: a copy that has ended stays as it is until the caller
+    resets it.
+    """
 
     spec: TaskSpec
     task: Task
     n_copies: int
-    features: tuple[Feature, ...]  # what each number of an observation is, O
+    features: tuple[Feature, ...]  # the meaning of each number in an observation, O
     observation_size: int
     action_size: int
     state_size: int
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
-        """Starts the episodes `seeds` in the copies listed (all by default).
+        """Starts new episodes in some copies, by default in all of them.
 
         Args:
-            seeds: one episode seed per reset copy, [E] or [len(copies)].
+            seeds: one episode seed for each copy that is reset, [E] or [len(copies)].
             copies: indices of the copies to reset; the others keep their state.
 
         Returns:
             The step of all copies; rewards, flags and events of the reset copies are zero.
 
         Raises:
-            SpawnError: no layout could be drawn.
+            SpawnError: no collision-free layout was found.
         """
         ...
 
@@ -106,87 +126,91 @@ class VecEnv(Protocol):
             actions: joint actions in [-1, 1], [E, N, A].
 
         Raises:
-            SchemaError: wrong shape, or an action that is not finite.
+            SchemaError: `actions` has the wrong shape or dtype, or is not finite.
         """
         ...
 
 
 @runtime_checkable
 class Policy(Protocol):
-    """Chooses joint actions from what the robots see, or from states if `uses_state`."""
+    """Chooses joint actions from observations, or from states if `uses_state`."""
 
     @property
     def uses_state(self) -> bool:
-        """Whether it reads `Step.states`, and so knows more than the robots."""
+        """Whether it reads `Step.states`, and so knows more than the robots observe."""
         ...
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Forgets what it knew about `copies`, in which new episodes have begun."""
+        """Clears the policy's memory of `copies`, in which new episodes have begun."""
         ...
 
     def act(self, step: Step) -> Float:
         """Returns joint actions in [-1, 1], float32 [E, N, A].
 
-        Randomness must be a function of `step.seeds` and `step.times` only, so that an episode is
-        the same in any batch.
+        Randomness must be a function of `step.seeds` and `step.times` only, so that an episode does
+        not depend on the batch it runs in.
         """
         ...
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        """Returns the log-probability of each robot's action, float32 [E, N], as `density` says.
+        """Returns the log-probability of each robot's action, float32 [E, N].
 
-        Pure, elementwise over copies, and finite for what `act` returned on this step. A policy
-        with memory knows it of the step that it acted on last only, and raises SchemaError for
-        any other; the others know it of every step and action.
+        The convention is that of `action_probabilities`. The function is pure, elementwise over
+        copies, and finite for the actions that `act` returned on this step.
 
         Args:
-            step: what the actions answer.
+            step: the step on which the actions were chosen.
             actions: joint actions in [-1, 1], float32 [E, N, A].
+
+        Raises:
+            SchemaError: the policy has a memory and `step` is not the last one it acted on; a
+                policy without memory accepts any step and any actions.
         """
         ...
 
 
 @runtime_checkable
 class OnlineAlgorithm(Protocol):
-    """Learns K policies, one per seed, in worlds of its own.
+    """Learns K policies, one per seed, by acting in environments of its own.
 
-    Built as `Kind(env, seeds, config, folder)`: K E copies of a task, the seeds [K], a `Config`,
-    and a folder for what is too large for a checkpoint. `Kind.Config` is a frozen dataclass with
-    `n_frames` and `n_copies`, `Kind.LOSSES` names what `update` returns.
+    Built as `Kind(env, seeds, config, folder)` from K * E copies of a task, the seeds [K], a
+    `Config`, and a folder for data that is too large for a checkpoint. `Kind.Config` is a frozen
+    dataclass with the fields `n_steps` and `n_copies`; `Kind.LOSSES` names the losses that
+    `update` returns.
     """
 
     @property
     def frames(self) -> int:
-        """Joint steps that each seed has taken."""
+        """Number of joint steps that each seed has taken."""
         ...
 
-    def warm_start(self) -> bool:
-        """What comes before the first update of a new run, such as cloning a teacher.
+    def prepare(self) -> bool:
+        """Prepares a new run before its first update, for example by cloning a teacher.
 
         Returns:
-            Whether it took long: its result is then worth a checkpoint, after which new episodes
-            have to begin.
+            Whether the preparation took long. If so, the caller writes a checkpoint, after which
+            new episodes have to begin.
         """
         ...
 
     def update(self) -> dict[str, Any]:
-        """One round of acting and learning; returns losses, each [K], NaN where none is defined."""
+        """Acts and learns for one round; returns the losses, each [K], NaN where undefined."""
         ...
 
     def policy(self, index: int) -> Policy:
-        """The greedy policy of seed number `index`, as it is now."""
+        """Returns the current greedy policy of seed number `index`."""
         ...
 
     def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
+        """Begins new episodes in all copies, as `load_state_dict` does."""
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything but the running episodes, as tensors; copies."""
+        """Returns copies of all tensors that the run needs, except the running episodes."""
         ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restores what `state_dict` returned, to continue bit for bit."""
+        """Restores what `state_dict` returned, so that the run continues bit for bit."""
         ...
 
 
@@ -195,15 +219,15 @@ class Algorithm(Protocol):
     """Updates K policies, one per seed, from batches of recorded data."""
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One gradient step on a batch of tensors [K, B, ...]; returns the losses, each [K]."""
+        """Takes a gradient step on a batch of tensors [K, B, ...]; returns the losses, each [K]."""
         ...
 
     def policy(self, index: int) -> Policy:
-        """The greedy policy of seed number `index`."""
+        """Returns the current greedy policy of seed number `index`."""
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything needed to continue bit for bit, as tensors."""
+        """Returns all tensors that training needs to continue bit for bit."""
         ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

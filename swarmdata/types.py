@@ -1,9 +1,10 @@
-"""The values that flow from worlds to reports.
+"""The data types that environments, policies, datasets and results exchange.
 
 Axis letters, always in this order: E copies of a task or B batch, T time, N agents, then features:
-O observation, S state, A action, P values of a message. M obstacles of a layout. Without a channel
-P is 0, and so is the sender axis of `delivered` and `ages`. What a recording of another environment
-does not have is empty: its `events` [T, N, 0], `log_probs` [T, 0], layouts [0, 8], states [T+1, 0].
+O observation, S state, A action, P values of a message. M is the number of obstacles in a layout.
+Without a communication channel, P and the sender axis of `delivered` and `ages` are 0. Fields that
+a recording of another environment lacks are empty: `events` [T, N, 0], `log_probs` [T, 0], layouts
+[0, 8], states [T+1, 0].
 """
 
 from collections.abc import Mapping
@@ -27,73 +28,73 @@ Counts = NDArray[np.uint8]
 
 
 class Column(NamedTuple):
-    """What one number in the rows of an array means."""
+    """The meaning of one number in the rows of an array."""
 
     name: str
     meaning: str
     unit: str = ""  # empty for codes, counts, fractions and components of unit vectors
-    low: float | None = None  # no value is below; None: there is no such bound
-    high: float | None = None  # no value is above
+    low: float | None = None  # lower bound; None: unbounded
+    high: float | None = None  # upper bound; None: unbounded
     frame: str = ""  # "world" or "body"; empty where none applies
 
 
 class Term(NamedTuple):
     """One term of a robot's reward in a step."""
 
-    name: str  # of its weight in `spec.rules.rewards`
+    name: str  # also that of its weight in `spec.rules.rewards`
     weight: float
-    formula: str  # with `weight`, and [x] for 1 where x holds, else 0
-    meaning: str  # of the formula's other symbols
+    formula: str  # in terms of `weight`; [x] is 1 where x holds, else 0
+    meaning: str  # of the other symbols in the formula
 
 
-SEPARATION = 0.01
-"""A contact that has begun ends when the gap exceeds this (m), so that one that jitters at rest is
-counted once."""
+SEPARATION_GAP = 0.01
+"""A contact ends when the gap exceeds this (m), so that a contact that jitters at rest is counted
+once."""
 
-_OVERLAP = "after at least one physics step of this step, the robot overlapped"
-_ONSETS = (
+_OVERLAPPED = "after at least one physics step of this step, the robot overlapped"
+_ONSET_RULE = (
     "began in this step: an overlap (gap <= 0 m after a physics step) of two that were not in "
-    f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION:g} m"
+    f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION_GAP:g} m"
 )
 
 EVENT_COLUMNS = (
-    Column("robot_contact", f"1 if, {_OVERLAP} another robot, else 0", low=0, high=1),
-    Column("obstacle_contact", f"1 if, {_OVERLAP} an obstacle or wall, else 0", low=0, high=1),
+    Column("robot_contact", f"1 if, {_OVERLAPPED} another robot, else 0", low=0, high=1),
+    Column("obstacle_contact", f"1 if, {_OVERLAPPED} an obstacle or wall, else 0", low=0, high=1),
     Column(
         "robot_onsets",
-        f"contacts of the robot with other robots that {_ONSETS}. Each is counted in the rows of "
-        "both robots",
+        f"contacts of the robot with other robots that {_ONSET_RULE}. Each is counted in the rows "
+        "of both robots",
         low=0,
         high=255,
     ),
     Column(
         "obstacle_onsets",
-        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSETS}",
+        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSET_RULE}",
         low=0,
         high=255,
     ),
 )
-"""Columns of `events`. Contact is overlap, gap <= 0, after a physics step, of which a control step
-has several; `SEPARATION` is for onsets only. So a contact that lasts without overlap is in no
-column, and a step may overlap without an onset."""
+"""Columns of `events`. The contact columns show overlap (gap <= 0) after any physics step, of which
+a control step has several; `SEPARATION_GAP` matters to onsets only. So a contact that lasts without
+overlap shows in no column, and a step can have overlap without an onset."""
 
 EVENTS = tuple(column.name for column in EVENT_COLUMNS)
 """Names of the columns of `events`."""
 
-NEVER = 255
-"""In `ages`: nothing was ever received. Older messages than 254 steps count as 254."""
+NEVER_RECEIVED = 255
+"""In `ages`: nothing was ever received. Messages older than 254 steps count as 254."""
 
 TASK_END_REASONS = ("success", "failure", "horizon")
-"""Why an episode of our tasks ended, by code: two terminations, then the truncation."""
+"""Why an episode of a swarmdata task ended, by code: two terminations, then the truncation."""
 
 END_REASONS = (*TASK_END_REASONS, "ended")
-"""The same of any episode. `ended` is a termination of a recorded environment that does not say
+"""Why any episode ended. `ended` is the termination of a recorded environment that does not report
 whether its task was solved."""
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """What one per-episode number means."""
+    """The meaning of one per-episode number."""
 
     label: str
     unit: str  # empty for counts, fractions and returns
@@ -102,55 +103,55 @@ class Metric:
 
 
 class Step(NamedTuple):
-    """What every copy of a task returned for one joint action, or for a reset.
+    """The result of one joint action, or of a reset, in all copies of a task.
 
-    The arrays are the caller's to keep: the environment never writes to them again.
-    A copy that has ended stays as it is, with zero rewards, until it is reset.
+    The caller may keep the arrays: the environment never writes to them again. A copy that has
+    ended stays as it is, with zero rewards, until it is reset.
     """
 
     observations: Float  # [E, N, O]
     states: Float  # [E, S]
     rewards: Float  # [E, N]
-    terminations: Bool  # [E] the task ended: success, or a failure that the spec names
+    terminations: Bool  # [E] the task ended, by success or by a failure that the spec defines
     truncations: Bool  # [E] the horizon cut the episode
     successes: Bool  # [E] the task was solved in this step (implies termination)
     events: Counts  # [E, N, 4] safety events of this step, columns `EVENTS`
-    seeds: Seeds  # [E] the episode that runs in each copy
+    seeds: Seeds  # [E] seed of the episode that runs in each copy
     times: Int  # [E] control steps taken since that episode's reset
     layouts: Float  # [E, M, 8] obstacles of that episode, columns `geometry.OBSTACLE`
     sent: Float  # [E, N, P] message that each robot sent in this step
     delivered: Bool  # [E, N, N] whether a message of sender (last axis) arrived in this step
-    ages: Counts  # [E, N, N] steps since the newest message from a sender was sent, or NEVER
+    ages: Counts  # [E, N, N] age of the newest message of a sender, steps, or NEVER_RECEIVED
 
     @property
     def ended(self) -> Bool:
-        """Which copies need a reset, [E]."""
+        """Whether each copy has ended and needs a reset, [E]."""
         return self.terminations | self.truncations
 
 
 STATE_FIELDS = ("observations", "states", "sent", "delivered", "ages")
-"""Fields of an episode with a row for each state, T + 1."""
+"""Fields of an episode that have a row for each state, T + 1."""
 
 STEP_FIELDS = ("actions", "log_probs", "rewards", "terminations", "truncations", "events")
-"""Fields of an episode with a row for each joint action, T."""
+"""Fields of an episode that have a row for each joint action, T."""
 
 OPTIONAL_STATE_FIELDS = ("alive", "action_masks")
-"""The same, of recordings in which agents leave or choices are forbidden."""
+"""More fields with T + 1 rows, in recordings where agents leave or choices are forbidden."""
 
 OPTIONAL_STEP_FIELDS = ("agent_terminations", "agent_truncations")
-"""The same, of recordings in which agents leave."""
+"""More fields with T rows, in recordings where agents leave."""
 
 
 def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
-    """Returns a step that shares no memory with `step`, of all copies or those selected."""
+    """Returns a deep copy of a step, for all copies of the task or for those selected."""
     return Step._make(np.array(array[copies]) for array in step)
 
 
 def no_messages(*shape: int) -> dict[str, Any]:
-    """The fields `sent`, `delivered` and `ages` of robots that do not talk.
+    """Returns the fields `sent`, `delivered` and `ages` of robots that do not communicate.
 
     Args:
-        shape: leading axes, robots included: (E, N) of a step, (T + 1, N) of an episode.
+        shape: leading axes, robots included: (E, N) for a step, (T + 1, N) for an episode.
     """
     return {
         "sent": np.zeros((*shape, 0), dtype=np.float32),
@@ -163,14 +164,14 @@ def no_messages(*shape: int) -> dict[str, Any]:
 class Episode:
     """One finished run of a task, time first.
 
-    The fields of `STATE_FIELDS` have one row more than `actions`: the last row is what was reached
-    by the last action, so that bootstrapping at a truncation needs no guessing.
+    The fields in `STATE_FIELDS` have one row more than `actions`: the last row is the state after
+    the last action, which bootstrapping at a truncation needs.
     """
 
     observations: Float  # [T+1, N, O]
     states: Float  # [T+1, S]
     actions: Float  # [T, N, A]
-    log_probs: Float  # [T, N] of each robot's action under the policy that made it: `density`
+    log_probs: Float  # [T, N] of each robot's action, as in `rollouts.action_probabilities`
     rewards: Float  # [T, N]
     terminations: Bool  # [T]
     truncations: Bool  # [T]
@@ -182,13 +183,13 @@ class Episode:
     seed: int
     policy: int  # index into the recipe's policies
     end_reason: int  # index into END_REASONS
-    alive: Bool | None = None  # [T+1, N] who acts next, where agents can leave the episode
-    action_masks: Bool | None = None  # [T+1, N, C] which choices are allowed, where some are not
-    agent_terminations: Bool | None = None  # [T, N] where agents can leave the episode
-    agent_truncations: Bool | None = None  # [T, N] the same
+    alive: Bool | None = None  # [T+1, N] agents that still act; None if agents cannot leave
+    action_masks: Bool | None = None  # [T+1, N, C] allowed choices; None if all are allowed
+    agent_terminations: Bool | None = None  # [T, N] None if agents cannot leave
+    agent_truncations: Bool | None = None  # [T, N] None if agents cannot leave
 
     def __post_init__(self) -> None:
-        """Checks that all time axes agree."""
+        """Checks that all time axes have the same length."""
         steps = len(self)
         for name in (*STATE_FIELDS, *STEP_FIELDS, *self.optional):
             rows = len(getattr(self, name))
@@ -201,7 +202,7 @@ class Episode:
 
     @property
     def optional(self) -> tuple[str, ...]:
-        """The optional fields that it has."""
+        """Names of the optional fields that are not None."""
         names = (*OPTIONAL_STATE_FIELDS, *OPTIONAL_STEP_FIELDS)
         return tuple(name for name in names if getattr(self, name) is not None)
 
@@ -210,7 +211,7 @@ class Episode:
         return len(self.actions)
 
     def __repr__(self) -> str:
-        """Shows shapes instead of values."""
+        """Returns the shapes instead of the values."""
         arrays = [f for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)]
         shapes = ", ".join(f"{f.name}={getattr(self, f.name).shape}" for f in arrays)
         return f"Episode({shapes}, seed={self.seed}, end_reason={END_REASONS[self.end_reason]!r})"
@@ -222,7 +223,7 @@ class Episode:
 
     @property
     def team_return(self) -> float:
-        """Undiscounted sum over time of the mean reward over agents."""
+        """The sum over time, without discount, of the mean reward over agents."""
         return float(self.rewards.mean(axis=1, dtype=np.float64).sum())
 
 
@@ -230,14 +231,15 @@ class Episode:
 class Batch:
     """Transitions (L = 1, time axis dropped) or fixed-length sequences, batch first.
 
-    `mask` is False on padding. `terminations` stop a bootstrap, `truncations` do not.
+    `mask` is False on padding. A termination stops bootstrapping, a truncation does not.
 
-    `next_actions` are those of the next step of the same episode, zero where it ended, by either
-    flag; None where they are not known, as in the replay of online training.
+    `next_actions` are the actions of the next step of the same episode, and zero where the episode
+    has ended by either flag. They are None where they are not known, as in online replay.
 
-    `log_probs` are those of the stored actions under the policies that made them (`density`), also
-    where `actions` are scaled or turned into another frame, zero on padding; None where they were
-    not recorded, as in most recordings of other environments and in the replay of online training.
+    `log_probs` are those of the stored actions under the policies that chose them
+    (`rollouts.action_probabilities`), even if `actions` are scaled or rotated into another frame,
+    and zero on padding. They are None where they were not recorded, as in online replay and in most
+    recordings of other environments.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]
@@ -257,7 +259,7 @@ class Batch:
         return len(self.mask)
 
     def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
-        """Returns the same batch as tensors on `device`; on the CPU the memory is shared."""
+        """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory."""
         try:
             import torch  # noqa: PLC0415  (torch is an extra)
         except ImportError as error:
@@ -273,10 +275,10 @@ class Batch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EvalResult:
-    """Per-episode metrics of one policy; every figure and table derives from it.
+    """Per-episode metrics of one policy, from which every figure and table is computed.
 
-    `metrics` maps each name of the task's metrics to one float64 value per episode; an
-    undefined value (the time to goal of a failed episode) is NaN.
+    `metrics` maps the name of each of the task's metrics to one float64 value per episode. An
+    undefined value, such as the time to goal of a failed episode, is NaN.
     """
 
     policy: str

@@ -10,7 +10,7 @@ leaves by the next lane in the aisle's direction, and goes from lane to lane thr
 
 import numpy as np
 
-from swarmdata.envs.warehouse.floor_plan import STANDOFF, best_lane, corridor
+from swarmdata.envs.warehouse.floor_plan import STANDOFF_GAP, best_lane, corridor
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import WarehouseRules
@@ -110,6 +110,6 @@ def tracks_of(spec: TaskSpec) -> Double:
     if not isinstance(rules, WarehouseRules):
         raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
     widths = np.array([rules.front, rules.aisle_width, rules.lane_width])
-    aside = np.minimum(widths / 4, widths / 2 - radius - STANDOFF)
+    aside = np.minimum(widths / 4, widths / 2 - radius - STANDOFF_GAP)
     aside[widths < 4 * radius + ABREAST] = 0.0
     return np.array([*aside, float(aside[1] == 0.0)])

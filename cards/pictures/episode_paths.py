@@ -1,14 +1,14 @@
-"""The panels below in a card's picture: recorded episodes with obstacles, starts, goals, paths."""
+"""The lower panels of a card's picture: episodes with obstacles, starts, goals and paths."""
 
 from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.pictures.panels import SMALL, finish, note, signed
+from swarmdata.cards.pictures.panels import SMALL_FONT_SIZE, finish, note, signed
 from swarmdata.drawing.style import GRAY
 from swarmdata.envs.render import draw
-from swarmdata.envs.render.canvas import WALL_SHOWN
-from swarmdata.envs.render.colors import PAYLOAD_EDGE, robot_color
+from swarmdata.envs.render.canvas import WALL_WIDTH
+from swarmdata.envs.render.colors import PAYLOAD_EDGE_COLOR, robot_color
 from swarmdata.envs.render.drawn_scene import n_bodies
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, X, Y, robots_of
@@ -16,13 +16,15 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode
 
-N_TRACKS = 4
+N_EPISODES_SHOWN = 4
+"""Panels."""
 
-_SIZE = 380  # pixels of a drawn arena's longer side
+ARENA_PIXELS = 380
+"""Longer side of a drawn arena."""
 
 
-def choose_episodes(table: EpisodeTable, n: int = N_TRACKS) -> list[int | None]:
-    """Chooses episodes that stand for the rest: of different policies, from all over their returns.
+def choose_episodes(table: EpisodeTable, n: int = N_EPISODES_SHOWN) -> list[int | None]:
+    """Chooses representative episodes: of different policies, spread over their returns.
 
     The policies, evenly spread if there are more than places, share the places in turn; the
     episodes of a policy with m places are those at the middle of m equal parts of its episodes,
@@ -44,16 +46,20 @@ def choose_episodes(table: EpisodeTable, n: int = N_TRACKS) -> list[int | None]:
     return chosen + [None] * (n - len(chosen))
 
 
-def draw_track(axes: Any, episode: Episode | None, recipe: Origin) -> None:
+def draw_episode_paths(axes: Any, episode: Episode | None, recipe: Origin) -> None:
     """Draws the last state of an episode with whole paths; rings show where robots started."""
     if episode is None:
         note(axes, "no further episode")
         return
     spec, last = task_of(recipe, "a picture"), len(episode)
     image = draw(
-        spec, episode.layout, episode.states[last], events=episode.events[last - 1], size=_SIZE
+        spec,
+        episode.layout,
+        episode.states[last],
+        events=episode.events[last - 1],
+        size=ARENA_PIXELS,
     )
-    x, y = spec.arena.width / 2 + WALL_SHOWN, spec.arena.height / 2 + WALL_SHOWN
+    x, y = spec.arena.width / 2 + WALL_WIDTH, spec.arena.height / 2 + WALL_WIDTH
     axes.imshow(image, extent=(-x, x, -y, y), interpolation="antialiased")
     for path, color in _paths(episode, spec):
         axes.plot(path[:, 0], path[:, 1], color=color, lw=1.1, alpha=0.7)
@@ -65,7 +71,7 @@ def draw_track(axes: Any, episode: Episode | None, recipe: Origin) -> None:
     axes.set_xlabel(
         f"{END_REASONS[episode.end_reason]} after {last * spec.control_dt:.1f} s, "
         f"return {signed(episode.team_return)}",
-        fontsize=SMALL,
+        fontsize=SMALL_FONT_SIZE,
         color=GRAY,
         labelpad=2,
     )
@@ -74,7 +80,7 @@ def draw_track(axes: Any, episode: Episode | None, recipe: Origin) -> None:
 def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, ...]]]:
     """Paths [T+1, 2] of robots and payloads with their colors; NaN below a robot at its last place.
 
-    The renderer's trails fade into the past, which is right in motion; here the way counts.
+    The renderer's trails fade, which suits a clip; a still shows the whole path.
     """
     n = spec.n_agents
     places = robots_of(episode.states, n)[..., [X, Y]].astype(np.float64)
@@ -83,7 +89,7 @@ def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, 
     paths = []
     for k in range(n_bodies(spec)):
         first = N_COLUMNS * n + len(BODY) * k
-        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE))
+        paths.append((episode.states[:, first : first + 2].astype(np.float64), PAYLOAD_EDGE_COLOR))
     for k in range(n):
         gaps = np.sqrt(np.square(places[:, k, None] - places[-1]).sum(axis=-1))  # [T+1, N]
         is_below = (gaps < radii).any(axis=1)

@@ -12,16 +12,16 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Float
 
-SMALL = 8
+SMALL_FONT_SIZE = 8
 """Points of ticks and notes."""
 
-MOST_RIDGES = 8
+MAX_RIDGES = 8
 """Policies that are shown as ridges; more become rows of a table of shades."""
 
-_BINS = 36
-_ENDS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1], COLORS[0]), strict=True))
+N_RETURN_BINS = 36
+END_COLORS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1], COLORS[0]), strict=True))
 _SOLID, _FLOOR = "#545D6A", "#FCFCFA"  # as in pictures of worlds
-_SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
+PLACE_SHADES = ("#E4EEF5", "#9CC7E0", "#4A9BCB", "#0072B2", "#0B3F66", "#06223A")
 
 
 def signed(value: float) -> str:
@@ -32,9 +32,9 @@ def signed(value: float) -> str:
 def finish(axes: Any, title: str, xlabel: str = "", ylabel: str = "") -> None:
     """Writes what a panel shows, and its axes, in the sizes that all panels share."""
     axes.set_title(title, fontsize=9, fontweight="bold", loc="left")
-    axes.set_xlabel(xlabel, fontsize=SMALL)
-    axes.set_ylabel(ylabel, fontsize=SMALL)
-    axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
+    axes.set_xlabel(xlabel, fontsize=SMALL_FONT_SIZE)
+    axes.set_ylabel(ylabel, fontsize=SMALL_FONT_SIZE)
+    axes.tick_params(labelsize=SMALL_FONT_SIZE, length=2.5, width=0.6)
 
 
 def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
@@ -42,9 +42,9 @@ def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
     labels = [source.label for source in recipe.policies]
     groups = [table.team_return[table.policy == k] for k in range(len(labels))]
     there = [(label, group) for label, group in zip(labels, groups, strict=True) if len(group)]
-    edges = np.linspace(*_range(table.team_return), _BINS + 1)
+    edges = np.linspace(*_range(table.team_return), N_RETURN_BINS + 1)
     shares = [np.histogram(group, edges)[0] / len(group) for _, group in there]
-    if len(there) > MOST_RIDGES:
+    if len(there) > MAX_RIDGES:
         draw_rows(axes, [label for label, _ in there], shares, edges)
         finish(axes, "Team return by policy", "team return; darker: more of its episodes")
     else:
@@ -77,7 +77,7 @@ def _draw_ridges(
             f"{label}\nmean {signed(mean)}",
             (0.02 if is_left else 0.98, base + 0.9),
             xycoords=("axes fraction", "data"),
-            fontsize=SMALL - 0.5 if n <= 5 else SMALL - 2,
+            fontsize=SMALL_FONT_SIZE - 0.5 if n <= 5 else SMALL_FONT_SIZE - 2,
             color=color,
             fontweight="bold",
             va="top",
@@ -100,7 +100,7 @@ def draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges:
         interpolation="nearest",
     )
     shown = np.arange(0, n, -(-n // 14))
-    axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL - 2)
+    axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL_FONT_SIZE - 2)
 
 
 def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
@@ -131,7 +131,7 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
             np.diff(edges),
             bottom,
             align="edge",
-            color=_ENDS[reason],
+            color=END_COLORS[reason],
             label=label,
         )
         bottom += counts
@@ -140,7 +140,9 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
     axes.yaxis.set_major_formatter(thousands)
     axes.grid(axis="y", color=FAINT, lw=0.8)
     axes.set_axisbelow(True)
-    axes.legend(fontsize=SMALL, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25)
+    axes.legend(
+        fontsize=SMALL_FONT_SIZE, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25
+    )
     finish(axes, "Length by how it ended", xlabel, "episodes")
 
 
@@ -170,8 +172,8 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     bar = axes.figure.colorbar(
         shown, ax=axes, shrink=0.8, aspect=24, pad=0.03, anchor=(0.0, 0.9), panchor=(0.5, 1.0)
     )
-    bar.set_label("robot-steps in a cell", fontsize=SMALL - 0.5)
-    bar.ax.tick_params(labelsize=SMALL - 1, length=2, width=0.5)
+    bar.set_label("robot-steps in a cell", fontsize=SMALL_FONT_SIZE - 0.5)
+    bar.ax.tick_params(labelsize=SMALL_FONT_SIZE - 1, length=2, width=0.5)
     bar.ax.minorticks_off()
     bar.ax.yaxis.set_major_formatter(thousands)
     bar.outline.set_visible(False)
@@ -221,7 +223,7 @@ def _shades(*, from_floor: bool = False) -> Any:
     """From light to dark blue, evenly in lightness; in gray prints as well."""
     from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415  (an extra)
 
-    steps = (_FLOOR, *_SHADES) if from_floor else _SHADES
+    steps = (_FLOOR, *PLACE_SHADES) if from_floor else PLACE_SHADES
     return LinearSegmentedColormap.from_list("swarmdata", steps, N=48)
 
 
@@ -233,5 +235,7 @@ def _one_color(color: str) -> Any:
 
 def note(axes: Any, text: str) -> None:
     """One line in gray instead of a panel's content."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=SMALL, color=GRAY)
+    axes.text(
+        0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=SMALL_FONT_SIZE, color=GRAY
+    )
     axes.axis("off")

@@ -9,23 +9,23 @@ from swarmdata.analysis.coverage import sample_steps
 from swarmdata.cards.pictures.panels import draw_returns, draw_rows, finish, stack_lengths
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.spaces import bounds
 from swarmdata.types import Bool, Double, Float
 
 WIDTH, HEIGHT = 10.0, 3.6
 """Inches of the sheet."""
 
-N_ACTIONS = 20_000
+N_SAMPLED_STEPS = 20_000
 """Joint steps whose actions are counted."""
 
-MOST_ROWS = 40
+MAX_ACTION_ROWS = 40
 """Columns of actions that are shown; of more, evenly spread ones."""
 
-_BINS = 36
+N_ACTION_BINS = 36
 
 
-def draw_recorded(dataset: Dataset, spec: RecordedSpec, path: Path, *, purpose: str) -> None:
+def draw_recorded(dataset: Dataset, spec: Spec, path: Path, *, purpose: str) -> None:
     """Draws a recording on one sheet.
 
     Args:
@@ -38,7 +38,7 @@ def draw_recorded(dataset: Dataset, spec: RecordedSpec, path: Path, *, purpose: 
         MissingExtraError: matplotlib is not installed.
     """
     table, stored = dataset.episodes, dataset.stored
-    steps, states = sample_steps(stored.table, dataset.selection, N_ACTIONS)
+    steps, states = sample_steps(stored.table, dataset.selection, N_SAMPLED_STEPS)
     acting = np.ones((len(steps), spec.n_agents), np.bool_)
     if "alive" in stored.arrays:
         acting = stored.arrays["alive"][states]
@@ -54,17 +54,17 @@ def draw_recorded(dataset: Dataset, spec: RecordedSpec, path: Path, *, purpose: 
         draw_choices(axes[2], stored.arrays["actions"][steps], acting, spec)
 
 
-def _write_head(head: Any, dataset: Dataset, spec: RecordedSpec) -> None:
+def _write_head(head: Any, dataset: Dataset, spec: Spec) -> None:
     facts = (
         f"{spec.task} with {spec.n_agents} agents",
         f"{dataset.n_steps:,} joint steps in {dataset.n_episodes:,} episodes",
-        f"recorded from {spec.library or 'another library'} {spec.version}".strip(),
+        *(f"{name}: {value}" for name, value in spec.facts[:1]),
     )
     head.text(0.012, 0.62, dataset.id, fontsize=14, fontweight="bold", va="center")
     head.text(0.012, 0.12, "   ·   ".join(facts), fontsize=9, color=GRAY, va="center")
 
 
-def draw_choices(axes: Any, actions: Float, acting: Bool, spec: RecordedSpec) -> None:
+def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
     """How often each value of each column of an action was taken, a row for each.
 
     Args:
@@ -74,24 +74,26 @@ def draw_choices(axes: Any, actions: Float, acting: Bool, spec: RecordedSpec) ->
         spec: of the recording.
     """
     labels, shares = [], []
-    for index, agent in enumerate(spec.agents):
+    for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         taken = actions[acting[:, index], index]
-        for column, (low, high) in enumerate(zip(*bounds(agent.action), strict=True)):
-            labels.append(f"{agent.name} {column}")
+        for column, (low, high) in enumerate(zip(*bounds(space), strict=True)):
+            labels.append(f"{name} {column}")
             shares.append(_share(taken[:, column].astype(np.float64), low, high))
-    shown = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), MOST_ROWS)).astype(int))
+    shown = np.unique(
+        np.linspace(0, len(labels) - 1, min(len(labels), MAX_ACTION_ROWS)).astype(int)
+    )
     rows = [labels[k] for k in shown], [shares[k] for k in shown]
-    draw_rows(axes, *rows, np.linspace(0, 1, _BINS + 1))
+    draw_rows(axes, *rows, np.linspace(0, 1, N_ACTION_BINS + 1))
     finish(axes, "Actions", "from the lowest to the highest value; darker: more often")
 
 
 def _share(values: Double, low: float, high: float) -> Double:
     """Shares of the values in equal bins of their range, [_BINS]; all 0 where nobody acted."""
     if not len(values):
-        return np.full(_BINS, 1e-9)
+        return np.full(N_ACTION_BINS, 1e-9)
     first = low if np.isfinite(low) else float(values.min())
     last = high if np.isfinite(high) else float(values.max())
     span = (last - first) or 1.0
-    counts = np.histogram(np.clip((values - first) / span, 0, 1), _BINS, (0.0, 1.0))[0]
+    counts = np.histogram(np.clip((values - first) / span, 0, 1), N_ACTION_BINS, (0.0, 1.0))[0]
     share: Double = counts / len(values)
     return share

@@ -6,28 +6,28 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.coverage import places_of, sample_steps
-from swarmdata.cards.pictures.episode_paths import choose_episodes, draw_track
+from swarmdata.cards.pictures.episode_paths import choose_episodes, draw_episode_paths
 from swarmdata.cards.pictures.panels import draw_actions, draw_lengths, draw_places, draw_returns
 from swarmdata.cards.pictures.recording_sheet import draw_recorded
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
-from swarmdata.specs.origins import RecordedSpec, task_of
+from swarmdata.specs.origins import task_of
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""
 
-MOST_BYTES = 120_000
+MAX_PICTURE_BYTES = 120_000
 """Of the file, so that a hundred cards weigh little."""
 
-PALETTES = (256, 192, 128, 96, 64, 48)
+PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
 """Colors that the sheet is reduced to: the most with which the file has at most `MOST_BYTES`."""
 
-N_ACTIONS = 20_000
+N_SAMPLED_STEPS = 20_000
 """Joint steps whose commands are counted."""
 
-_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
+PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
 
 
 def draw_card(dataset: Dataset, path: Path) -> None:
@@ -47,15 +47,15 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
-    if isinstance(dataset.recipe.spec, RecordedSpec):
-        draw_recorded(dataset, dataset.recipe.spec, path, purpose=_PURPOSE)
+    if dataset.recipe.spec.world is None:
+        draw_recorded(dataset, dataset.recipe.spec, path, purpose=PICTURE_PURPOSE)
         _reduce(path)
         return
     table, recipe, spec = dataset.episodes, dataset.recipe, task_of(dataset.recipe, "the picture")
     places, _ = places_of(dataset.stored, dataset.selection)
-    steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_ACTIONS)
+    steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with figure(path, width=WIDTH, height=HEIGHT, purpose=_PURPOSE) as sheet:
+    with figure(path, width=WIDTH, height=HEIGHT, purpose=PICTURE_PURPOSE) as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
         _write_head(head, dataset)
@@ -64,9 +64,9 @@ def draw_card(dataset: Dataset, path: Path) -> None:
         draw_lengths(axes[1], table, spec)
         draw_places(axes[2], places, spec)
         draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
-        tracks = below.subplots(1, 4)
-        for panel, index in zip(tracks, choose_episodes(table), strict=True):
-            draw_track(panel, None if index is None else dataset[index], recipe)
+        panels = below.subplots(1, 4)
+        for panel, index in zip(panels, choose_episodes(table), strict=True):
+            draw_episode_paths(panel, None if index is None else dataset[index], recipe)
     _reduce(path)
 
 
@@ -88,13 +88,13 @@ def _reduce(path: Path) -> None:
     pil = pillow()
     with pil.open(path) as file:
         full = file.convert("RGB")
-    for n_colors in PALETTES:
+    for n_colors in PALETTE_SIZES:
         reduced = full.quantize(
             n_colors, method=pil.Quantize.MAXCOVERAGE, kmeans=2, dither=pil.Dither.NONE
         )
         _whiten(reduced)
         reduced.save(path, format="PNG", optimize=True)
-        if path.stat().st_size <= MOST_BYTES:
+        if path.stat().st_size <= MAX_PICTURE_BYTES:
             return
 
 

@@ -1,4 +1,4 @@
-"""The part of a card that shows what algorithms learned from the dataset, by committed studies."""
+"""The section of a card with baselines: what algorithms learned from the dataset."""
 
 import csv
 import io
@@ -9,15 +9,15 @@ from importlib.resources import files
 import numpy as np
 
 from swarmdata.drawing import markdown
-from swarmdata.rollouts.metrics import bootstrap, iqm
+from swarmdata.rollouts.score_statistics import bootstrap, iqm
 
-STUDIES = ("studies/coop_nav", "studies/formation")
+STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
 """Folders of the committed studies, in `cards`."""
 
-RESULTS = "results.csv"
+RESULTS_FILE = "results.csv"
 """Of a study: one row per run, as `swarmdata study` writes it."""
 
-SHOWN = (
+BASELINE_COLUMNS = (
     ("score", "score", 1.0, 1),
     ("return", "return", 1.0, 2),
     ("success", "success (%)", 100.0, 1),
@@ -32,8 +32,8 @@ Run = Mapping[str, str]
 
 @cache
 def study_runs() -> tuple[Run, ...]:
-    """All runs of the committed studies that are there."""
-    found = (files("swarmdata.cards").joinpath(study, RESULTS) for study in STUDIES)
+    """All runs of the committed studies that are part of this installation."""
+    found = (files("swarmdata.cards").joinpath(study, RESULTS_FILE) for study in STUDY_FOLDERS)
     texts = [file.read_text(encoding="utf-8") for file in found if file.is_file()]
     return tuple(run for text in texts for run in read_runs(text))
 
@@ -44,29 +44,35 @@ def read_runs(text: str) -> tuple[Run, ...]:
 
 
 def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
-    """Returns the section: an algorithm a row, or why there is none.
+    """Returns the section: one row per algorithm, or why there is none.
 
     Args:
         dataset_id: with its version.
-        digest: of the dataset's arrays; runs on other content are not shown.
+        digest: of the dataset's arrays; runs on other content are left out.
         runs: of studies.
     """
     named = [run for run in runs if run["dataset"] == dataset_id]
     same = [run for run in named if run["digest"] == digest]
     title = "\n## Baselines\n\n"
     if not same:
-        stale = " Those of the study were trained on other content under this id." if named else ""
-        return f"{title}None measured on this dataset.{stale}\n"
+        stale = " The runs of the study used other data with this id." if named else ""
+        return f"{title}No baselines were measured on this dataset.{stale}\n"
     labels = sorted({run["label"] for run in same}, key=lambda label: -_mean(same, label))
     rows = [_row(label, [run for run in same if run["label"] == label]) for label in labels]
-    head = ("algorithm", "family", "seeds", "updates", *(header for _, header, *_ in SHOWN))
+    head = (
+        "algorithm",
+        "family",
+        "seeds",
+        "updates",
+        *(header for _, header, *_ in BASELINE_COLUMNS),
+    )
     episodes = ", ".join(sorted({f"{int(run['episodes']):,}" for run in same}))
     return (
         f"{title}{markdown.table(head, rows)}\n"
-        f"The last policy of every training seed on {episodes} "
-        "reserved evaluation seeds; interquartile means over seeds with 95 % bootstrap intervals. "
-        "One setting of an algorithm for all datasets, written out in the study's files; "
-        "`swarmdata study` does them again.\n"
+        f"The last policy of every training seed was evaluated on {episodes} reserved evaluation "
+        "seeds; values are interquartile means over training seeds with 95 % bootstrap intervals. "
+        "Each algorithm has the same settings on all datasets, listed in the study's files; "
+        "`swarmdata study` repeats the runs.\n"
     )
 
 
@@ -81,7 +87,10 @@ def _row(label: str, runs: Sequence[Run]) -> tuple[str, ...]:
         runs[0]["family"],
         str(len(runs)),
         " to ".join(f"{n:,}" for n in updates),
-        *(_cell([run[name] for run in runs], factor, digits) for name, _, factor, digits in SHOWN),
+        *(
+            _cell([run[name] for run in runs], factor, digits)
+            for name, _, factor, digits in BASELINE_COLUMNS
+        ),
     )
 
 

@@ -1,25 +1,25 @@
-"""Facts, everything that a card is made from."""
+"""CardData, everything that the card of a task's dataset is made from."""
 
 from dataclasses import dataclass
 
-from swarmdata.cards.sections.measured_content import Findings, measure
+from swarmdata.cards.sections.measured_content import MeasuredContent, measure
 from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 
 
 @dataclass(frozen=True, eq=False)
-class Facts:
+class CardData:
     """The content of a card; rendering adds only words."""
 
     manifest: Manifest
-    recipe: Origin
+    origin: Origin
     table: EpisodeTable
-    findings: Findings
+    measured: MeasuredContent
     references: TaskReferences | None
 
 
-def facts_of(stored: StoredDataset) -> Facts:
+def card_data_of(stored: StoredDataset) -> CardData:
     """Measures an open dataset of one of the package's tasks.
 
     Raises:
@@ -28,4 +28,4 @@ def facts_of(stored: StoredDataset) -> Facts:
     """
     spec = task_of(stored.recipe, "a card of a task")
     known = references_of(spec.hash())
-    return Facts(stored.manifest, stored.recipe, stored.table, measure(stored), known)
+    return CardData(stored.manifest, stored.recipe, stored.table, measure(stored), known)

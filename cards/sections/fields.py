@@ -1,4 +1,4 @@
-"""Names, meanings and units of what is stored, for cards."""
+"""Names, meanings and units of the stored columns, for cards."""
 
 import re
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class FieldRow:
 
 
 def observation_rows(task: Task) -> list[FieldRow]:
-    """The features of one robot's observation; slots of one kind and stacked frames share rows.
+    """The features of one robot's observation; slots of a kind, and stacked frames, share a row.
 
     Raises:
         SpecError: a feature has no description.
@@ -51,7 +51,7 @@ def _columns(columns: list[int]) -> str:
 
 
 def state_rows(task: Task) -> list[FieldRow]:
-    """The features of the state, which is for training and analysis only."""
+    """The columns of the state."""
     columns, n = state_columns(task), task.spec.n_agents
     robots = [
         FieldRow(f"{N_COLUMNS} i + {k}", f"robot i: {name}", *_described(columns[k]))

@@ -1,33 +1,64 @@
-"""The parts that begin every card, and lists."""
+"""The beginning of every card: front matter, title, how to open the dataset, identity."""
 
 from collections.abc import Sequence
 
 import yaml
 
-from swarmdata.cards.sections.origin import license_of
+from swarmdata.drawing import markdown
 from swarmdata.specs.origins import Origin
 from swarmdata.store import Manifest
 
-SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
-"""The Hub's size categories, by joint steps below."""
+HUB_SIZES = (
+    (1_000, "n<1K"),
+    (10_000, "1K<n<10K"),
+    (100_000, "10K<n<100K"),
+    (1_000_000, "100K<n<1M"),
+)
+"""The Hub's size categories: joint steps below, name."""
+
+PROPERTIES = ("property", "value")
+"""Header of tables that list values by name."""
 
 
-def front_matter(manifest: Manifest, recipe: Origin) -> str:
-    """What the Hub reads."""
-    size = next((name for below, name in SIZES if manifest.n_steps < below), "1M<n<10M")
+def front_matter(manifest: Manifest, origin: Origin) -> str:
+    """The YAML that the Hugging Face Hub reads."""
+    size = next((name for below, name in HUB_SIZES if manifest.n_steps < below), "1M<n<10M")
     content = {
-        "pretty_name": recipe.id,
-        "license": license_of(recipe),
+        "pretty_name": origin.id,
+        "license": origin.license,
         "task_categories": ["reinforcement-learning", "robotics"],
-        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],
+        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", origin.spec.task, origin.tier],
         "size_categories": [size],
     }
     return f"---\n{yaml.safe_dump(content, sort_keys=False)}---\n"
 
 
-def snippet(opening: str) -> str:
-    """How to open the dataset."""
-    return f"```python\nimport swarmdata\n\ndataset = swarmdata.{opening}\n```\n"
+def identity_section(manifest: Manifest, origin: Origin) -> str:
+    """Title, a snippet that opens the dataset, and a table of what identifies it."""
+    spec = origin.spec
+    size = sum(entry.size for entry in manifest.files.values())
+    recorded = (
+        ("environment", f"`{spec.task}`")
+        if spec.world is None
+        else ("task", f"`{spec.task}` version {spec.world.version}")
+    )
+    rows = (
+        ("id", f"`{origin.id}`"),
+        recorded,
+        *spec.facts,
+        ("tier", origin.tier),
+        ("joint steps", f"{manifest.n_steps:,}"),
+        ("episodes", f"{manifest.n_episodes:,}"),
+        ("size", f"{size / 1e6:,.1f} MB"),
+        ("digest of the arrays", f"`{manifest.digest}`"),
+        (f"hash of the {origin.kind}", f"`{manifest.recipe_hash}`"),
+        ("format version", str(manifest.format_version)),
+    )
+    opening = f'load("{origin.id}")' if origin.recipe else 'Dataset.open("FOLDER OF THIS CARD")'
+    return (
+        f"\n# {origin.id}\n\n```python\nimport swarmdata\n\ndataset = swarmdata.{opening}\n```\n\n"
+        + markdown.table(PROPERTIES, rows)
+    )
 
 
 def bullets(title: str, lines: Sequence[str]) -> str:

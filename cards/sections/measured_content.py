@@ -1,4 +1,4 @@
-"""What a card measures in the arrays of a dataset, from fixed samples of them."""
+"""Statistics of a dataset's arrays, measured for its card on fixed samples."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from swarmdata.store import StoredDataset
 LOG_PROBS = "log_probs"
 """Log-probabilities of actions under their behavior policies, [T, N]; `density` defines them."""
 
-QUANTILES = (0.01, 0.5, 0.99)
+LOG_PROB_QUANTILES = (0.01, 0.5, 0.99)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,25 +19,25 @@ class LogProbabilities:
 
     n: int
     undefined: float  # share that is not finite: actions that the policy could not have taken
-    mean: float  # of the finite ones; NaN if there are none
+    mean: float  # of the finite values; NaN if there are none
     quantiles: tuple[float, ...]  # at QUANTILES, the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Findings:
+class MeasuredContent:
     """Statistics of the arrays over time; the rest of a card comes from the episode table."""
 
     coverage: Coverage
-    log_probs: dict[int, LogProbabilities] | None  # by index of the policy; None: none there
+    log_probs: dict[int, LogProbabilities] | None  # by policy index; None: not recorded
 
 
-def measure(stored: StoredDataset) -> Findings:
+def measure(stored: StoredDataset) -> MeasuredContent:
     """Measures an open dataset; a second of work at most, however large it is.
 
     Raises:
         SchemaError: too few joint steps to estimate anything.
     """
-    return Findings(coverage(stored), _log_probs(stored))
+    return MeasuredContent(coverage(stored), _log_probs(stored))
 
 
 def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
@@ -54,6 +54,6 @@ def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
             n=len(values),
             undefined=1.0 - len(finite) / len(values),
             mean=float(known.mean()),
-            quantiles=tuple(np.quantile(known, QUANTILES).tolist()),
+            quantiles=tuple(np.quantile(known, LOG_PROB_QUANTILES).tolist()),
         )
     return found

@@ -13,7 +13,10 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
-from swarmdata.store.arrays.attributes import FRAMES
+from swarmdata.store.arrays.attributes import FRAME_MEANINGS
+
+SETTINGS = ("setting", "value")
+"""Header of the tables that list a spec."""
 
 
 def task_section(task: Task) -> str:
@@ -23,8 +26,11 @@ def task_section(task: Task) -> str:
         ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
         ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
         ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
-        ("control step", f"{spec.control_dt:g} s, {spec.n_substeps} physics steps"),
-        ("on collision", spec.on_collision),
+        ("control step", f"{spec.control_dt:g} s, simulated in {spec.n_substeps} physics steps"),
+        (
+            "after a collision",
+            "the episode continues" if spec.on_collision == "continue" else "the episode fails",
+        ),
     ]
     for role in spec.team:
         robot = role.robot
@@ -35,17 +41,18 @@ def task_section(task: Task) -> str:
                 f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
             )
         )
-    rows += _settings("rules", spec.rules)
-    rows += _settings("obstacles", spec.obstacles)
-    return "\n## Task\n\n" + table(("", ""), rows) + _task_notes(task)
+    rows += [row for row in _settings("", spec.rules) if row[0] != "task"]
+    rows += _settings("obstacles: ", spec.obstacles)
+    return "\n## Task\n\n" + table(SETTINGS, rows) + _task_notes(task)
 
 
 def _settings(prefix: str, model: Frozen) -> list[tuple[str, str]]:
-    """One row per value of a part of the spec, nested parts by their path."""
+    """One row for each value of a part of the spec; nested parts are named by their path."""
     rows = []
     for name, value in model:
-        path = f"{prefix}: {name.replace('_', ' ')}"
-        rows += _settings(path, value) if isinstance(value, Frozen) else [(path, plain(value))]
+        path = f"{prefix}{name.replace('_', ' ')}"
+        is_nested = isinstance(value, Frozen)
+        rows += _settings(f"{path}: ", value) if is_nested else [(path, plain(value))]
     return rows
 
 
@@ -53,41 +60,43 @@ def _task_notes(task: Task) -> str:
     rules = inspect.getdoc(sys.modules[type(task).__module__]) or ""
     spec = task.spec
     return (
-        f"\nThe rules, from the code that runs them:\n\n```text\n{rules}\n```\n"
-        "\nRewards are per robot; the team return of an episode is the sum over time of their mean "
-        "over robots. An episode terminates on success"
-        f"{' or on a collision' if spec.on_collision == 'fail' else ''} and is "
-        "truncated at the horizon.\n"
+        "\nLengths are in m, times in s, masses in kg and angles in rad.\n"
+        f"\nThe rules, as documented in the code of the task:\n\n```text\n{rules}\n```\n"
+        "\nEach robot has a reward of its own. The team return of an episode is the sum over time "
+        "of the mean reward over robots. An episode terminates on success"
+        f"{' or on a collision' if spec.on_collision == 'fail' else ''} and is truncated at the "
+        "horizon.\n"
     )
 
 
 def senses_section(spec: TaskSpec) -> str:
-    """What was sensed and heard."""
-    rows = [*_settings("observation", spec.observation)]
-    rows += _settings("communication", spec.communication)
+    """What robots sensed and received."""
+    rows = _settings("observation: ", spec.observation)
+    rows += _settings("communication: ", spec.communication)
+    rows.sort(key=lambda row: (not row[0].startswith("observation"), not row[0].endswith("kind")))
     return (
-        "\n## What the acting policies saw\n\n"
-        "Policies acted on the observations that are stored, made by these models (scripted ones "
-        "on the states). A view of this dataset under other models keeps the actions.\n\n"
-        + table(("", ""), rows)
+        "\n## Observations and communication\n\n"
+        "The stored observations follow the models below. Learned policies acted on them; scripted "
+        "controllers may read the states. `Dataset.reobserve` computes the observations of other "
+        "models from the recorded states; the actions stay the same.\n\n" + table(SETTINGS, rows)
     )
 
 
-OFFSETS = (
-    "Rows over time: those of episode e are `starts[e]` to `starts[e] + lengths[e] - 1` in arrays "
-    "with a row for each step (actions, rewards, events, ...), and `starts[e] + e` to "
-    "`starts[e] + e + lengths[e]` in arrays with a row for each state (observations, states, "
-    "sent, delivered, ages), which have one more in each episode. The Zarr attributes of each "
-    "array say what its rows and columns mean, with units, ranges and frames."
+ROW_OFFSETS = (
+    "Arrays with one row per step (actions, rewards, events, ...) hold episode e in rows "
+    "`starts[e]` to `starts[e] + lengths[e] - 1`. Arrays with one row per state (observations, "
+    "states, sent, delivered, ages) have one more row in each episode and hold episode e in rows "
+    "`starts[e] + e` to `starts[e] + e + lengths[e]`. The Zarr attributes of each array describe "
+    "its rows and columns, with units, ranges and frames."
 )
-"""How to find an episode in the arrays."""
+"""Where the rows of an episode are."""
 
 
 def arrays_section(task: Task, manifest: Manifest) -> str:
-    """What is stored, column by column.
+    """The stored arrays, column by column.
 
     Raises:
-        SchemaError: the arrays are not of these widths.
+        SchemaError: the arrays have other widths than the description.
         SpecError: a feature has no description.
     """
     spec, rows = task.spec, observation_rows(task)
@@ -105,16 +114,17 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     return (
         "\n## Arrays\n\n"
         + table(("array", "dtype", "shape"), arrays)
-        + f"\n{OFFSETS}\n\nActions are commands in [-1, 1], scaled by the robot's limit. "
-        "`log_probs` are the log-probabilities of the robots' actions under the "
-        "policy that made them: sums over components of the log-density of the action noise inside "
-        "(-1, 1) and of the log of the mass that was clipped to a bound; 0 without noise.\n"
+        + f"\n{ROW_OFFSETS}\n\nActions are commands in [-1, 1], in units of the robot's limit. "
+        "`log_probs` are the log-probabilities of the robots' actions under the policy that chose "
+        "them, summed over components: the log-density of the action noise inside (-1, 1), and at "
+        "a bound the logarithm of the probability of being clipped to it. They are 0 without "
+        "noise.\n"
         + "\n### Observation of one robot\n\n"
         + _fieldtable(rows)
         + "\n### State\n\n"
         + _fieldtable(state_rows(task))
-        + f"\nRobots i in order: {', '.join(spec.agent_names)}. All vectors are in the world's "
-        f"frame: {FRAMES['world']}.\n"
+        + f"\nRobots i = 0, 1, ...: {', '.join(spec.agent_names)}. All vectors are in the world "
+        f"frame: {FRAME_MEANINGS['world']}.\n"
     )
 
 

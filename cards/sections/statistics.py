@@ -2,19 +2,28 @@
 
 import numpy as np
 
-from swarmdata.analysis.coverage import FEWEST, N_ENCOUNTERS, RESOLUTION, Coverage, Entropies
-from swarmdata.analysis.passings import NEAR, REACH
-from swarmdata.cards.sections.card_data import Facts
+from swarmdata.analysis.coverage import (
+    ENTROPY_RESOLUTION,
+    MIN_STEPS,
+    N_ENCOUNTERS,
+    Coverage,
+    Entropies,
+)
+from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, PASSING_DISTANCE
+from swarmdata.cards.sections.card_data import CardData
+from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.metrics import wilson_interval
-from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.rollouts.score_statistics import wilson_interval
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import EpisodeTable
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
-BINS, BAR = 12, 40
-"""Rows of the return histogram, and characters of its longest bar."""
+HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40
+"""Rows of the histogram of returns, and characters of its longest bar."""
+
+HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
 
 _POLICY_HEAD = (
     "id",
@@ -32,26 +41,27 @@ _POLICY_HEAD = (
 )
 
 
-def policies_section(facts: Facts) -> str:
-    """Who made the episodes, and what came of it.
+def policies_section(data: CardData) -> str:
+    """The policies that made the episodes, and how each performed.
 
     Raises:
         SchemaError: a policy of the recipe made no episode.
     """
     rows = []
-    for index, source in enumerate(facts.recipe.policies):
-        chosen = np.flatnonzero(facts.table.policy == index)
-        if not len(chosen) and not isinstance(facts.recipe, Recipe):
+    for index, source in enumerate(data.origin.policies):
+        chosen = np.flatnonzero(data.table.policy == index)
+        if not len(chosen) and data.origin.recipe is None:
             continue  # an edit may have left none of them
         if not len(chosen):
-            raise SchemaError(f"policy {source.label!r} made no episode of {facts.recipe.id}")
-        rows.append(_policy_row(source, facts.table.take(chosen)))
+            raise SchemaError(f"policy {source.label!r} made no episode of {data.origin.id}")
+        rows.append(_policy_row(source, data.table.take(chosen)))
     return (
         "\n## Behavior policies\n\n"
         + markdown.table(_POLICY_HEAD, rows)
-        + "\nNoise is the standard deviation of the Gaussian added to each command. Returns are "
-        "means ± standard deviations over episodes; collisions are contacts that began, per "
-        "episode; lengths are mean joint steps. A clean success touched nothing.\n"
+        + "\nNoise is the standard deviation of the Gaussian noise added to each command. Returns "
+        "are means ± standard deviations over episodes, collisions the mean number of contacts "
+        "that began in an episode, lengths mean joint steps. A clean success is one without any "
+        "contact.\n"
     )
 
 
@@ -72,14 +82,14 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
     )
 
 
-def statistics_section(facts: Facts, picture: str | None) -> str:
-    """All episodes together, with a picture, or without one a histogram in text.
+def statistics_section(data: CardData, picture: str | None) -> str:
+    """All episodes together, with a picture or else a histogram in text.
 
     Args:
-        facts: of the card.
-        picture: file name of the picture that the card shows.
+        data: of the card.
+        picture: file name of the picture that the card shows, if any.
     """
-    table = facts.table
+    table = data.table
     quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
     rows = [
         ("return, mean", f"{table.team_return.mean():.3f}"),
@@ -94,42 +104,40 @@ def statistics_section(facts: Facts, picture: str | None) -> str:
     for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
     if picture is None:
-        shown = (
-            f"\nTeam return and number of episodes:\n\n```text\n{histogram(table.team_return)}```\n"
-        )
+        shown = f"\n{HISTOGRAM_TITLE}\n\n```text\n{histogram(table.team_return)}```\n"
     else:
         shown = (
-            "\n![Return and length of episodes, places, commands, and four episodes of "
-            f"{facts.recipe.id}]({picture})\n"
+            "\n![Returns, episode lengths, visited places, commands and four episodes of "
+            f"{data.origin.id}]({picture})\n"
         )
-    return "\n## Statistics\n\n" + markdown.table(("", "per episode"), rows) + shown
+    return "\n## Statistics\n\n" + markdown.table(PROPERTIES, rows) + shown
 
 
-def histogram(values: Double, bins: int = BINS) -> str:
+def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
     """Returns a histogram as text, one line per bin."""
     counts, edges = np.histogram(values, bins=bins)
-    scale = BAR / counts.max()
+    scale = HISTOGRAM_WIDTH / counts.max()
     lines = [
-        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{BAR}} {n}"
+        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}"
         for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
     ]
     return "\n".join(lines) + "\n"
 
 
-def coverage_section(facts: Facts) -> str:
-    """How much of the task the data cover."""
-    found = facts.findings.coverage
+def coverage_section(data: CardData) -> str:
+    """How much of the state and action space the data cover."""
+    found = data.measured.coverage
     return (
         "\n## Coverage\n\n"
-        + markdown.table(("", "measured", "reading"), _coverage_rows(found))
-        + f"\nPlaces are counted in {found.n_states:,} states of whole episodes; entropies are "
-        f"estimated by nearest neighbors from {found.n_steps:,} joint steps at a resolution of "
-        f"{RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands at a "
-        "bound, are spread over that width, so entropies end at about "
-        f"{np.log(RESOLUTION):.2f} nats a dimension. In as many dimensions as a team has, "
-        "entropies of states come out too high; compare them between datasets of one task only. "
-        "Dependence counts common causes too, such as the time that is left.\n"
-        + _passings_table(facts)
+        + markdown.table(("quantity", "measured", "reading"), _coverage_rows(found))
+        + f"\nPlaces are counted in {found.n_states:,} states of whole episodes. Entropies are "
+        f"nearest-neighbor estimates from {found.n_steps:,} joint steps at a resolution of "
+        f"{ENTROPY_RESOLUTION:g} (m, m/s, share of a command): repeated values, such as commands "
+        "at a bound, are spread over that width, so the least possible entropy is about "
+        f"{np.log(ENTROPY_RESOLUTION):.2f} nats per dimension. In the high-dimensional space of a "
+        "team, the entropies of states are overestimated; compare them only between datasets of "
+        "the same task. Mutual information and correlation also include common causes, such as the "
+        "remaining time.\n" + _passings_table(data)
     )
 
 
@@ -141,10 +149,12 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
             f"{100 * places.visited:.1f} %",
             f"of the {places.n_free:,} free cells of {places.cell:g} m",
         ),
-        ("evenness of the visits", f"{places.entropy:.3f}", "1: every free cell alike"),
-        *_entropy_rows("state", found.states, ("position and velocity", "see below")),
+        ("evenness of the visits", f"{places.entropy:.3f}", "1: all free cells equally often"),
+        *_entropy_rows(
+            "state", found.states, ("position and velocity", "overestimated, see below")
+        ),
         *_entropy_rows("command", found.actions, ("uniform: 1.39", "uniform: 1.39")),
-        ("commands at a bound", f"{100 * found.bounds:.1f} %", "of all components"),
+        ("commands at a bound", f"{100 * found.bounds:.1f} %", "share of all components"),
     ]
     if found.dependence is not None:
         pairs = f"mean over {found.dependence.n_pairs} pairs"
@@ -165,7 +175,7 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
         (
             "distinct joint states and actions",
             f"{100 * found.distinct:.1f} %",
-            "as published elsewhere; saturates on continuous data",
+            "for comparison with other papers; saturates on continuous data",
         ),
     ]
 
@@ -174,46 +184,46 @@ def _entropy_rows(
     what: str, found: Entropies | None, reading: tuple[str, str]
 ) -> list[tuple[str, str, str]]:
     if found is None:
-        return [(f"entropy of a robot's {what}", "unknown", f"needs {FEWEST} joint steps")]
+        return [(f"entropy of a robot's {what}", "unknown", f"needs {MIN_STEPS} joint steps")]
     return [
         (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading[0]),
-        (f"entropy of the team's {what}s", f"{found.team:.2f} nats a robot", reading[1]),
+        (f"entropy of the team's {what}s", f"{found.team:.2f} nats per robot", reading[1]),
     ]
 
 
-def _passings_table(facts: Facts) -> str:
+def _passings_table(data: CardData) -> str:
     rows = []
-    for index, counts in facts.findings.coverage.passings.items():
+    for index, counts in data.measured.coverage.passings.items():
         if counts.n:
             share = wilson_interval(counts.n_right, counts.n)
             cells = (f"{100 * value:.0f}" for value in share)
             rows.append(
                 (
-                    facts.recipe.policies[index].label,
+                    data.origin.policies[index].label,
                     str(counts.n),
                     "{} % [{}, {}]".format(*cells),
                 )
             )
     sampled = f"in the sampled episodes, at most {N_ENCOUNTERS} of each policy"
     if not rows:
-        return f"\nNo two robots passed each other head on {sampled}.\n"
+        return f"\nNo two robots passed each other head-on {sampled}.\n"
     return (
-        "\nOn which side robots that meet head on pass each other:\n\n"
+        "\nThe side on which robots pass each other when they meet head-on:\n\n"
         + markdown.table(("id", "passings", "kept to the right"), rows)
-        + f"\nCounted {sampled}: two robots come within {REACH:g} m with velocities against each "
-        f"other, then within {NEAR:g} m, and part behind each other. Intervals are Wilson's, 95 "
-        "%.\n"
+        + f"\nCounted {sampled}: two robots come within {ENCOUNTER_DISTANCE:g} m of each other "
+        f"with opposing velocities, then within {PASSING_DISTANCE:g} m, and separate behind each "
+        "other. Brackets are 95 % Wilson intervals.\n"
     )
 
 
-def log_probs_section(facts: Facts) -> str:
-    """Densities of the actions under their policies, nothing where they were not recorded."""
-    found = facts.findings.log_probs
+def log_probs_section(data: CardData) -> str:
+    """Log-probabilities of the actions under their policies; empty where they were not recorded."""
+    found = data.measured.log_probs
     if found is None:
         return ""
     rows = [
         (
-            facts.recipe.policies[index].label,
+            data.origin.policies[index].label,
             *(_nats(value) for value in (each.mean, *each.quantiles)),
             f"{100 * each.undefined:.1f} %",
         )
@@ -222,9 +232,9 @@ def log_probs_section(facts: Facts) -> str:
     return (
         "\n## Log-probabilities of the actions\n\n"
         + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)
-        + "\nOf `log_probs`, per robot and step, in nats, under the policy that acted, noise "
-        "included: log-densities inside the bounds, log-masses of what was clipped to them. 0 "
-        "throughout means no noise. Undefined are values that are not finite.\n"
+        + "\nMean and quantiles of `log_probs`, in nats per robot and step, under the policy that "
+        "acted, noise included. A policy with 0 throughout is deterministic. Undefined values are "
+        "those that are not finite.\n"
     )
 
 

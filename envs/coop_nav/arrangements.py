@@ -1,14 +1,14 @@
-"""Fixed hard layouts that every planner fears: antipodal swap, doorway swap, corridor.
+"""Fixed layouts that are hard to plan in: antipodal swap, doorway swap, corridor.
 
-Nothing but small jitters (and the turn of a swap) depends on the episode's seed. Each arrangement
-is symmetric, and a robot's goal is the mirror image of its start, so that robots swap places.
-Starts and goals keep the distances of `spec.spawn` by construction; obstacles of `spec.obstacles`
-do not apply and must be none.
+Only small jitters (and the rotation of a swap) depend on the episode's seed. Each arrangement is
+symmetric, and a robot's goal is the mirror image of its start, so that robots swap places. Starts
+and goals keep the distances of `spec.spawn` by construction; `spec.obstacles` does not apply, and
+its counts must be 0.
 
-Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered, then turned; its goal is
-opposite, (-x, -y); no obstacles.
-Doorway: even robots left and odd ones right of a wall along y with a door at the origin; the goal
-of (x, y) is (-x, y), so that few ways are straight.
+Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered and then rotated; its goal
+is opposite, (-x, -y); there are no obstacles.
+Doorway: even robots start left and odd ones right of a wall along y with a door at the origin; the
+goal of (x, y) is (-x, y), so that few straight paths are free.
 Corridor: the same with a passage along x between two solid blocks.
 """
 
@@ -17,20 +17,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, draw_heading, next_uniform
+from swarmdata.envs.world.spawn import (
+    LAYOUT_OFFSET,
+    check_fixed_layout,
+    draw_heading,
+    next_uniform,
+    put_at_rest,
+)
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
-from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-PASSABLE = 0.1
-"""Metres that a passage must be wider than what has to fit in it."""
+PASSAGE_MARGIN = 0.1
+"""Smallest excess width (m) of a passage over the robots that must fit in it side by side."""
 
-ROUNDING = 1e-5
-"""Metres by which places keep more than their distance, for their float32 bits."""
+ROUNDING_MARGIN = 1e-5
+"""Extra distance (m) between places, so that rounding to float32 cannot violate the limits."""
 
 
 @kernel
@@ -61,20 +67,17 @@ def _arrange(
             y = anchors[i, 1] + jitter * (2.0 * next_uniform(state) - 1.0)
             robot[X], robot[Y] = cos * x - sin * y, sin * x + cos * y
             robot[TX], robot[TY] = -robot[X], -robot[Y] if is_turned else robot[Y]
-            robot[VX] = robot[VY] = robot[UY] = 0.0
-            robot[UX] = 1.0
-            if has_heading[i]:
-                draw_heading(state, robot)
+            put_at_rest(state, has_heading[i], robot)
 
 
 @dataclass(frozen=True, eq=False)
 class Arranged:
-    """A fixed layout and where the robots of a team start in it."""
+    """A fixed layout, and where the robots of a team start in it."""
 
     layout: Float  # [M, 8]
     anchors: Double  # [N, 2] starts without jitter, m
     jitter: float  # m
-    is_turned: bool  # by a random angle, with goals opposite; else goals are mirrored left to right
+    is_turned: bool  # starts are rotated, and goals are opposite; else goals are mirrored in x
     has_heading: Bool  # [N] whether a heading is drawn
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
@@ -84,7 +87,7 @@ class Arranged:
             seeds: one for each copy to write.
             copies: rows to write.
             layouts: written, [E, M, 8].
-            robots: written, columns `states.ROBOT`, [E, N, 8].
+            robots: written, columns `state_layout.ROBOT`, [E, N, 8].
         """
         _arrange(
             seeds, copies, self.layout, self.anchors, self.jitter, self.is_turned,
@@ -96,7 +99,7 @@ def arrange(spec: TaskSpec) -> Arranged:
     """Builds the arrangement that the rules of `coop_nav` name.
 
     Raises:
-        SpecError: something of the spec does not apply to it, or it does not fit.
+        SpecError: a part of the spec does not apply to the arrangement, or the robots do not fit.
     """
     rules = spec.rules
     assert isinstance(rules, NavigationRules)
@@ -135,19 +138,20 @@ def arrange(spec: TaskSpec) -> Arranged:
 
 
 def _margins(spec: TaskSpec) -> tuple[float, float, float]:
-    """Largest radius, clearance and separation of places that are starts and goals at once, m."""
+    """Largest radius, clearance and separation for places that are both starts and goals, m."""
     s = spec.spawn
     return (
         max(robot.radius for robot in spec.robots),
-        max(s.start_clearance, s.goal_clearance) + ROUNDING,
-        max(s.start_separation, s.goal_separation) + ROUNDING,
+        max(s.start_clearance, s.goal_clearance) + ROUNDING_MARGIN,
+        max(s.start_separation, s.goal_separation) + ROUNDING_MARGIN,
     )
 
 
 def unit_circle(n: int) -> Double:
-    """Corners of a regular polygon, from (1, 0) counterclockwise, [n, 2].
+    """Returns the corners of a regular polygon, counterclockwise from (1, 0), [n, 2].
 
-    By Taylor's series: the standard library's sine differs between platforms in the last bit.
+    They are computed by Taylor series, since the last bit of the standard library's sine differs
+    between platforms.
     """
     corners = np.empty((n, 2))
     for k in range(n):
@@ -186,7 +190,7 @@ def _ring(spec: TaskSpec, swap: Swap) -> Double:
 
 def _passage(spec: TaskSpec, width: float, length: float, n_abreast: int) -> Float:
     """Two boxes that leave a passage along x in the middle of the arena, [2, 8]."""
-    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSABLE
+    need = n_abreast * 2.0 * max(robot.radius for robot in spec.robots) + PASSAGE_MARGIN
     room = spec.arena.height / 2 - width / 2
     if width < need or room <= 0.0:
         raise SpecError(
@@ -199,7 +203,7 @@ def _passage(spec: TaskSpec, width: float, length: float, n_abreast: int) -> Flo
 
 
 def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
-    """Starts of the two teams in columns in the middle of their sides, [N, 2]."""
+    """Returns the starts of the two teams, in columns centred on their sides, [N, 2]."""
     radius, clearance, separation = _margins(spec)
     edge = (kind.thickness if isinstance(kind, Doorway) else kind.length) / 2
     margin = radius + clearance + kind.jitter
@@ -219,10 +223,10 @@ def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
     n_rows = -(-n_left // n_columns)
     for k in range(n_left):
         column, row = divmod(k, n_rows)
-        n_here = min(n_rows, n_left - column * n_rows)
+        n_in_column = min(n_rows, n_left - column * n_rows)
         place = (
             middle + (column - (n_columns - 1) / 2) * step,
-            (row - (n_here - 1) / 2) * step,
+            (row - (n_in_column - 1) / 2) * step,
         )
         anchors[2 * k] = -place[0], place[1]
         if 2 * k + 1 < spec.n_agents:

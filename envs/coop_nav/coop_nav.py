@@ -1,36 +1,37 @@
 """Cooperative navigation: N robots drive to goals among obstacles and each other.
 
-State: the robots (`states.ROBOT`). With `goals: assigned`, robot i's target is its goal, for the
-whole episode. With `goals: unassigned`, the N goals belong to nobody and follow as `goal_0_x`,
-`goal_0_y`, ... (m); robot i's target is then the nearest goal that it covers itself or no robot
-does (with equal distances, the first).
+State: the robots (`state_layout.ROBOT`). With `goals: assigned`, robot i's target is its goal for
+the whole episode. With `goals: unassigned`, the N goals belong to nobody and follow the robots as
+`goal_0_x`, `goal_0_y`, ... (m); robot i's target is then the nearest of the goals that it covers
+itself or that no robot covers (the first of several at equal distance).
 Action: a command (`dynamics`).
-Observation: that of the observation model, which shows the target. Unassigned goals add all goals
-to it, nearest first: `goal_k.offset` (m, goal minus own position) and `goal_k.is_taken` (1 if
-another robot covers the goal, the first if several do).
+Observation: that of the observation model, which includes the target. Unassigned goals add all
+goals to it, nearest first: `goal_k.offset` (m, goal minus own position) and `goal_k.is_taken` (1 if
+another robot covers the goal; if several do, the first counts).
 
-A robot has reached its goal, and a goal is covered, where their distance is at most `goal_radius`.
-Goals are more than two radii apart, so a robot covers at most one.
+A robot has reached its goal, and covers a goal, if it is at most `goal_radius` away from it. Goals
+are more than two radii apart, so a robot covers at most one.
 
-Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance to its goal before
-(d') and after the step, and [x] one if x holds, else zero:
+Own reward of robot i, with weights w from `spec.rules.rewards`, d' and d its distance to its goal
+before and after the step, and [x] one if x holds, else zero:
 
     assigned:    w.progress (d' - d) - w.time [d > goal_radius]
     unassigned:  (w.progress (D' - D) - w.time * goals not covered) / N,  the same for all robots
 
-where D is the sum of distances from robots to goals under the assignment that makes it least. So
-the sum over the team is w.progress times what is less left to drive, and w.time for each goal not
-reached, in both. What all tasks share comes on top (`rewards`).
+D is the smallest possible sum of distances from robots to goals, over all assignments. So in both
+cases the sum over the team is w.progress times the decrease of the distance left to drive, minus
+w.time for each goal that is not reached. The terms that all tasks share are added (`rewards`).
 
 Solved: all robots have reached their goals at the same time, or all goals are covered.
 Metric: `reached_fraction`, the share of goals reached or covered in the last state.
 
-Layouts: `arrangement: {kind: random}` draws obstacles, starts and goals (`spawn`); the others are
-fixed hard ones (`arrangements`).
+Layouts: `arrangement: {kind: random}` draws obstacles, starts and goals (`spawn`); the other
+arrangements are fixed hard layouts (`arrangements`).
 """
 
 import math
 from collections.abc import Mapping
+from itertools import chain
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -64,17 +65,18 @@ def score_navigation(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Writes the task's own rewards of the active copies, and whether all are at their goals.
+    """Writes the task's own rewards of the active copies, and whether all robots are at goals.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step, [E, S].
         active: [E].
         goal_radius: m.
-        weights: of progress and of time.
+        weights: of progress and of time; a plain tuple, since named ones are slower to pass.
         rewards: written, [E, N].
         solved: written, [E].
     """
+    progress, time = weights
     for b in range(before.shape[0]):
         if not active[b]:
             continue
@@ -84,7 +86,7 @@ def score_navigation(
             new = _goal_distance(after[b], i)
             outside = new > goal_radius
             everyone = everyone and not outside
-            rewards[b, i] = weights[0] * (old - new) - (weights[1] if outside else 0.0)
+            rewards[b, i] = progress * (old - new) - (time if outside else 0.0)
         solved[b] = everyone
 
 
@@ -96,16 +98,6 @@ def _goal_distance(state: Float, i: int) -> float:
     return math.sqrt(dx * dx + dy * dy)
 
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "reached_fraction": Metric(
-            "goals reached", "", "higher", "share of goals reached or covered in the last state"
-        )
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
-
-
 class CoopNav:
     """Implements `interfaces.Task`.
 
@@ -113,7 +105,13 @@ class CoopNav:
         SpecError: the spec is another task's, or contradicts itself.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "reached_fraction": Metric(
+                "goals reached", "", "higher", "share of goals reached or covered in the last state"
+            )
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules, spec.n_agents
@@ -132,7 +130,10 @@ class CoopNav:
         self._is_shared = rules.goals == "unassigned"
         if self._is_shared:
             _check_separation(spec, rules.goal_radius)
-            self.extras = _goal_columns(n, spec.half_size)
+            pairs = (
+                pair(f"goal_{k}_", f"position of goal {k}", "m", spec.half_size) for k in range(n)
+            )
+            self.extras = tuple(chain.from_iterable(pairs))
             self.features = goal_features(n)
         self._radius = rules.goal_radius
         self._weights = (rules.rewards.progress, rules.rewards.time)
@@ -149,7 +150,7 @@ class CoopNav:
         if self._arranged is not None:
             self._arranged.spawn(seeds, copies, layouts, robots)
         else:
-            spawn_random(self._plan, seeds, copies, layouts, robots)
+            spawn_random(self.spec, self._plan, seeds, copies, layouts, robots)
         if self._is_shared:
             share_goals(states, copies, self.spec.n_agents, self._radius)
 
@@ -179,11 +180,6 @@ class CoopNav:
         return {"reached_fraction": float(reached.mean())}
 
 
-def _goal_columns(n: int, half: tuple[float, float]) -> tuple[Column, ...]:
-    columns = (pair(f"goal_{k}_", f"position of goal {k}", "m", half) for k in range(n))
-    return tuple(column for both in columns for column in both)
-
-
 def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
     distance = (
         "d: distance of the robot (x, y) to its target (tx, ty), m, after the step; d': before it"
@@ -209,7 +205,7 @@ def _shared_terms(rules: NavigationRules) -> tuple[Term, ...]:
 
 
 def _check_separation(spec: TaskSpec, goal_radius: float) -> None:
-    """Raises unless no robot can cover two unassigned goals."""
+    """Raises if unassigned goals can be so close that a robot covers two of them."""
     radii = sorted(robot.radius for robot in spec.robots)
     apart = sum(radii[:2]) + spec.spawn.goal_separation
     if spec.n_agents > 1 and apart <= 2 * goal_radius:

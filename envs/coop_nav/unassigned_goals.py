@@ -1,7 +1,7 @@
-"""Unassigned goals of `coop_nav`: who covers which, what is left to drive, what robots see of them.
+"""Unassigned goals of `coop_nav`: which robot covers which goal, rewards, and observations.
 
-A goal is covered while a robot is within the goal radius. Goals are farther apart than two radii,
-so a robot covers at most one, and N robots cover N goals only if each covers its own.
+A goal is covered while a robot is within the goal radius. Goals are more than two radii apart, so a
+robot covers at most one, and N robots cover N goals only if each covers a different one.
 """
 
 import math
@@ -14,23 +14,23 @@ from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
-GOAL = (
+GOAL_FEATURES = (
     *vector("offset", "position", "goal minus own position, m"),
     Feature("is_taken", "flag", meaning="1 if another robot covers it"),
 )
-"""What a robot sees of each goal."""
+"""A robot's observation of each goal."""
 
-N_FEATURES = len(GOAL)
+N_GOAL_FEATURES = len(GOAL_FEATURES)
 
 
 def goal_features(n_goals: int) -> tuple[Feature, ...]:
-    """Every goal, the nearest to the robot first."""
-    return numbered("goal", n_goals, GOAL)
+    """Features of all goals, the one nearest to the robot first."""
+    return numbered("goal", n_goals, GOAL_FEATURES)
 
 
 @kernel(inline="always")
 def goal_distance(state: Float, n: int, i: int, k: int) -> float:
-    """Distance of robot i to goal k, m."""
+    """Distance from robot i to goal k, m."""
     dx = float(state[N_COLUMNS * n + 2 * k]) - float(state[N_COLUMNS * i])
     dy = float(state[N_COLUMNS * n + 2 * k + 1]) - float(state[N_COLUMNS * i + 1])
     return math.sqrt(dx * dx + dy * dy)
@@ -38,7 +38,7 @@ def goal_distance(state: Float, n: int, i: int, k: int) -> float:
 
 @kernel
 def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
-    """Writes the robot that covers each goal, the first of several, or -1; counts open goals."""
+    """Writes the first robot that covers each goal, or -1, and returns the number of open goals."""
     n_open = 0
     for k in range(n):
         holders[k] = -1
@@ -52,9 +52,9 @@ def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
 
 @kernel
 def _aim(state: Float, n: int, holders: Int) -> None:
-    """Writes each robot's target: the nearest goal that it covers itself or nobody does.
+    """Writes each robot's target: the nearest goal that it covers itself or that no robot covers.
 
-    There is one: the other robots hold at most one goal each.
+    There always is one, since the N - 1 other robots cover at most one goal each.
     """
     for i in range(n):
         nearest, target = math.inf, 0
@@ -76,7 +76,7 @@ def fill_distances(state: Float, n: int, out: Double) -> None:
 
 @kernel
 def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
-    """Turns targets into unassigned goals in the rows `copies` of states that were just spawned.
+    """Turns the targets of newly spawned states into unassigned goals, in the rows `copies`.
 
     Args:
         states: goals and targets are written, [E, S].
@@ -104,7 +104,7 @@ def score_coverage(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Writes targets, the task's own rewards and whether all goals are covered, of active copies.
+    """Writes targets, the task's own rewards, and whether all goals are covered, in active copies.
 
     Args:
         before: states before the step, [E, S].
@@ -112,11 +112,12 @@ def score_coverage(
         active: [E].
         radius: of goals, m.
         weights: of progress and of time.
-        scratch: costs [N, N], and the memory of `assignment.assign`.
+        scratch: overwritten: costs [N, N], and the memory of `assignment.assign`.
         rewards: written, [E, N].
         solved: written, [E].
     """
     n = rewards.shape[1]
+    progress, time = weights
     costs, work, places = scratch
     for b in range(before.shape[0]):
         if not active[b]:
@@ -127,7 +128,7 @@ def score_coverage(
         new = assign(costs, work, places)
         n_open = _holders(after[b], n, radius, places[0])
         _aim(after[b], n, places[0])
-        share = (weights[0] * (old - new) - weights[1] * n_open) / n
+        share = (progress * (old - new) - time * n_open) / n
         for i in range(n):
             rewards[b, i] = share
         solved[b] = n_open == 0
@@ -158,7 +159,7 @@ def write_goal_features(states: Float, active: Bool, n: int, radius: float, out:
                     slot -= 1
                 distances[slot], order[slot] = distance, k
             for slot in range(n):
-                k, first = order[slot], N_FEATURES * slot
+                k, first = order[slot], N_GOAL_FEATURES * slot
                 for c in range(2):
                     goal = float(state[N_COLUMNS * n + 2 * k + c])
                     out[b, i, first + c] = goal - float(state[N_COLUMNS * i + c])

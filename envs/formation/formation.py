@@ -1,39 +1,40 @@
 """Formation: N robots reach and hold a shape while its reference moves through an arena.
 
-The reference is the centre of the slots and faces where it drives, along a smooth path
-(`reference`). Its path is clear, but slots meet obstacles: the formation must bend around them and
-come back (`formation_spawn` says what every episode keeps). Slots are rigid in the reference's
-frame (`shapes`): p + R(heading) offset. A slot's velocity is v + w x (slot - p), with the
-reference's position p, velocity v and turn rate w.
+The reference is the centre of the slots. It drives along a smooth path (`reference_path`) and faces
+in its direction of motion. The path is clear, but slots meet obstacles: the formation must bend
+around them and re-form (`formation_spawn` lists what holds in every episode). Slots are rigid in
+the reference's frame (`shapes`): p + R(heading) offset. A slot's velocity is v + w x (slot - p),
+with the reference's position p, velocity v and turn rate w.
 
-State: the robots (`states.ROBOT`); a robot's target is its own slot now. `slots: fixed`: robot i
-has slot i. `slots: assigned`: the assignment with the least sum of squared distances, anew in each
-step. Then, of the reference, x, y (m), vx, vy (m/s), heading ux, uy, turn_rate (rad/s);
-steps_held, the steps in formation so far; for each time of `preview` the reference's place and
-heading then; and the path's control points x, y (m).
+State: the robots (`state_layout.ROBOT`); a robot's target is its slot in this step. With
+`slots: fixed`, robot i has slot i; with `slots: assigned`, every step assigns the slots anew with
+the least sum of squared distances. Then the reference: x, y (m), vx, vy (m/s), heading ux, uy,
+turn_rate (rad/s); steps_held, the number of steps in formation so far; for each time in `preview`
+the reference's position and heading at that time; and the path's control points x, y (m).
 Action: a command (`dynamics`).
-Observation: that of the observation model, which shows the own slot, and, in the world's frame:
+Observation: that of the observation model, which includes the robot's slot, and, in the world's
+frame:
 
     reference.offset    from the robot to the reference, m
     reference.velocity  m/s
     reference.heading   unit vector
-    slot.velocity       of the own slot, minus the robot's own, m/s
+    slot.velocity       of the robot's slot, minus the robot's own, m/s
     preview_k.offset    from the robot to where its slot will be after preview[k] seconds, m
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, d its distance to its slot and dv
-its velocity's difference to that of the slot, after the step, and [x] one if x holds, else zero:
+the difference between its velocity and its slot's, both after the step:
 
     - w.deviation min(d, 1) - (w.time if d > tolerance else w.velocity dv)
 
-Velocities count only in the slot, so that a robot may hurry to it. What all tasks share comes on
-top (`rewards`).
+Velocities count only inside the slot, so that a robot may hurry to it. The terms that all tasks
+share are added (`rewards`).
 
 The team is in formation in a step if the root mean square of d over robots is at most `tolerance`.
-Solved: in formation for `hold_fraction` of the horizon's steps, in total, whether in one piece or
-not. The episode ends there, and not at the horizon: forming up fast and losing the shape rarely is
-then what ends it early, the bonus comes when it is earned, and longer episodes hold what is hard.
+Solved: in formation for `hold_fraction` of the horizon's steps in total, consecutive or not. The
+episode ends there and not at the horizon, so that forming up fast and rarely losing the shape ends
+it early, the bonus comes when it is earned, and long episodes contain the hard parts.
 
-Metrics: `formation_rmse`, `time_in_formation`, `reference_error`; see `METRICS`.
+Metrics: `formation_rmse`, `time_in_formation`, `reference_error`; see `Formation.metrics`.
 """
 
 import math
@@ -68,7 +69,7 @@ from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, S
 def score_formation(
     state: Float, tolerance: float, weights: tuple[float, float, float], rewards: Double
 ) -> bool:
-    """Writes the task's own rewards of one copy; returns whether it is in formation.
+    """Writes the task's own rewards of one copy, and returns whether it is in formation.
 
     Args:
         state: after the step, [S].
@@ -76,6 +77,7 @@ def score_formation(
         weights: of deviation, velocity and time.
         rewards: written, [N].
     """
+    deviation, velocity, time = weights
     n, total = rewards.shape[0], 0.0
     for i in range(n):
         r = N_COLUMNS * i
@@ -85,11 +87,11 @@ def score_formation(
         d = math.sqrt(square)
         total += square
         if d > tolerance:
-            rewards[i] = -weights[0] * min(d, 1.0) - weights[2]
+            rewards[i] = -deviation * min(d, 1.0) - time
         else:
             vx, vy = slot_velocity(state, n, i)
             vx, vy = vx - float(state[r + VX]), vy - float(state[r + VY])
-            rewards[i] = -weights[0] * min(d, 1.0) - weights[1] * math.sqrt(vx * vx + vy * vy)
+            rewards[i] = -deviation * min(d, 1.0) - velocity * math.sqrt(vx * vx + vy * vy)
     return total <= n * tolerance * tolerance
 
 
@@ -111,23 +113,25 @@ def advance(
         times: control steps taken, [E].
         active: [E].
         course: of the spec.
-        rule: tolerance, m; weights of deviation, velocity and time; steps in formation to solve.
+        rule: tolerance, m; weights of deviation, velocity and time; steps in formation that solve
+            the task. A plain tuple, since named ones are slower to pass.
         scratch: overwritten.
         rewards: written, [E, N].
         solved: written, [E].
     """
+    tolerance, deviation, velocity, time, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
     for b in range(states.shape[0]):
         if active[b]:
             place_reference(states[b], times[b], course, scratch)
-            if score_formation(states[b], rule[0], (rule[1], rule[2], rule[3]), rewards[b]):
+            if score_formation(states[b], tolerance, (deviation, velocity, time), rewards[b]):
                 states[b, held] += np.float32(1.0)
-            solved[b] = states[b, held] >= rule[4]
+            solved[b] = states[b, held] >= needed
 
 
 @kernel
 def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
-    """Writes what the task adds to the observations of the active copies, [E, N, F].
+    """Writes the task's features of every robot in the active copies.
 
     Args:
         states: [E, S].
@@ -158,28 +162,6 @@ def write_formation_features(states: Float, active: Bool, n: int, out: Float) ->
                 row[9 + 2 * k] = float(pose[1]) + wy * lx + wx * ly - py
 
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "formation_rmse": Metric(
-            "formation RMSE",
-            "m",
-            "lower",
-            "root mean square distance of robots to their slots, mean over steps",
-        ),
-        "time_in_formation": Metric(
-            "time in formation", "", "higher", "share of steps with an RMSE within the tolerance"
-        ),
-        "reference_error": Metric(
-            "reference error",
-            "m",
-            "lower",
-            "distance of the robots' centroid from the reference, mean over steps",
-        ),
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
-
-
 class Formation:
     """Implements `interfaces.Task`.
 
@@ -187,7 +169,28 @@ class Formation:
         SpecError: the spec is another task's, or contradicts itself.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "formation_rmse": Metric(
+                "formation RMSE",
+                "m",
+                "lower",
+                "root mean square distance of robots to their slots, mean over steps",
+            ),
+            "time_in_formation": Metric(
+                "time in formation",
+                "",
+                "higher",
+                "share of steps with an RMSE within the tolerance",
+            ),
+            "reference_error": Metric(
+                "reference error",
+                "m",
+                "lower",
+                "distance of the robots' centroid from the reference, mean over steps",
+            ),
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules, spec.n_agents
@@ -197,7 +200,7 @@ class Formation:
         check_slots(rules, np.array([robot.radius for robot in spec.robots]))
         offsets = slot_offsets(rules, n)
         self._plan = plan_episodes(spec, rules, offsets)
-        self.kinds: Int = self._plan.sizes[:, 0].astype(np.int64)
+        self.kinds: Int = self._plan.spawn.kinds
         self.movables: tuple[Payload, ...] = ()
         self.extras = _extras(rules.preview, self._plan.path.n_points, spec)
         self.features: tuple[Feature, ...] = _features(rules.preview)
@@ -217,7 +220,7 @@ class Formation:
         )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        draw_episodes(self._plan, self.spec, seeds, copies, layouts, states)
+        draw_episodes(self._plan, seeds, copies, layouts, states)
         begin_episodes(copies, states, self._course, self._scratch)
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:

@@ -1,15 +1,16 @@
-"""Episodes of `formation`: a path, obstacles beside it that get in the way of slots, then robots.
+"""Episodes of `formation`: a path, obstacles beside it that block some slots, then robots.
 
-Every episode keeps these rules, looked at every `STRIDE` control steps:
+Every episode satisfies these conditions, checked every `PATH_CHECK_STRIDE` control steps:
 
-- all slots are inside the walls, and none is faster than `TOP_SPEED` of the slowest robot;
+- all slots are inside the walls, and none moves faster than `MAX_SLOT_SPEED_SHARE` of the slowest
+  robot's speed;
 - the reference's path keeps `path_clearance` from every obstacle;
-- the share of the horizon (of one segment of the path, if that is longer) in which at least one
-  slot is blocked, so that a robot in it would touch an obstacle, is within `blocked`: the rest of
-  the time the formation is possible;
+- a slot is blocked where a robot in it would touch an obstacle. The share of the horizon (or of one
+  segment of the path, if that is longer) in which at least one slot is blocked is within `blocked`;
+  for the rest of the time, the formation is possible;
 - bounding circles of obstacles keep their gap from each other and from the walls, as in `spawn`, so
   that a robot can pass between them;
-- robots start at rest, apart, in free space, at most `start_spread` beyond the square around the
+- robots start at rest, apart, in free space, at most `start_spread` outside the square around the
   slots.
 """
 
@@ -22,55 +23,52 @@ from swarmdata.envs.formation.reference_path import PathPlan, draw_path, write_p
 from swarmdata.envs.formation.shapes import reach_of
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
-    TRIES,
-    SizeTable,
-    draw_heading,
+    PLACE_TRIES,
+    SpawnPlan,
+    is_apart,
+    is_free_place,
     next_uniform,
     place_obstacles,
-    size_table,
+    put_at_rest,
 )
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import bounding_radius, clearance, nearest
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import FormationRules
-from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Float, Int, Seeds
+from swarmdata.types import Double, Float, Int, Seeds
 
-STRIDE = 4
-"""Control steps between the places of a path that are looked at."""
+PATH_CHECK_STRIDE = 4
+"""Control steps between the places of a path that are checked."""
 
-TOP_SPEED = 0.8
-"""Part of the slowest robot's speed that slots use: the rest is for catching up."""
+MAX_SLOT_SPEED_SHARE = 0.8
+"""Largest speed of a slot, as a share of the slowest robot's; the rest is for catching up."""
 
 
 class EpisodePlan(NamedTuple):
-    """What drawing an episode needs to know, the same for every episode."""
+    """Everything in a spec that the episodes depend on."""
 
     path: PathPlan
-    sizes: SizeTable  # obstacles to draw, [M, 4]
-    half: Double  # half width and half height of the arena, m, [2]
-    radii: Double  # m, [N]
-    turns: Bool  # whether a heading is drawn, [N]
+    spawn: SpawnPlan
     offsets: Double  # slots in the reference's frame, m, [N, 2]
-    looks: Double  # places of the path that are looked at, in segments, [L]
-    blocked: tuple[float, float]
-    margins: tuple[float, float, float, float, float]
-    """Gap between obstacles; clearance of the path; clearance and separation of starts; half width
-    of the square in which robots start, all m."""
+    checks: Double  # places of the path that are checked, in segments from the start, [L]
+    blocked: tuple[float, float]  # smallest and largest share of blocked places
+    path_clearance: float  # m
+    start_reach: float  # half width of the square in which robots start, m
 
 
 def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> EpisodePlan:
-    """Collects it.
+    """Returns the plan of a spec whose formation has these slots, m, [N, 2].
 
     Raises:
         SpecError: the reference cannot move as the spec asks.
     """
-    radii = np.array([robot.radius for robot in spec.robots])
-    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    spawn = SpawnPlan.of(spec)
+    radii = spawn.radii
     reach, rate = reach_of(offsets), 1.0 / rules.segment_time
-    top = TOP_SPEED * min(robot.max_speed for robot in spec.robots)
-    room = half - reach - radii.max() - spec.spawn.start_clearance
+    top = MAX_SLOT_SPEED_SHARE * min(robot.max_speed for robot in spec.robots)
+    room = spawn.half - reach - radii.max() - spec.spawn.start_clearance
     _check_rules(rules, top, reach + float(radii.max()))
     if room.min() <= 0.0:
         raise SpecError(
@@ -81,37 +79,29 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
     n_points = math.ceil(duration * rate + 1e-9) + 3
     longest, tangent = rules.reference_speed / rate, math.tan(rules.max_turn / 2)
-    tangent = round(tangent * 2.0**20) / 2.0**20  # the same on every platform
+    tangent = round(tangent * 2.0**20) / 2.0**20  # has the same bits on every platform
     n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
     n_steps = max(spec.horizon, math.ceil(rules.segment_time / spec.control_dt))
-    steps = np.arange(0, n_steps + 1, STRIDE, dtype=np.float64)
-    margins = (
-        spec.obstacles.gap,
-        rules.path_clearance,
-        spec.spawn.start_clearance,
-        spec.spawn.start_separation,
-        reach + rules.start_spread,
-    )
+    steps = np.arange(0, n_steps + 1, PATH_CHECK_STRIDE, dtype=np.float64)
     return EpisodePlan(
         path=PathPlan(room, n_points, longest, tangent, n_loop, rate, reach, top),
-        sizes=size_table(spec),
-        half=half,
-        radii=radii,
-        turns=np.array([robot.dynamics == "unicycle" for robot in spec.robots]),
+        spawn=spawn,
         offsets=offsets,
-        looks=steps * spec.control_dt * rate,
+        checks=steps * spec.control_dt * rate,
         blocked=rules.blocked,
-        margins=margins,
+        path_clearance=rules.path_clearance,
+        start_reach=reach + rules.start_spread,
     )
 
 
 def _check_rules(rules: FormationRules, top: float, width: float) -> None:
-    """Raises unless slots are slow enough, and can be blocked and free as long as they should."""
+    """Raises if slots are too fast, or cannot be blocked and free for the shares of time asked."""
     low, high = rules.blocked
     if rules.reference_speed > top:
         raise SpecError(
             f"rules.reference_speed is {rules.reference_speed:g} m/s, expected at most {top:g}: "
-            f"{TOP_SPEED:g} of the slowest robot's max_speed, so that robots can catch up."
+            f"{MAX_SLOT_SPEED_SHARE:g} of the slowest robot's max_speed, so that robots can catch "
+            "up."
         )
     if low > high or rules.hold_fraction > 1.0 - high:
         raise SpecError(
@@ -127,36 +117,31 @@ def _check_rules(rules: FormationRules, top: float, width: float) -> None:
 
 
 @kernel
-def _is_beside(
-    row: Float, m: int, layout: Float, poses: Double, margins: tuple[float, ...]
-) -> bool:
-    """Whether obstacle m keeps its distances from earlier obstacles and from the path."""
-    r, x, y = bounding_radius(row), float(row[1]), float(row[2])
-    for k in range(m):
-        dx, dy = float(layout[k, 1]) - x, float(layout[k, 2]) - y
-        need = r + bounding_radius(layout[k]) + margins[0]
-        if dx * dx + dy * dy < need * need:
-            return False
-    reach = r + margins[1]
+def _is_clear_of_path(row: Float, poses: Double, path_clearance: float) -> bool:
+    """Whether an obstacle keeps its distance from the path."""
+    reach = bounding_radius(row) + path_clearance
+    x, y = float(row[1]), float(row[2])
     for k in range(poses.shape[0]):
         dx, dy = poses[k, 0] - x, poses[k, 1] - y
         is_near = dx * dx + dy * dy < reach * reach
-        if is_near and nearest(poses[k, 0], poses[k, 1], row)[0] < margins[1]:
+        if is_near and nearest(poses[k, 0], poses[k, 1], row)[0] < path_clearance:
             return False
     return True
 
 
 @kernel
 def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float) -> bool:
-    """Draws all obstacles beside the path; False if one of them found no place."""
-    for m in range(plan.sizes.shape[0]):
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+    """Draws all obstacles beside the path; returns False if one of them found no place."""
+    gap = plan.spawn.obstacle_gap
+    for m in range(plan.spawn.sizes.shape[0]):
+        size, row = plan.spawn.sizes[m : m + 1], layout[m]
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
-            one = layout[m : m + 1]
-            if not place_obstacles(state, plan.sizes[m : m + 1], plan.half, plan.margins[0], one):
+            if not place_obstacles(state, size, plan.spawn.half, gap, layout[m : m + 1]):
                 return False
-            if _is_beside(layout[m], m, layout, poses, plan.margins):
+            is_free = is_apart(row, layout, m, gap)
+            if is_free and _is_clear_of_path(row, poses, plan.path_clearance):
                 break
     return True
 
@@ -165,7 +150,7 @@ def _place_beside(state: Seeds, plan: EpisodePlan, poses: Double, layout: Float)
 def blocked_share(
     poses: Double, offsets: Double, radii: Double, layout: Float, half: Double
 ) -> float:
-    """Share of poses [L, 4] in which a robot of the largest radius, in some slot, would touch."""
+    """Share of poses [L, 4] in which some slot is blocked for a robot of the largest radius."""
     largest, n_blocked = radii.max(), 0
     for k in range(poses.shape[0]):
         x, y, ux, uy = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3]
@@ -182,23 +167,18 @@ def blocked_share(
 def _place_team(
     state: Seeds, plan: EpisodePlan, pose: Double, layout: Float, robots: Float
 ) -> bool:
-    """Draws the robots' places around the reference's; False if one of them found none."""
-    radii, half, width = plan.radii, plan.half, plan.margins[4]
-    for i in range(radii.shape[0]):
-        low_x, high_x = max(pose[0] - width, -half[0]), min(pose[0] + width, half[0])
-        low_y, high_y = max(pose[1] - width, -half[1]), min(pose[1] + width, half[1])
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+    """Draws the robots' places around the first pose; returns False if one of them found none."""
+    spawn, reach, points = plan.spawn, plan.start_reach, robots[:, X : Y + 1]
+    half = spawn.half
+    low_x, high_x = max(pose[0] - reach, -half[0]), min(pose[0] + reach, half[0])
+    low_y, high_y = max(pose[1] - reach, -half[1]), min(pose[1] + reach, half[1])
+    for i in range(spawn.radii.shape[0]):
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
-            robots[i, X] = low_x + (high_x - low_x) * next_uniform(state)
-            robots[i, Y] = low_y + (high_y - low_y) * next_uniform(state)
-            x, y = float(robots[i, X]), float(robots[i, Y])
-            is_free = clearance(x, y, layout, half) >= radii[i] + plan.margins[2]
-            for j in range(i):
-                dx, dy = float(robots[j, X]) - x, float(robots[j, Y]) - y
-                need = radii[i] + radii[j] + plan.margins[3]
-                is_free = is_free and dx * dx + dy * dy >= need * need
-            if is_free:
+            points[i, 0] = low_x + (high_x - low_x) * next_uniform(state)
+            points[i, 1] = low_y + (high_y - low_y) * next_uniform(state)
+            if is_free_place(points, i, spawn.radii, spawn.starts, layout, half):
                 break
     return True
 
@@ -207,14 +187,14 @@ def _place_team(
 def _draw_one(
     state: Seeds, plan: EpisodePlan, poses: Double, path: Float, layout: Float, robots: Float
 ) -> bool:
-    """Draws one episode; False if its path, an obstacle or a robot found no place."""
+    """Draws one episode; returns False if its path, an obstacle or a robot found no place."""
     if not draw_path(state, plan.path, path):
         return False
-    for look in range(poses.shape[0]):
-        write_pose(path, 0, plan.looks[look], poses[look], 0)
+    for check in range(poses.shape[0]):
+        write_pose(path, 0, plan.checks[check], poses[check], 0)
     if not _place_beside(state, plan, poses, layout):
         return False
-    share = blocked_share(poses, plan.offsets, plan.radii, layout, plan.half)
+    share = blocked_share(poses, plan.offsets, plan.spawn.radii, layout, plan.spawn.half)
     if share < plan.blocked[0] or share > plan.blocked[1]:
         return False
     return bool(_place_team(state, plan, poses[0], layout, robots))
@@ -222,66 +202,55 @@ def _draw_one(
 
 @kernel
 def _draw(
-    seeds: Seeds,
-    copies: Int,
-    plan: EpisodePlan,
-    tries: int,
-    points: int,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds, copies: Int, plan: EpisodePlan, points: int, layouts: Float, states: Float
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
 
     Args:
         seeds: episode seeds, [len(copies)].
         copies: rows to write.
-        plan: the same for every episode.
-        tries: whole episodes to draw before giving up.
+        plan: of the spec.
         points: where the control points begin in a state.
         layouts: written, [E, M, 8].
         states: robots at rest and control points are written, [E, S].
     """
-    state, n = np.empty(1, np.uint64), plan.radii.shape[0]
-    poses = np.empty((plan.looks.shape[0], 4))
+    state, n = np.empty(1, np.uint64), plan.spawn.radii.shape[0]
+    poses = np.empty((plan.checks.shape[0], 4))
     for k in range(copies.shape[0]):
-        b, left = copies[k], tries
+        b, attempts_left = copies[k], plan.spawn.max_attempts
         path, robots = states[b, points:], states[b, : N_COLUMNS * n].reshape(n, N_COLUMNS)
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
-        while left > 0 and not _draw_one(state, plan, poses, path, layouts[b], robots):
-            left -= 1
-        if left == 0:
+        while attempts_left > 0 and not _draw_one(state, plan, poses, path, layouts[b], robots):
+            attempts_left -= 1
+        if attempts_left == 0:
             return k
         for i in range(n):
-            robots[i, VX] = robots[i, VY] = robots[i, UY] = 0.0
-            robots[i, UX] = 1.0
-            if plan.turns[i]:
-                draw_heading(state, robots[i])
+            put_at_rest(state, plan.spawn.has_heading[i], robots[i])
     return copies.shape[0]
 
 
 def draw_episodes(
-    plan: EpisodePlan, spec: TaskSpec, seeds: Seeds, copies: Int, layouts: Float, states: Float
+    plan: EpisodePlan, seeds: Seeds, copies: Int, layouts: Float, states: Float
 ) -> None:
     """Draws obstacles, starts, headings and control points of the episodes `seeds`.
 
     Args:
-        plan: from the spec.
-        spec: the task.
-        seeds: one for each copy to write.
+        plan: of the spec.
+        seeds: episode seeds, [len(copies)].
         copies: rows to write.
         layouts: written, [E, M, 8].
         states: robots and, at the end of a row, control points are written, [E, S].
 
     Raises:
-        SpawnError: no episode was found; nothing says that there is none.
+        SpawnError: no episode was found in `spawn.max_attempts` attempts, though one may exist.
     """
-    tries, points = spec.spawn.max_attempts, states.shape[1] - 2 * plan.path.n_points
-    drawn = _draw(seeds, copies, plan, tries, points, layouts, states)
+    drawn = _draw(seeds, copies, plan, states.shape[1] - 2 * plan.path.n_points, layouts, states)
     if drawn < len(copies):
         low, high = plan.blocked
         raise SpawnError(
-            f"no episode found for seed {seeds[drawn]} in {tries} attempts: a path with obstacles "
-            f"{plan.margins[1]:g} m beside it that block a slot {low:.0%} to {high:.0%} of the "
-            "time. Widen rules.blocked, enlarge arena, use fewer obstacles, or let the path turn "
-            "more (rules.max_turn) or more slowly (rules.reference_speed)."
+            f"no episode found for seed {seeds[drawn]} in {plan.spawn.max_attempts} attempts: a "
+            f"path with obstacles {plan.path_clearance:g} m beside it that block a slot {low:.0%} "
+            f"to {high:.0%} of the time. Widen rules.blocked, enlarge the arena, use fewer "
+            "obstacles, or let the path turn more (rules.max_turn) or more slowly "
+            "(rules.reference_speed)."
         )

@@ -1,16 +1,16 @@
 """The smooth path of a formation's reference: a uniform cubic B-spline over drawn control points.
 
-Segment k of the path is made of control points k to k + 3 and takes `segment_time`. With the edges
-of the control polygon e = p[k+1] - p[k], the path has three properties by construction (Farin,
+Segment k of the path depends on control points k to k + 3 and takes `segment_time`. With the edges
+e = p[k+1] - p[k] of the control polygon, the path has three properties by construction (Farin,
 "Curves and Surfaces for CAGD", 5th edition, 2002, chapter 8; its derivative is a quadratic
 B-spline over e / segment_time):
 
-- it stays in the convex hull of its control points, so within a box if they are;
+- it stays in the convex hull of its control points, and so in any box that contains them;
 - it is never faster than the longest edge / `segment_time`;
-- position, velocity and acceleration are continuous; and since edges turn by less than a right
-  angle, the velocity is never zero, so that the heading, its direction, is smooth too.
+- position, velocity and acceleration are continuous. Edges turn by less than a right angle, so the
+  velocity is never zero, and its direction, the heading, is smooth too.
 
-Polynomials and square roots only, so that the bits are the same on every platform.
+It uses only polynomials and square roots, so that the bits are the same on every platform.
 """
 
 import math
@@ -18,30 +18,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import next_uniform
+from swarmdata.envs.world.spawn import next_uniform, unit_vector
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Seeds
 
-SIXTH = 1.0 / 6.0
+ONE_SIXTH = 1.0 / 6.0
 
-TRIES = 8
-"""Draws of an edge before the walk takes the next one of a loop."""
+EDGE_TRIES = 8
+"""Attempts to draw an edge before the walk takes the next edge of a loop."""
 
-SHORTEST = 0.7
-"""Shortest edge of a control polygon, as part of the longest: the reference changes its speed."""
+MIN_EDGE_SHARE = 0.7
+"""Shortest edge of a control polygon as a share of the longest; they vary the reference's speed."""
 
 
 class PathPlan(NamedTuple):
-    """What drawing a path needs to know."""
+    """The constants of a spec's paths."""
 
     room: Double  # half width and half height of the box for control points, m, [2]
     n_points: int  # K
-    longest: float  # edge, m
-    tangent: float  # of half the largest turn from edge to edge
+    longest: float  # longest edge, m
+    tangent: float  # tangent of half the largest turn between edges
     n_loop: int  # edges of a loop with such turns
     rate: float  # segments per second
-    reach: float  # m, from the reference to the farthest slot
-    top: float  # m/s, speed that no slot may exceed
+    reach: float  # distance from the reference to the farthest slot, m
+    top: float  # largest speed of a slot, m/s
 
 
 @kernel(inline="always")
@@ -50,16 +50,16 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
 
     Args:
         row: ends with the control points x, y, x, y, ..., m, [first + 2 K].
-        first: where they begin.
-        s: segments from the start, at least 0; the last segment goes on.
+        first: index of the first control point.
+        s: segments from the start, at least 0; beyond the end, the last segment is extrapolated.
     """
     k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
     v = 1.0 - u
     c0, c2 = 0.5 * v * v, 0.5 * u * u
     c1 = 1.0 - c0 - c2
-    b0, b3 = SIXTH * v * v * v, SIXTH * u * u * u
-    b2 = SIXTH + 0.5 * u * (1.0 + u * v)
+    b0, b3 = ONE_SIXTH * v * v * v, ONE_SIXTH * u * u * u
+    b2 = ONE_SIXTH + 0.5 * u * (1.0 + u * v)
     b1 = 1.0 - b0 - b2 - b3
     i = first + 2 * k
     x0, x1, x2 = float(row[i]), float(row[i + 2]), float(row[i + 4])
@@ -110,10 +110,10 @@ def write_motion(
 
 @kernel
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
-    """Draws a path whose slots are never too fast; False if it found none.
+    """Draws a path on which no slot is too fast; returns False if it found none.
 
-    A random walk in the box that keeps a way back: after every edge, a loop of the sharpest turns
-    to one side fits. Where random edges do not, the walk takes the loop's next edge.
+    This is a random walk in the box that never gets stuck: after every edge, a loop of the sharpest
+    turns to one side still fits. Where no random edge does, the walk takes the loop's next edge.
 
     Args:
         state: of the generator, [1].
@@ -122,18 +122,18 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
-    ux, uy = _direction(2.0 * next_uniform(state) - 1.0)
+    ux, uy = unit_vector(2.0 * next_uniform(state) - 1.0)
     if next_uniform(state) < 0.5:
         ux, uy = -ux, -uy
     for k in range(1, plan.n_points):
-        for attempt in range(TRIES + 3):
-            if attempt == TRIES + 2:
+        for attempt in range(EDGE_TRIES + 3):
+            if attempt == EDGE_TRIES + 2:
                 return False
             t = plan.tangent * (2.0 * next_uniform(state) - 1.0)
-            edge = plan.longest * (SHORTEST + (1.0 - SHORTEST) * next_uniform(state))
-            if attempt >= TRIES:
-                t = plan.tangent if attempt == TRIES else -plan.tangent
-                edge = SHORTEST * plan.longest
+            edge = plan.longest * (MIN_EDGE_SHARE + (1.0 - MIN_EDGE_SHARE) * next_uniform(state))
+            if attempt >= EDGE_TRIES:
+                t = plan.tangent if attempt == EDGE_TRIES else -plan.tangent
+                edge = MIN_EDGE_SHARE * plan.longest
             wx, wy = turned(ux, uy, t)
             x, y = float(points[2 * k - 2]) + edge * wx, float(points[2 * k - 1]) + edge * wy
             rest = min(plan.n_points - 1 - k, plan.n_loop)
@@ -150,7 +150,7 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
 def fits(
     x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
 ) -> bool:
-    """Whether a point, and shortest edges with the sharpest turns that follow, are in the box.
+    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box.
 
     Args:
         x: point, m.
@@ -158,10 +158,10 @@ def fits(
         ux: direction of the edge that led to it, unit vector.
         uy: the same.
         plan: the same for every episode.
-        n_edges: how many follow.
+        n_edges: number of edges after the point.
         side: 1 to turn left, -1 to turn right.
     """
-    edge = SHORTEST * plan.longest
+    edge = MIN_EDGE_SHARE * plan.longest
     for _ in range(n_edges):
         if abs(x) > plan.room[0] or abs(y) > plan.room[1]:
             return False
@@ -172,20 +172,14 @@ def fits(
 
 @kernel(inline="always")
 def turned(ux: float, uy: float, t: float) -> tuple[float, float]:
-    """A unit vector, turned by twice the angle of tangent t."""
-    cos, sin = _direction(t)
+    """Turns a unit vector by twice the angle of tangent t."""
+    cos, sin = unit_vector(t)
     return ux * cos - uy * sin, ux * sin + uy * cos
-
-
-@kernel(inline="always")
-def _direction(t: float) -> tuple[float, float]:
-    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
-    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
 
 
 @kernel
 def is_slow(points: Float, plan: PathPlan) -> bool:
-    """Whether no slot exceeds its speed on one segment, [8], looked at in five places."""
+    """Whether no slot is too fast in five places of one segment, given its control points, [8]."""
     motion = np.empty(7)
     for quarter in range(5):
         write_motion(points, 0, 0.25 * quarter, plan.rate, motion, 0)

@@ -1,4 +1,4 @@
-"""Shapes of a formation: where the slots are in the frame of its centre, which faces along +x."""
+"""Shapes of a formation: the slots in the frame of its centre, which faces along +x."""
 
 import math
 
@@ -8,18 +8,18 @@ from swarmdata.errors import SpecError
 from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
-_GRID = 2.0**20
-"""Sines and cosines are rounded to its inverse, so that they are the same on every platform."""
+_GRID_STEPS = 2.0**20
+"""Sines and cosines are rounded to multiples of its inverse, to be the same on every platform."""
 
-SLACK = 0.05
-"""Gap (m) that is left at least between robots in neighbouring slots."""
+MIN_SLOT_GAP = 0.05
+"""Smallest gap (m) between robots in neighbouring slots."""
 
 
 def slot_offsets(rules: FormationRules, n: int) -> Double:
-    """Slots of `n` robots, m, [n, 2]; their mean is the origin.
+    """Returns the slots of `n` robots, m, [n, 2]; their mean is the origin.
 
-    line: abreast. column: one behind the other. wedge: a V, its tip ahead, its arms at 45 degrees.
-    circle: a regular polygon. Neighbours are `spacing` apart in all of them.
+    line: side by side. column: one behind the other. wedge: a V with its tip ahead and its arms at
+    45 degrees. circle: a regular polygon. Neighbours are `spacing` apart in all shapes.
     """
     k = np.arange(n, dtype=np.float64)
     if rules.shape == "line":
@@ -36,29 +36,30 @@ def slot_offsets(rules: FormationRules, n: int) -> Double:
         offsets = radius * np.array(unit)
     offsets = rules.spacing * offsets
     total = np.zeros(2)
-    for offset in offsets:  # in this order: NumPy's sums are in another on other machines
+    for offset in offsets:  # in order: the order of NumPy's sums differs between machines
         total += offset
     return offsets - total / n
 
 
 def check_slots(rules: FormationRules, radii: Double) -> None:
-    """Raises unless robots of these radii [N], m, can be in the slots at once.
+    """Checks that robots with these radii, m, [N], fit in neighbouring slots.
 
     Raises:
-        SpecError: they touch.
+        SpecError: robots in neighbouring slots could be too close.
     """
-    need = float(np.sort(radii)[-2:].sum()) + SLACK
+    need = float(np.sort(radii)[-2:].sum()) + MIN_SLOT_GAP
     if len(radii) > 1 and rules.spacing < need:
         raise SpecError(
             f"rules.spacing is {rules.spacing:g} m, expected at least {need:g} m: two robots of "
-            f"the largest radii, and {SLACK:g} m. Enlarge the spacing or take smaller robots."
+            f"the largest radii, and {MIN_SLOT_GAP:g} m. Enlarge the spacing or take smaller "
+            "robots."
         )
 
 
 def reach_of(offsets: Double) -> float:
-    """Distance of the farthest slot from the centre, m."""
+    """Returns the distance of the farthest slot from the centre, m."""
     return float(np.sqrt((offsets * offsets).sum(axis=1)).max())
 
 
 def _on_grid(value: float) -> float:
-    return round(value * _GRID) / _GRID
+    return round(value * _GRID_STEPS) / _GRID_STEPS

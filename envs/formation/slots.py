@@ -1,7 +1,7 @@
-"""Where the slots of a formation are now, whose they are, and how fast they move.
+"""The slots of a formation: their positions, their assignment to robots, and their velocities.
 
-These kernels work on one state row: robots, then the extras that `formation` describes, of which
-the reference comes first and the control points of its path last.
+These kernels work on one row of the states: robots, then the extras that `formation` describes,
+where the reference comes first and the control points of its path last.
 """
 
 from swarmdata.envs.formation.reference_path import write_motion, write_pose
@@ -11,22 +11,20 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int
 
 HELD, PREVIEW = 7, 8
-"""Where, after the robots, the steps in formation are, and where the previews begin; the reference
-comes first."""
-
+"""Offsets, after the robots, of the number of steps in formation and of the previews."""
 
 Course = tuple[Double, bool, float, float, Double]
-"""How reference and slots move: slots in the reference's frame, m, [N, 2]; whether they are
-assigned; segments of the path in a control step; segments per second; segments from now to each
-preview, [P]. A plain tuple, which calls faster than a named one."""
+"""The motion of reference and slots: slots in the reference's frame, m, [N, 2]; whether they are
+assigned; segments of the path per control step; segments per second; segments from now to each
+preview, [P]. A plain tuple, since named ones are slower to pass."""
 
 Scratch = tuple[Double, Double, Double, Int]
-"""Memory to overwrite: slots, m, [N, 2]; costs [N, N]; that of `assignment.assign`."""
+"""Memory to overwrite: slots, m, [N, 2]; costs, [N, N]; the two arrays of `assignment.assign`."""
 
 
 @kernel
 def _are_nearest(costs: Double, places: Int) -> bool:
-    """Gives every robot its cheapest slot; False if two want the same one."""
+    """Gives every robot its cheapest slot; returns False if two robots share one."""
     n = costs.shape[0]
     for i in range(n):
         best = 0
@@ -65,7 +63,7 @@ def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
             for j in range(n):
                 dx, dy = slots[j, 0] - px, slots[j, 1] - py
                 costs[i, j] = dx * dx + dy * dy
-        if not _are_nearest(costs, places):  # in formation they are: this is much faster
+        if not _are_nearest(costs, places):  # usually they are, which is much faster
             assign(costs, work, places)
     for i in range(n):
         state[N_COLUMNS * i + TX] = slots[places[0, i], 0]

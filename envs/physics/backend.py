@@ -1,4 +1,4 @@
-"""What stands between a task and physics, so that another simulator can take Pymunk's place."""
+"""The interface between tasks and physics, so that another simulator can replace Pymunk."""
 
 from typing import NamedTuple, Protocol
 
@@ -10,7 +10,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 
 
 class Plan(NamedTuple):
-    """What a world consists of, the same in every episode."""
+    """The parts of a world that are the same in every episode."""
 
     spec: TaskSpec
     kinds: Int  # [M] shape code of each obstacle, `geometry`
@@ -18,16 +18,16 @@ class Plan(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """Who touches whom."""
+    """The contacts of robots, from one physics step to the next."""
 
-    robots: Bool  # [E, N, N] upper triangle: pairs in contact and not yet separated
-    obstacles: Bool  # [E, N, M + 4] robots in contact with obstacles, then walls
-    slack: Double  # [E, N, 3] where, and how far from everything static, a robot last was
+    robots: Bool  # [E, N, N] upper triangle: pairs in contact that have not separated
+    obstacles: Bool  # [E, N, M + 4] contacts with obstacles, then walls
+    slack: Double  # [E, N, 3] where a robot's gap to everything static was computed, and that gap
 
 
 @kernel(inline="always")
 def write_state(robots: Double, bodies: Double, state: Float) -> None:
-    """Rounds one copy's robots [N, 6] and bodies [K, 7] to its state [S]; targets stay."""
+    """Writes one copy's robots [N, 6] and bodies [K, 7] to its state [S]; targets stay."""
     first = N_COLUMNS * robots.shape[0]
     for i in range(robots.shape[0]):
         for c in range(6):
@@ -40,14 +40,18 @@ def write_state(robots: Double, bodies: Double, state: Float) -> None:
 class Backend(Protocol):
     """E copies of a physical world of circular robots of mass 1 kg.
 
-    Robots have a heading that commands change and contacts do not. The backend keeps positions and
-    velocities in float64; states hold them rounded.
+    Commands change a robot's heading, contacts do not. The backend keeps positions and velocities
+    in float64; states contain them rounded to float32.
     """
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        """Puts fresh worlds into `copies`: obstacles [E, M, 8], robots [E, N, 6], bodies [E, K, 7].
+        """Starts new worlds at rest in `copies`, from which their history must not show in any bit.
 
-        All are at rest. What follows must not depend, in any bit, on what these copies did before.
+        Args:
+            copies: rows to reset.
+            layouts: obstacles, [E, M, 8].
+            robots: [E, N, 6].
+            bodies: movable bodies, [E, K, 7].
         """
         ...
 
@@ -59,8 +63,8 @@ class Backend(Protocol):
         Args:
             active: [E].
             commands: in [-1, 1], for `dynamics.drive`, [E, N, 2].
-            contacts: brought up to date after every physics step.
+            contacts: updated after every physics step.
             events: zeros, to which the events of every physics step are added, [E, N, 4].
-            states: written: robots, but their targets, and movable bodies, [E, S].
+            states: written: robots except their targets, and movable bodies, [E, S].
         """
         ...

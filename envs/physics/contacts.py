@@ -1,26 +1,26 @@
 """Contact events from positions: a contact begins at overlap and ends at separation.
 
-Overlap of positions after a physics step is exactly what Munk2D reports as a contact, and is 100
-times cheaper to find here than through its callbacks. Overlaps are 2 mm deep in the median and up
-to 50 mm: what two robots can drive in a physics step, before the solver has seen them, and what is
-pressed (`python -m tests.benchmarks.bench_contacts`).
+Munk2D reports a contact exactly when bodies overlap after a physics step, and finding the overlap
+here is 100 times cheaper than through its callbacks. The median depth of an overlap is 2 mm, the
+largest 50 mm: the distance that two robots can drive in a physics step before the solver reacts,
+and compression by pushing (`python -m tests.benchmarks.bench_contacts`).
 """
 
 import math
 
 from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import SEPARATION, Bool, Counts, Double, Float
+from swarmdata.types import SEPARATION_GAP, Bool, Counts, Double, Float
 
-SKIP = 0.25
+EXACT_GAP_LIMIT = 0.25
 """Gaps to obstacles beyond this (m) need not be exact."""
 
 
 @kernel(inline="always")
 def _judge(gap: float, touching: bool) -> tuple[bool, bool]:
-    """Returns (touching now, whether the contact began)."""
+    """Returns whether there is a contact now, and whether it has just begun."""
     if touching:
-        return gap <= SEPARATION, False
+        return gap <= SEPARATION_GAP, False
     return gap <= 0.0, gap <= 0.0
 
 
@@ -29,7 +29,7 @@ def _robot_contacts(positions: Double, radii: Double, robots: Bool, events: Coun
     for i in range(positions.shape[0]):
         for j in range(i + 1, positions.shape[0]):
             dx, dy = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1]
-            reach = radii[i] + radii[j] + 2.0 * SEPARATION
+            reach = radii[i] + radii[j] + 2.0 * SEPARATION_GAP
             square = dx * dx + dy * dy
             if square > reach * reach and not robots[i, j]:
                 continue
@@ -53,9 +53,13 @@ def _static_contacts(
     for m in range(n_obstacles + 4):
         if m < n_obstacles:
             dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py
-            reach = outer_radius(layout[m]) + radius + SKIP
+            reach = outer_radius(layout[m]) + radius + EXACT_GAP_LIMIT
             square = dx * dx + dy * dy
-            gap = SKIP if square > reach * reach else nearest(px, py, layout[m])[0] - radius
+            gap = (
+                EXACT_GAP_LIMIT
+                if square > reach * reach
+                else nearest(px, py, layout[m])[0] - radius
+            )
         else:
             gap = wall_gap(px, py, half, m - n_obstacles) - radius
         smallest = min(smallest, gap)
@@ -88,14 +92,15 @@ def update_contacts(
         robots: read and written, [N, N] upper triangle.
         obstacles: read and written, [N, M + 4].
         slack: read and written, [N, 3]: the position at which a robot's gap to everything static
-            was last computed, and that gap (m). A robot that has moved less than it cannot touch.
+            was last computed, and that gap (m). A robot that has moved less cannot touch anything
+            static.
         events: added to, [N, 4] columns `types.EVENTS`; onsets count for both robots of a pair.
     """
     _robot_contacts(positions, radii, robots, events)
     for i in range(positions.shape[0]):
         px, py = positions[i, 0], positions[i, 1]
         moved = abs(px - slack[i, 0]) + abs(py - slack[i, 1])
-        if moved < slack[i, 2] - 2.0 * SEPARATION:
+        if moved < slack[i, 2] - 2.0 * SEPARATION_GAP:
             continue
         slack[i, 2] = _static_contacts(px, py, radii[i], layout, half, obstacles[i], events[i])
         slack[i, 0] = px

@@ -1,15 +1,15 @@
 """How commands move robots: holonomic or unicycle, by velocity or by acceleration.
 
 A holonomic robot accelerates in any direction; the acceleration that a command asks for is held for
-the control step. A unicycle drives along its heading and turns; its wheels have grip, so what it
-moves sideways is taken away in every physics step, as far as the grip goes. That makes the
-constraint hold between control steps too, where a push or a turn would break it.
+the control step. A unicycle drives along its heading and turns. Its wheels have grip, which removes
+sideways velocity in every physics step, up to a limit. So the constraint holds between control
+steps too, where a push or a turn would violate it.
 
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
 its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
 
-Limits are those of commands. Who is pushed may be faster than `max_speed`, by up to 15 % in the
-datasets (`python -m tests.benchmarks.bench_contacts`).
+The limits apply to commands only. A robot that is pushed may exceed `max_speed`, by up to 15 % in
+the datasets (`python -m tests.benchmarks.bench_contacts`).
 """
 
 import math
@@ -23,12 +23,12 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
 """Columns of the limits."""
 
-GRIP = 10.0
-"""Sideways acceleration (m/s^2) that a unicycle's wheels can hold, about that of rubber."""
+GRIP_ACCELERATION = 10.0
+"""Largest sideways acceleration (m/s^2) of a unicycle's wheels, about that of rubber."""
 
 
 def limits_of(spec: TaskSpec) -> Double:
-    """The robots' limits, SI units and flags, [N, 5]."""
+    """Returns the robots' limits, in SI units, and flags, [N, 5]."""
     return np.array(
         [
             (
@@ -58,7 +58,7 @@ def begin_step(
     states: Float,
     events: Counts,
 ) -> int:
-    """Finds the active copies, clips their commands, and starts their step.
+    """Finds the active copies, clips their commands, and begins their step.
 
     Args:
         limits: [N, 5].
@@ -69,8 +69,8 @@ def begin_step(
         truncations: of the step before, [E].
         old_times: of the step before, [E].
         old_states: of the step before, [E, S].
-        times: written: the old ones, and one more in active copies, [E].
-        states: written: the old ones, [E, S].
+        times: written: the old times, plus one in active copies, [E].
+        states: written: the old states, [E, S].
         events: written: zeros, [E, N, 4].
 
     Returns:
@@ -105,7 +105,7 @@ def begin_step(
 
 @kernel(inline="always")
 def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tuple[float, float]:
-    """Acceleration that is held for a control step of `dt` seconds."""
+    """Returns the acceleration that is held for a control step of `dt` seconds."""
     top, most = limit[SPEED], limit[ACCELERATION]
     if limit[BY_VELOCITY] == 1.0:
         ax, ay = (top * command[0] - robot[2]) / dt, (top * command[1] - robot[3]) / dt
@@ -123,9 +123,9 @@ def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tupl
 
 @kernel(inline="always")
 def _turn(robot: Double, angle: float) -> None:
-    """Turns the heading by 2 atan(angle / 2), which is `angle` up to its cube over 12.
+    """Turns the heading by 2 atan(angle / 2), which differs from `angle` by about angle^3 / 12.
 
-    The Cayley transform needs no sine, so the bits are the same on every platform.
+    This Cayley transform needs no sine, so the bits are the same on every platform.
     """
     t = 0.5 * angle
     scale = 1.0 / (1.0 + t * t)
@@ -147,13 +147,19 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
     else:
         wanted = min(max(ahead + most * command[0] * dt, -top), top)
     push = min(max((wanted - ahead) / dt, -most), most)
-    hold = min(max(-aside / dt, -GRIP), GRIP)
+    hold = min(max(-aside / dt, -GRIP_ACCELERATION), GRIP_ACCELERATION)
     return push * ux - hold * uy, push * uy + hold * ux
 
 
 @kernel(inline="always")
 def drive(
-    robots: Double, commands: Double, limits: Double, timing: tuple[int, float], k: int, out: Double
+    robots: Double,
+    commands: Double,
+    limits: Double,
+    n_substeps: int,
+    dt: float,
+    k: int,
+    out: Double,
 ) -> None:
     """Writes the accelerations of one copy's robots in physics step `k` of a control step.
 
@@ -161,13 +167,14 @@ def drive(
         robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
         commands: clipped, [N, 2].
         limits: [N, 5].
-        timing: physics steps of a control step, and their length, s.
-        k: from 0.
-        out: m/s^2; read too, since holonomic robots hold theirs, [N, 2].
+        n_substeps: physics steps in a control step.
+        dt: length of a physics step, s.
+        k: number of the physics step, from 0.
+        out: m/s^2, [N, 2]; kept for holonomic robots after the first physics step.
     """
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
-            out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], timing[1])
+            out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], dt)
         elif k == 0:
-            control_dt = timing[0] * timing[1]
+            control_dt = n_substeps * dt
             out[i, 0], out[i, 1] = _holonomic(robots[i], commands[i], limits[i], control_dt)

@@ -1,12 +1,12 @@
 """The fast backend: E Pymunk spaces stepped by one numba loop that calls Munk2D by address.
 
-Pymunk's attribute access costs ten times more than the physics. The functions it wraps are exported
-by its compiled module, so compiled code can call them directly: set the forces, step, read the
-bodies, find contacts, one space after the other while it is in cache.
+Pymunk's attribute access costs ten times more than the physics. Its compiled module exports the
+functions that it wraps, so compiled code can call them directly: set the forces, step, read the
+bodies, find the contacts, one space after the other while it is in the cache.
 
-The reset is exact: it removes every shape, steps once (the only way to clear the solver's hidden
-overlap velocities), writes bodies and obstacles, and adds the shapes back in build order with the
-id counter at its start. Anything less lets the previous episode change the next one's bits.
+The reset is exact. It removes every shape, steps once (the only way to clear the solver's hidden
+overlap velocities), writes bodies and obstacles, and adds the shapes in build order with the id
+counter at its initial value. With anything less, an episode would change the bits of the next one.
 """
 
 import sys
@@ -25,7 +25,7 @@ from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-NAMES = (
+MUNK_FUNCTIONS = (
     "cpSpaceStep",
     "cpBodySetForce",
     "cpBodyGetPosition",
@@ -45,11 +45,11 @@ STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
 GET_ROTATION, GET_TURN_RATE = range(12, 14)
 
-F64 = ir.DoubleType()
+FLOAT64_TYPE = ir.DoubleType()
 
 
 def load_addresses() -> Int | None:
-    """Addresses of `NAMES` in Pymunk's compiled module, or None where they cannot be called.
+    """Returns the addresses of `MUNK_FUNCTIONS`, or None where they cannot be called.
 
     They are not part of Pymunk's public interface. On Windows a vector is passed in another way
     than here.
@@ -59,7 +59,7 @@ def load_addresses() -> Int | None:
     try:
         from pymunk._chipmunk_cffi import ffi, lib  # noqa: PLC0415  (private, may be absent)
 
-        found = [int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in NAMES]
+        found = [int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in MUNK_FUNCTIONS]
     except (ImportError, AttributeError):
         return None
     return np.array(found, dtype=np.int64)
@@ -71,7 +71,7 @@ def _call(builder: Any, address: Any, result: Any, arguments: list[Any]) -> Any:
 
 
 def _void_call(*kinds: Any) -> tuple[Any, Any]:
-    """Signature and code of a call, by address, of a `void` function of such arguments."""
+    """Returns signature and code of a call, by address, of a `void` function of such arguments."""
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         _call(builder, args[0], ir.VoidType(), list(args[1:]))
@@ -110,8 +110,9 @@ def call_p_v(_context: Any, address: Any, pointer: Any) -> Any:
     result = types.UniTuple(types.float64, 2)
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        vector = _call(builder, args[0], ir.LiteralStructType([F64, F64]), [args[1]])
-        out = ir.Constant(ir.ArrayType(F64, 2), ir.Undefined)
+        pair = ir.LiteralStructType([FLOAT64_TYPE, FLOAT64_TYPE])
+        vector = _call(builder, args[0], pair, [args[1]])
+        out = ir.Constant(ir.ArrayType(FLOAT64_TYPE, 2), ir.Undefined)
         for k in range(2):
             out = builder.insert_value(out, builder.extract_value(vector, k), k)
         return out
@@ -124,14 +125,14 @@ def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
     """Calls a `double f(void *)`."""
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _call(builder, args[0], F64, [args[1]])
+        return _call(builder, args[0], FLOAT64_TYPE, [args[1]])
 
     return types.float64(types.int64, types.int64), generate
 
 
 @kernel
 def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
-    """Reads the movable bodies of one copy, columns `states.BODY`."""
+    """Reads the movable bodies of one copy, columns `state_layout.BODY`."""
     first = addresses.shape[0] - movables.shape[0]
     for k in range(movables.shape[0]):
         body = addresses[first + k]
@@ -163,14 +164,13 @@ def _advance(
     events: Counts,
     states: Float,
 ) -> None:
-    """Advances the active copies; plain arguments, because tuples of arrays cost microseconds."""
+    """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
     n = radii.shape[0]
-    timing = (n_substeps, dt)
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, timing, k, forces)
+            drive(robots[b], commands[b], limits, n_substeps, dt, k, forces)
             for i in range(n):  # Munk2D clears forces in every step
                 call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
             call_pd(calls[STEP], spaces[b], dt)
@@ -216,16 +216,16 @@ def _reset_one(
         call_pp(calls[ADD], space, shape)
 
 
-class MunkBackend:
-    """The backend interface over Munk2D's own functions."""
+class FastBackend:
+    """Implements `Backend` with Munk2D's own functions."""
 
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
         self._plan, self._calls, spec = plan, calls, plan.spec
         self._timing = spec.n_substeps, spec.physics_dt
         self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-        self._keep: list[Any] = [None] * n_copies  # owns what the addresses point to
+        self._half = np.array(spec.half_size)
+        self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
         self._spaces = np.zeros(n_copies, dtype=np.int64)
         n, k = spec.n_agents, len(plan.movables)
         self._bodies = np.zeros((n_copies, n + k), dtype=np.int64)
@@ -244,7 +244,7 @@ class MunkBackend:
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
         for b in copies.tolist():
-            if self._keep[b] is None or self._plan.movables:  # joints keep hidden impulses
+            if self._owners[b] is None or self._plan.movables:  # joints keep hidden impulses
                 self._build(b, layouts[b], robots[b], bodies[b])
             else:
                 _reset_one(
@@ -260,7 +260,7 @@ class MunkBackend:
             return int(ffi.cast("uintptr_t", pointer))
 
         space, bodies = build_space(self._plan, layout, robots, movables)
-        self._keep[b] = space, bodies
+        self._owners[b] = space, bodies
         self._spaces[b] = address(space._space)
         self._bodies[b] = [address(body._body) for body in bodies]
         self._shapes[b] = [address(shape._shape) for shape in space.shapes]

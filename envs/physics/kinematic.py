@@ -1,7 +1,7 @@
 """A backend without contacts: robots drive through each other and through everything else.
 
-It shows what a task needs of a simulator, and separates a task's own rules from physics in tests.
-Movable bodies stay where they are.
+It shows the least that a task needs from a simulator, and lets tests check a task's rules without
+physics. Movable bodies stay where they are.
 """
 
 import numpy as np
@@ -17,7 +17,8 @@ def _advance(
     active: Bool,
     commands: Double,
     limits: Double,
-    timing: tuple[int, float],
+    n_substeps: int,
+    dt: float,
     robots: Double,
     bodies: Double,
     states: Float,
@@ -27,21 +28,22 @@ def _advance(
     for b in range(robots.shape[0]):
         if not active[b]:
             continue
-        for k in range(timing[0]):
-            drive(robots[b], commands[b], limits, timing, k, accelerations)
+        for k in range(n_substeps):
+            drive(robots[b], commands[b], limits, n_substeps, dt, k, accelerations)
             for i in range(robots.shape[1]):
                 for c in range(2):
-                    robots[b, i, c] += robots[b, i, 2 + c] * timing[1]
-                    robots[b, i, 2 + c] += accelerations[i, c] * timing[1]
+                    robots[b, i, c] += robots[b, i, 2 + c] * dt
+                    robots[b, i, 2 + c] += accelerations[i, c] * dt
         write_state(robots[b], bodies[b], states[b])
 
 
 class KinematicBackend:
-    """The backend interface without physics."""
+    """Implements `Backend` without contacts."""
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
-        self._limits, self._timing = limits_of(spec), (spec.n_substeps, spec.physics_dt)
+        self._limits = limits_of(spec)
+        self._n_substeps, self._dt = spec.n_substeps, spec.physics_dt
         self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
@@ -51,4 +53,7 @@ class KinematicBackend:
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        _advance(active, commands, self._limits, self._timing, self._robots, self._bodies, states)
+        _advance(
+            active, commands, self._limits, self._n_substeps, self._dt,
+            self._robots, self._bodies, states,
+        )  # fmt: skip

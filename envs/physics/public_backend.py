@@ -1,7 +1,7 @@
-"""How a world is built in Pymunk, and a backend that uses only Pymunk's public interface.
+"""Builds worlds in Pymunk, and simulates them through Pymunk's public interface only.
 
-This backend builds every space anew at reset. `envs.munk` does the same work about ten times
-faster through Munk2D's own functions, and must give the same bits; this one takes over where the
+This backend builds every space anew at reset. `fast_backend` does the same work about ten times
+faster through Munk2D's own functions and must give the same bits; this one takes over where those
 private names are missing.
 """
 
@@ -13,17 +13,16 @@ import pymunk
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-SLOP = 0.002
-"""Overlap (m) that Munk2D leaves at rest; its default of 0.1 is meant for pixels."""
+COLLISION_SLOP = 0.002
+"""Overlap (m) that Munk2D tolerates at rest; its default of 0.1 is meant for pixels."""
 
-ITERATIONS = 10
-FRICTION = 0.2
+SOLVER_ITERATIONS = 10
+FRICTION_COEFFICIENT = 0.2
 
 
 @kernel
@@ -42,10 +41,7 @@ def bars(row: Float, out: Double) -> int:
     n_bars = int(row[0])  # shape codes count bars: circle 0, box 1, corner 2, pocket 3
     local = np.empty((4, 2))
     for k in range(n_bars):
-        cx, cy, hx, hy = 0.0, 0.0, a, b
-        if n_bars > 1:
-            cx, cy = (0.0, t - b) if k == 0 else (t - a if k == 1 else a - t, 0.0)
-            hx, hy = (a, t) if k == 0 else (t, b)
+        cx, cy, hx, hy = bar_box(row[0], a, b, t, k)
         first = 0
         for c in range(4):
             lx = cx + hx if c in (1, 2) else cx - hx
@@ -62,22 +58,15 @@ def bars(row: Float, out: Double) -> int:
 
 
 def n_static_shapes(kinds: Int) -> int:
-    """Number of shapes of all obstacles, without the walls; every obstacle has at least one."""
+    """Number of collision shapes of all obstacles, walls not counted; at least one each."""
     return int(np.maximum(kinds, 1).sum())
-
-
-def _walls(spec: TaskSpec, body: pymunk.Body) -> list[pymunk.Shape]:
-    t = spec.arena.wall_thickness
-    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
-    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
-    return [pymunk.Segment(body, corners[i], corners[(i + 1) % 4], t) for i in range(4)]
 
 
 def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk.Shape:
     """Adds a body that slides on the floor; returns its shape, which is not in the space yet.
 
-    Dry friction with the floor is two joints without a spring and with little strength, which the
-    solver weighs against the contacts: a push below the friction moves nothing.
+    Dry friction with the floor is modelled by two joints of limited force, which the solver weighs
+    against the contacts: a push weaker than the friction moves nothing.
     """
     half = payload.half_length, payload.half_width
     if payload.shape == "circle":
@@ -91,7 +80,7 @@ def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk
     turn = pymunk.GearJoint(space.static_body, body, 0.0, 1.0)
     slide.max_bias = turn.max_bias = 0.0
     slide.max_force = payload.friction
-    turn.max_force = payload.friction * 2 / 3 * math.sqrt(area / math.pi)  # that of such a disc
+    turn.max_force = payload.friction * 2 / 3 * math.sqrt(area / math.pi)  # of a disc of equal area
     space.add(body, slide, turn)
     if payload.shape == "circle":
         return pymunk.Circle(body, half[0])
@@ -104,7 +93,7 @@ def build_space(
     """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 
     Args:
-        plan: what it consists of.
+        plan: the obstacles and bodies of the world.
         layout: obstacles, [M, 8].
         robots: [N, 6].
         movables: [K, 7].
@@ -114,11 +103,16 @@ def build_space(
     """
     spec = plan.spec
     space = pymunk.Space()
-    space.collision_slop = SLOP
-    space.iterations = ITERATIONS
+    space.collision_slop = COLLISION_SLOP
+    space.iterations = SOLVER_ITERATIONS
     space.damping = 1.0  # drag is part of the robots, not of the world
     ground = space.static_body
-    shapes = _walls(spec, ground)
+    t = spec.arena.wall_thickness
+    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
+    posts = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    shapes: list[pymunk.Shape] = [
+        pymunk.Segment(ground, posts[i], posts[(i + 1) % 4], t) for i in range(4)
+    ]
     corners = np.empty((3, 4, 2))
     for row in layout:
         if row[0] == CIRCLE:
@@ -139,19 +133,19 @@ def build_space(
         shapes.append(_movable(space, payload, pose))
         bodies.append(shapes[-1].body)
     for shape in shapes:
-        shape.friction, shape.elasticity = FRICTION, 0.0
+        shape.friction, shape.elasticity = FRICTION_COEFFICIENT, 0.0
     space.add(*shapes)
     return space, bodies
 
 
 class PublicBackend:
-    """The backend interface over attribute access; slow, and the reference for the fast one."""
+    """Implements `Backend` through attributes; slow, and the reference for the fast backend."""
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
         self._plan, spec = plan, plan.spec
-        self._limits, self._timing = limits_of(spec), (spec.n_substeps, spec.physics_dt)
+        self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self._half = np.array(spec.half_size)
         self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
         self._layouts: dict[int, Float] = {}
         self._forces: Double = np.zeros((spec.n_agents, 2))
@@ -167,29 +161,27 @@ class PublicBackend:
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
+        spec, forces = self._plan.spec, self._forces
+        n, dt = spec.n_agents, spec.physics_dt
         for b in np.flatnonzero(active).tolist():
             world = self._worlds[b]
             if world is None:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            for k in range(self._timing[0]):
-                self._substep(b, k, commands, *world)
+            space, bodies = world
+            for k in range(spec.n_substeps):
+                drive(self._robots[b], commands[b], self._limits, spec.n_substeps, dt, k, forces)
+                for body, force in zip(bodies[:n], forces.tolist(), strict=True):
+                    body.force = tuple(force)
+                space.step(dt)
+                for i, body in enumerate(bodies[:n]):
+                    self._robots[b, i, :4] = *body.position, *body.velocity
+                for i, body in enumerate(bodies[n:]):
+                    self._bodies[b, i] = (
+                        *body.position, *body.velocity,
+                        *body.rotation_vector, body.angular_velocity,
+                    )  # fmt: skip
                 update_contacts(
                     self._robots[b], self._radii, self._layouts[b], self._half,
                     *(array[b] for array in contacts), events[b],
                 )  # fmt: skip
             write_state(self._robots[b], self._bodies[b], states[b])
-
-    def _substep(
-        self, b: int, k: int, commands: Double, space: pymunk.Space, bodies: list[pymunk.Body]
-    ) -> None:
-        n = len(self._radii)
-        drive(self._robots[b], commands[b], self._limits, self._timing, k, self._forces)
-        for body, force in zip(bodies[:n], self._forces.tolist(), strict=True):
-            body.force = tuple(force)
-        space.step(self._timing[1])
-        for i, body in enumerate(bodies[:n]):
-            self._robots[b, i, :4] = *body.position, *body.velocity
-        for i, body in enumerate(bodies[n:]):
-            self._bodies[b, i] = (
-                *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
-            )  # fmt: skip

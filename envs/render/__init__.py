@@ -1,4 +1,4 @@
-"""Draws worlds: pictures of a state, animations of an episode, and both in a notebook."""
+"""Rendering: pictures of a state, animations of an episode, and both in notebooks."""
 
 from swarmdata.envs.render.canvas import Image
 from swarmdata.envs.render.colors import ROBOT_COLORS

@@ -1,4 +1,4 @@
-"""The colors of a picture; red belongs to contacts alone."""
+"""The colors of a picture; red is reserved for contacts."""
 
 Color = tuple[int, int, int]
 Ink = tuple[int, int, int, int]  # a color and its opacity, 0 to 255
@@ -15,33 +15,33 @@ ROBOT_COLORS: tuple[Color, ...] = (
     (228, 156, 252), (72, 192, 120), (96, 180, 168), (168, 156, 108),
 )
 # fmt: on
-"""The first six after Okabe and Ito, "Color Universal Design", 2008, without their reds; each of
-the others is the one farthest (in Oklab, at moderate chroma) from those before it, the floor, the
+"""The first six are those of Okabe and Ito, "Color Universal Design", 2008, without their reds.
+Each other color is the farthest (in Oklab, at moderate chroma) from all before it, the floor, the
 obstacles and the contact color."""
 
 WHITE: Color = (255, 255, 255)
-FLOOR: Color = (252, 252, 250)
-GRID: Color = (238, 239, 238)
-SOLID: Color = (84, 93, 106)
-INK: Color = (45, 51, 60)
-CONTACT: Color = (213, 34, 34)
-NEUTRAL: Color = (138, 146, 157)  # targets that belong to no robot
-DROPPED: Color = (171, 112, 112)
-PAYLOAD: Color = (226, 182, 122)
-PAYLOAD_EDGE: Color = (150, 103, 47)
+FLOOR_COLOR: Color = (252, 252, 250)
+GRID_COLOR: Color = (238, 239, 238)
+OBSTACLE_COLOR: Color = (84, 93, 106)
+TEXT_COLOR: Color = (45, 51, 60)
+CONTACT_COLOR: Color = (213, 34, 34)
+UNASSIGNED_COLOR: Color = (138, 146, 157)  # targets that belong to no robot
+DROPPED_COLOR: Color = (171, 112, 112)
+PAYLOAD_COLOR: Color = (226, 182, 122)
+PAYLOAD_EDGE_COLOR: Color = (150, 103, 47)
 
 
 def robot_color(i: int) -> Color:
-    """Color of robot number `i`; they repeat after 32."""
+    """Returns the color of robot number `i`; colors repeat after 32."""
     return ROBOT_COLORS[i % len(ROBOT_COLORS)]
 
 
 def tint(color: Color, strength: float) -> Color:
-    """Mixes a color with the floor: 0 is the floor, 1 the color."""
-    r, g, b = (round(f + strength * (c - f)) for c, f in zip(color, FLOOR, strict=True))
+    """Mixes a color with that of the floor: strength 0 is the floor, 1 the color."""
+    r, g, b = (round(f + strength * (c - f)) for c, f in zip(color, FLOOR_COLOR, strict=True))
     return r, g, b
 
 
 def ink(color: Color, opacity: float) -> Ink:
-    """A translucent color; opacity in [0, 1]."""
+    """Returns a translucent color; the opacity is in [0, 1]."""
     return (*color, round(255 * opacity))

@@ -1,4 +1,4 @@
-"""What one picture shows: the arrays of a step, checked against the spec and split by meaning."""
+"""The content of one picture: a step's arrays, checked against the spec and split by meaning."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,28 +14,28 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Bool, Counts, Double, Float
 
 Messages = tuple[Bool, Bool | None]
-"""Delivered and attempted (if known) in a step: [N, N], receivers first, then senders."""
+"""Messages delivered in a step, and attempted if known; [N, N], receivers first, then senders."""
 
-_MOVING = 0.02  # m/s; below this the direction of a velocity is noise
+_MIN_HEADING_SPEED = 0.02  # m/s; below this the direction of a velocity is noise
 
 
 @dataclass(frozen=True)
 class Scan:
-    """Ranges around each robot, the first ray along its heading, evenly over the circle."""
+    """Lidar ranges of each robot; the first ray is along its heading, the others evenly spaced."""
 
     distances: Double  # [N, K] m
     is_hit: Bool  # [N, K]
-    shown: tuple[int, ...]  # the robots whose rays are drawn
+    shown: tuple[int, ...]  # robots whose rays are drawn
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One state of a world and what is known about it, ready to be drawn."""
+    """One state of a world with everything that is drawn of it."""
 
     spec: TaskSpec
     layout: Float  # [M, 8] columns `geometry.OBSTACLE`
-    robots: Double  # [N, 8] columns `states.ROBOT`
-    bodies: Double  # [B, 7] columns `states.BODY`
+    robots: Double  # [N, 8] columns `state_layout.ROBOT`
+    bodies: Double  # [B, 7] columns `state_layout.BODY`
     extras: Double  # the task's own part of the state
     trails: Double  # [K, N + B, 2] earlier positions of robots and bodies, oldest first
     touching: Bool  # [N]
@@ -54,13 +54,13 @@ class Scene:
         return tuple(k for k, role in enumerate(self.spec.team) for _ in range(role.count))
 
     def heading(self, i: int) -> tuple[float, float] | None:
-        """Unit vector that robot `i` points along; None for a holonomic robot at rest."""
+        """Returns the unit vector of robot `i`'s direction; None for a holonomic robot at rest."""
         if self.spec.robots[i].dynamics == "unicycle":
             x, y = self.robots[i, UX], self.robots[i, UY]
         else:
             x, y = self.robots[i, VX], self.robots[i, VY]
         length = float(np.hypot(x, y))
-        return None if length < _MOVING else (float(x) / length, float(y) / length)
+        return None if length < _MIN_HEADING_SPEED else (float(x) / length, float(y) / length)
 
 
 def build_scene(
@@ -73,7 +73,7 @@ def build_scene(
     scan: Scan | None = None,
     messages: Messages | None = None,
 ) -> Scene:
-    """Checks the arrays of one step and splits them; the arguments are those of `draw`.
+    """Checks and splits the arrays of one step; the arguments are those of `draw`.
 
     Raises:
         SchemaError: an array does not fit the spec.
@@ -103,12 +103,12 @@ def build_scene(
 
 
 def n_bodies(spec: TaskSpec) -> int:
-    """Number of movable bodies in the task's states."""
+    """Returns the number of movable bodies in the task's states."""
     return int(isinstance(spec.rules, TransportRules))
 
 
 def _split(spec: TaskSpec, states: Float) -> tuple[Double, Double, Double]:
-    """Robots [..., N, 8], bodies [..., B, 7] and the rest of states [..., S], in float64."""
+    """Splits states [..., S]: robots [..., N, 8], bodies [..., B, 7] and the rest, as float64."""
     robots = robots_of(states, spec.n_agents)
     first, count = N_COLUMNS * spec.n_agents, n_bodies(spec)
     last = first + len(BODY) * count
@@ -133,7 +133,7 @@ def _paths(spec: TaskSpec, trails: Float | None, size: int) -> Double:
 
 
 def _links(n: int, messages: Messages | None) -> tuple[Bool, Bool]:
-    """Delivered and dropped, [N, N]; nobody sends to itself."""
+    """Returns delivered and dropped messages, [N, N], without those of a robot to itself."""
     nothing = np.zeros((n, n), np.bool_)
     if messages is None:
         return nothing, nothing
@@ -154,13 +154,13 @@ def build_scan(
     """Turns normalised distances into a scan.
 
     Args:
-        spec: the problem; the reach of each robot is the lesser of its model's and its own.
-        distances: of each ray as a share of the reach, 1 = nothing in range, [N, K].
-        reach: m; needed where the spec's observation model is no lidar.
+        spec: the task; a robot's range is the smaller of the model's and its own sensor's.
+        distances: of each ray as a share of the range, 1 = nothing in range, [N, K].
+        reach: range of the rays, m; needed if the spec's observation model is not a lidar.
         focus: the only robot whose rays are drawn; all by default.
 
     Raises:
-        SchemaError: wrong shape or values, or nothing says how far the rays reach.
+        SchemaError: `distances` has the wrong shape or values, or the range is unknown.
     """
     n = spec.n_agents
     if distances.ndim != 2 or len(distances) != n or distances.shape[1] == 0:
@@ -172,8 +172,8 @@ def build_scan(
     if reach is None:
         if not isinstance(spec.observation, LidarModel):
             raise SchemaError(
-                f"the spec observes by {spec.observation.kind!r}, so nothing says how far the rays "
-                "reach. Pass scan_range in metres."
+                f"the spec observes by {spec.observation.kind!r}, so the range of its rays is "
+                "unknown. Pass scan_range in metres."
             )
         reach = spec.observation.range
     reaches = np.array([min(reach, robot.sensor_range or reach) for robot in spec.robots])

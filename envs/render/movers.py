@@ -1,15 +1,14 @@
-"""What moves: robots with the mark of their role, payloads, trails, and the halo of a contact."""
+"""Draws moving things: robots with the mark of their role, payloads, trails, halos of contacts."""
 
 import numpy as np
 
 from swarmdata.envs.render.canvas import Canvas
 from swarmdata.envs.render.colors import (
-    CONTACT,
-    INK,
-    PAYLOAD,
-    PAYLOAD_EDGE,
+    CONTACT_COLOR,
+    PAYLOAD_COLOR,
+    PAYLOAD_EDGE_COLOR,
+    TEXT_COLOR,
     WHITE,
-    Color,
     robot_color,
     tint,
 )
@@ -19,55 +18,52 @@ from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.state_layout import X, Y
 from swarmdata.types import Double
 
-_WEDGE = np.array([(0.75, 0.0), (-0.4, 0.5), (-0.15, 0.0), (-0.4, -0.5)])
-_TRIANGLE = np.array([(0.55, 0.0), (-0.35, 0.42), (-0.35, -0.42)])
-_CHEVRON = np.array(
+_WEDGE_POLYGON = np.array([(0.75, 0.0), (-0.4, 0.5), (-0.15, 0.0), (-0.4, -0.5)])
+_TRIANGLE_POLYGON = np.array([(0.55, 0.0), (-0.35, 0.42), (-0.35, -0.42)])
+_CHEVRON_POLYGON = np.array(
     [(0.3, 0.0), (-0.1, 0.55), (-0.36, 0.55), (0.0, 0.0), (-0.36, -0.55), (-0.1, -0.55)]
 )
-_CHEVRONS = [_CHEVRON + np.array([0.35, 0.0]), _CHEVRON - np.array([0.12, 0.0])]
-_MARKS = ([_WEDGE], [_TRIANGLE], _CHEVRONS, [0.8 * _WEDGE])
-"""Polygons (ahead, left) in radii of the robot, of each role; a fifth role looks like the first."""
+_CHEVRON_PAIR = [_CHEVRON_POLYGON + np.array([0.35, 0.0]), _CHEVRON_POLYGON - np.array([0.12, 0.0])]
+_ROLE_MARKS = ([_WEDGE_POLYGON], [_TRIANGLE_POLYGON], _CHEVRON_PAIR, [0.8 * _WEDGE_POLYGON])
+"""Polygons of each role, as (ahead, left) in robot radii; a fifth role looks like the first."""
 
 
 def draw_trails(canvas: Canvas, scene: Scene) -> None:
-    """Lines that thin out and fade into the past."""
+    """Draws past positions as lines that become thinner and paler with age."""
     n = len(scene.robots)
     for i, places in enumerate(np.moveaxis(scene.trails, 1, 0)):
-        _trail(canvas, places, robot_color(i) if i < n else PAYLOAD_EDGE)
-
-
-def _trail(canvas: Canvas, places: Double, color: Color) -> None:
-    for k in range(1, len(places)):
-        age = k / len(places)
-        shade = tint(color, 0.1 + 0.5 * age)
-        width = 0.015 + 0.025 * age
-        canvas.line(places[k - 1 : k + 1], shade, width)
-        x, y = places[k].tolist()
-        canvas.disc(x, y, canvas.thickness(width) / canvas.scale / 2, shade)
+        color = robot_color(i) if i < n else PAYLOAD_EDGE_COLOR
+        for k in range(1, len(places)):
+            recency = k / len(places)
+            shade, width = tint(color, 0.1 + 0.5 * recency), 0.015 + 0.025 * recency
+            canvas.line(places[k - 1 : k + 1], shade, width)
+            x, y = places[k].tolist()
+            canvas.disc(x, y, canvas.thickness(width) / canvas.scale / 2, shade)
 
 
 def draw_bodies(canvas: Canvas, scene: Scene) -> None:
-    """Payloads: solid, with an arrow along their local x axis."""
+    """Draws payloads with an arrow along their local x axis."""
     rules = scene.spec.rules
     if not isinstance(rules, TransportRules):
         return
     for body in scene.bodies:
         place, towards = body[:2], body[4:6]
         outline = payload_outline(rules.payload, place, towards)
-        canvas.polygon(outline, PAYLOAD)
-        canvas.loop(outline, PAYLOAD_EDGE, 0.03)
+        canvas.polygon(outline, PAYLOAD_COLOR)
+        canvas.loop(outline, PAYLOAD_EDGE_COLOR, 0.03)
         length = 0.7 * rules.payload.half_length
         shaft = np.array([place - 0.6 * length * towards, place + 0.7 * length * towards])
-        canvas.line(shaft, PAYLOAD_EDGE, 0.03)
+        canvas.line(shaft, PAYLOAD_EDGE_COLOR, 0.03)
         head = np.array([(1.0, 0.0), (0.5, 0.28), (0.5, -0.28)]) * length
-        canvas.polygon(_turned(head, place, (float(towards[0]), float(towards[1]))), PAYLOAD_EDGE)
+        heading = float(towards[0]), float(towards[1])
+        canvas.polygon(_turned(head, place, heading), PAYLOAD_EDGE_COLOR)
 
 
 def draw_robots(canvas: Canvas, scene: Scene) -> None:
-    """Halos of those who touch something, then all robots above them."""
+    """Draws the halos of robots in contact, then all robots above them."""
     for i in np.flatnonzero(scene.touching).tolist():
         x, y = scene.robots[i, [X, Y]].tolist()
-        canvas.disc(x, y, 1.45 * scene.radii[i], CONTACT)
+        canvas.disc(x, y, 1.45 * scene.radii[i], CONTACT_COLOR)
     for i, row in enumerate(scene.robots):
         x, y = row[[X, Y]].tolist()
         radius = float(scene.radii[i])
@@ -77,9 +73,9 @@ def draw_robots(canvas: Canvas, scene: Scene) -> None:
 
 
 def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
-    """The mark of a role along the heading: wedge, ringed triangle, double chevron, wedge on dark.
+    """Draws a role's mark along the heading: wedge, ringed triangle, double chevron, wedge on dark.
 
-    A holonomic robot at rest has a dot instead, in the same ring or on the same dark.
+    A holonomic robot at rest gets a dot instead, in the same ring or on the same dark disc.
     """
     place, radius, heading = scene.robots[i, [X, Y]], float(scene.radii[i]), scene.heading(i)
     x, y = place.tolist()
@@ -87,9 +83,9 @@ def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
     if role == 1:
         canvas.disc(x, y, 0.86 * radius, None, outline=WHITE, width=0.13 * radius)
     elif role == 3:
-        canvas.disc(x, y, 0.76 * radius, INK)
+        canvas.disc(x, y, 0.76 * radius, TEXT_COLOR)
     if heading is not None:
-        for shape in _MARKS[role]:
+        for shape in _ROLE_MARKS[role]:
             canvas.polygon(_turned(radius * shape, place, heading), color)
     elif role == 2:
         canvas.disc(x, y, 0.4 * radius, None, outline=WHITE, width=0.2 * radius)
@@ -98,7 +94,7 @@ def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
 
 
 def _turned(shape: Double, place: Double, heading: tuple[float, float]) -> Double:
-    """Places of points given as (ahead, left), [K, 2]."""
+    """Returns the positions of points given as (ahead, left), [K, 2]."""
     ux, uy = heading
     ahead, left = shape[:, 0], shape[:, 1]
     return place + np.stack([ahead * ux - left * uy, ahead * uy + left * ux], axis=1)

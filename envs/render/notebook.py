@@ -1,4 +1,4 @@
-"""Pictures and animations that a notebook shows by itself."""
+"""Pictures and animations that a notebook displays."""
 
 import base64
 import io
@@ -16,13 +16,13 @@ from swarmdata.types import Episode, Float
 
 @dataclass(frozen=True, repr=False)
 class Picture:
-    """An encoded image; the last value of a notebook's cell is shown."""
+    """An encoded image, which a notebook shows as the last value of a cell."""
 
     data: bytes
     format: Literal["png", "gif"]
 
     def __repr__(self) -> str:
-        """Format and size instead of bytes."""
+        """Returns format and size instead of bytes."""
         return f"Picture({self.format}, {len(self.data)} bytes)"
 
     def _repr_png_(self) -> bytes | None:
@@ -33,7 +33,7 @@ class Picture:
         return f'<img alt="a world" src="data:image/{self.format};base64,{text}">'
 
     def save(self, path: Path) -> None:
-        """Writes the image as it is."""
+        """Writes the encoded image to a file."""
         write_file(Path(path), self.data)
 
 

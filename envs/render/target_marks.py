@@ -1,4 +1,4 @@
-"""How the targets of each task look: rings, slots of a formation, the pose of a payload."""
+"""Draws the targets of each task: rings, slots of a formation, the goal pose of a payload."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.envs.render.canvas import Canvas
 from swarmdata.envs.render.colors import (
-    NEUTRAL,
-    PAYLOAD_EDGE,
+    PAYLOAD_EDGE_COLOR,
+    UNASSIGNED_COLOR,
     Color,
     ink,
     robot_color,
@@ -25,30 +25,31 @@ from swarmdata.specs.rules import (
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.types import Double
 
-_LINE = 0.022  # m
-_SAME = 0.01  # m; closer targets are one place
+_LINE_WIDTH = 0.022  # m
+_SAME_PLACE_DISTANCE = 0.01  # m; closer targets are one place
 
 
 def draw_targets(canvas: Canvas, scene: Scene) -> None:
     """Draws where the robots, or their payload, should be."""
-    _LOOKS[scene.spec.task](canvas, scene)
+    _TARGET_PAINTERS[scene.spec.task](canvas, scene)
 
 
 def _goals(canvas: Canvas, scene: Scene) -> None:
-    """A ring for each robot in its color, filled while it is there; neutral if unassigned."""
+    """Draws a ring per goal in its robot's color, filled once reached; neutral if unassigned."""
     rules = scene.spec.rules
     assert isinstance(rules, NavigationRules | WarehouseRules)
     radius = rules.goal_radius
     is_shared = isinstance(rules, NavigationRules) and rules.goals == "unassigned"
     places, targets = scene.robots[:, [X, Y]], scene.robots[:, [TX, TY]]
-    if is_shared:  # targets are then the nearest open goals; the task's own features are all goals
+    if is_shared:  # targets are then the nearest open goals; the extras are all goals
         targets = scene.extras.reshape(-1, 2)
     gaps = np.hypot(*np.moveaxis(targets[:, None] - places[None], -1, 0))  # [targets, robots]
     for i, (x, y) in enumerate(targets.tolist()):
         if is_shared:
-            _ring(canvas, x, y, radius, NEUTRAL, is_reached=bool(gaps[i].min() <= radius))
+            _ring(canvas, x, y, radius, UNASSIGNED_COLOR, is_reached=bool(gaps[i].min() <= radius))
             continue
-        earlier = np.hypot(*(targets[:i] - targets[i]).T) < _SAME  # rings of one place nest
+        # rings of one place nest
+        earlier = np.hypot(*(targets[:i] - targets[i]).T) < _SAME_PLACE_DISTANCE
         inner = radius * max(0.25, 1.0 - 0.25 * int(earlier.sum()))
         _ring(canvas, x, y, inner, robot_color(i), is_reached=bool(gaps[i, i] <= radius))
 
@@ -56,16 +57,16 @@ def _goals(canvas: Canvas, scene: Scene) -> None:
 def _ring(
     canvas: Canvas, x: float, y: float, radius: float, color: Color, *, is_reached: bool
 ) -> None:
-    if is_reached:  # the robot hides most of the ring: a glow around it shows from afar
+    if is_reached:  # the robot hides most of the ring, so a glow is drawn around it
         canvas.disc(x, y, 1.35 * radius, tint(color, 0.25))
     fill = tint(color, 0.5 if is_reached else 0.1)
-    canvas.disc(x, y, radius, fill, outline=color, width=_LINE)
+    canvas.disc(x, y, radius, fill, outline=color, width=_LINE_WIDTH)
     if not is_reached:
         canvas.disc(x, y, 0.025, color)
 
 
 def _slots(canvas: Canvas, scene: Scene) -> None:
-    """A cross for each robot in its color, tied to it, on a disc while it holds its slot."""
+    """Draws each robot's slot as a cross in its color, linked to it, on a disc while it is held."""
     rules = scene.spec.rules
     assert isinstance(rules, FormationRules)
     for i, row in enumerate(scene.robots):
@@ -80,10 +81,10 @@ def _slots(canvas: Canvas, scene: Scene) -> None:
 
 
 def _payload_goal(canvas: Canvas, scene: Scene) -> None:
-    """The payload's outline at its goal, where it turns to, and the disc its centre must reach.
+    """Draws the payload's outline at its goal, its direction, and the disc its centre must reach.
 
-    The goal's direction is the first two of the task's own state features. Where any direction
-    will do, the outline is turned as the payload is now.
+    The goal's direction is in the first two extras of the state. If any direction will do, the
+    outline has the payload's current direction.
     """
     rules = scene.spec.rules
     assert isinstance(rules, TransportRules)
@@ -92,20 +93,20 @@ def _payload_goal(canvas: Canvas, scene: Scene) -> None:
     towards = scene.extras[:2] if has_direction else body[4:6]
     outline = payload_outline(rules.payload, goal, towards)
     is_reached = bool(np.hypot(*(goal - body[:2])) <= rules.goal_radius)
-    canvas.polygon(outline, tint(PAYLOAD_EDGE, 0.12))
+    canvas.polygon(outline, tint(PAYLOAD_EDGE_COLOR, 0.12))
     canvas.disc(
-        goal[0], goal[1], rules.goal_radius, tint(PAYLOAD_EDGE, 0.5 if is_reached else 0.22)
+        goal[0], goal[1], rules.goal_radius, tint(PAYLOAD_EDGE_COLOR, 0.5 if is_reached else 0.22)
     )
     closed = np.vstack([outline, outline[:1]])
     dense = np.concatenate([np.linspace(a, b, 12) for a, b in pairwise(closed)])
-    canvas.dashes(dense, PAYLOAD_EDGE, 0.028, 0.06)
+    canvas.dashes(dense, PAYLOAD_EDGE_COLOR, 0.028, 0.06)
     if has_direction:
         tip = goal + towards * rules.payload.half_length
-        canvas.line(np.array([goal, tip]), PAYLOAD_EDGE, 0.02)
+        canvas.line(np.array([goal, tip]), PAYLOAD_EDGE_COLOR, 0.02)
 
 
 def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
-    """Corners of a payload whose local x axis points along the unit vector `towards`, [K, 2]."""
+    """Returns the corners of a payload whose local x axis is the unit vector `towards`, [K, 2]."""
     side = np.array([-towards[1], towards[0]])
     if payload.shape == "circle":
         angles = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
@@ -116,10 +117,10 @@ def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
     return place + local[:, :1] * towards + local[:, 1:] * side
 
 
-_LOOKS: dict[str, Callable[[Canvas, Scene], None]] = {
+_TARGET_PAINTERS: dict[str, Callable[[Canvas, Scene], None]] = {
     "coop_nav": _goals,
     "formation": _slots,
     "transport": _payload_goal,
     "warehouse": _goals,
 }
-"""From the name of a task to what its targets look like."""
+"""The function that draws the targets of each task."""

@@ -15,33 +15,33 @@ import numpy as np
 
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.envs.render.colors import (
-    CONTACT,
-    DROPPED,
-    FLOOR,
-    GRID,
-    INK,
-    NEUTRAL,
-    PAYLOAD,
-    PAYLOAD_EDGE,
-    SOLID,
+    CONTACT_COLOR,
+    DROPPED_COLOR,
+    FLOOR_COLOR,
+    GRID_COLOR,
+    OBSTACLE_COLOR,
+    PAYLOAD_COLOR,
+    PAYLOAD_EDGE_COLOR,
+    TEXT_COLOR,
+    UNASSIGNED_COLOR,
     WHITE,
     robot_color,
     tint,
 )
-from swarmdata.envs.render.drawn_scene import Messages, Scene, build_scan, build_scene
+from swarmdata.envs.render.drawn_scene import Scene, build_scan, build_scene
 from swarmdata.envs.render.picture import backdrop, paint
 from swarmdata.errors import ProgramError, SchemaError
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Episode, Float
 
-SUFFIXES = (".gif", ".mp4")
+VIDEO_SUFFIXES = (".gif", ".mp4")
 
-_REST = 2.0  # s on the last state
+_REST_SECONDS = 2.0  # s on the last state
 
 
 @dataclass(frozen=True)
 class Clip:
-    """What an animation shows of an episode, and how; the arguments of `animate`."""
+    """The options of an animation; see the arguments of `animate`."""
 
     size: int = 384
     stride: int = 2
@@ -67,34 +67,38 @@ def animate(
     attempted: Bool | None = None,
     has_messages: bool = True,
 ) -> None:
-    """Writes an episode that plays in real time and rests two seconds on its last state.
+    """Writes an animation that plays an episode in real time and shows the last state for 2 s.
 
     Args:
-        episode: what to show.
-        spec: the spec that made it.
-        path: the `.gif` or `.mp4` file; the latter needs the program ffmpeg.
+        episode: the episode to show.
+        spec: the spec of its task.
+        path: a `.gif` or `.mp4` file; the latter needs the program ffmpeg.
         size: pixels of the arena's longer side.
-        stride: control steps between two pictures; contacts between them are shown.
+        stride: control steps between pictures; contacts between two pictures are shown.
         trail_steps: length of the trails, in control steps.
         scans: lidar distances as `draw` takes them, [T+1, N, K].
-        scan_range: of the rays, m; by default that of the spec's lidar.
+        scan_range: range of the rays, m; by default that of the spec's lidar.
         focus: the only robot whose scan is drawn; all by default.
-        attempted: links over which a message was sent, so that losses are shown, [T+1, N, N].
+        attempted: links over which messages were sent, to show losses, [T+1, N, N].
         has_messages: whether the messages of an episode with a channel are drawn.
 
     Raises:
         SchemaError: the episode does not fit the spec, or `path` is neither `.gif` nor `.mp4`.
         MissingExtraError: Pillow is not installed.
-        ProgramError: ffmpeg is needed and absent, or it failed.
+        ProgramError: ffmpeg is needed but not installed, or it failed.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES or stride < 1 or trail_steps < 0:
+    if path.suffix.lower() not in VIDEO_SUFFIXES or stride < 1 or trail_steps < 0:
         raise SchemaError(
             f"got path {str(path)!r}, stride {stride}, trail_steps {trail_steps}; "
             "expected a '.gif' or '.mp4', a stride of at least 1 and trail_steps of at least 0."
         )
     clip = Clip(size, stride, trail_steps, scans, scan_range, focus, attempted, has_messages)
-    _check_rows(episode, clip)
+    for name, array in (("scans", scans), ("attempted", attempted)):
+        if array is not None and len(array) != len(episode) + 1:
+            raise SchemaError(
+                f"{name} has {len(array)} rows, expected {len(episode) + 1}: one for each state."
+            )
     seconds = spec.control_dt * stride
     if path.suffix.lower() == ".gif":
         write_gif(list(frames_of(episode, spec, clip)), path, seconds)
@@ -102,17 +106,8 @@ def animate(
         write_mp4(frames_of(episode, spec, clip), path, seconds)
 
 
-def _check_rows(episode: Episode, clip: Clip) -> None:
-    for name in ("scans", "attempted"):
-        array = getattr(clip, name)
-        if array is not None and len(array) != len(episode) + 1:
-            raise SchemaError(
-                f"{name} has {len(array)} rows, expected {len(episode) + 1}: one for each state."
-            )
-
-
 def frames_of(episode: Episode, spec: TaskSpec, clip: Clip) -> Iterator[Any]:
-    """Pillow images of every `stride`-th state and the last one, all of the same size."""
+    """Yields Pillow images of every `stride`-th state and the last one, all of the same size."""
     blank = None
     for t in sorted({*range(0, len(episode), clip.stride), len(episode)}):
         scene = _scene(episode, spec, clip, t)
@@ -124,9 +119,12 @@ def frames_of(episode: Episode, spec: TaskSpec, clip: Clip) -> Iterator[Any]:
 
 
 def _scene(episode: Episode, spec: TaskSpec, clip: Clip, t: int) -> Scene:
-    scan = None
+    scan, messages = None, None
     if clip.scans is not None:
         scan = build_scan(spec, clip.scans[t], clip.scan_range, clip.focus)
+    if clip.has_messages and episode.delivered.shape[-1] > 0:
+        attempted = None if clip.attempted is None else clip.attempted[t]
+        messages = episode.delivered[t], attempted
     return build_scene(
         spec,
         episode.layout,
@@ -134,15 +132,8 @@ def _scene(episode: Episode, spec: TaskSpec, clip: Clip, t: int) -> Scene:
         trails=episode.states[max(0, t - clip.trail_steps) : t + 1],
         events=episode.events[max(0, t - clip.stride) : t].max(axis=0, initial=0),
         scan=scan,
-        messages=_messages(episode, clip, t),
+        messages=messages,
     )
-
-
-def _messages(episode: Episode, clip: Clip, t: int) -> Messages | None:
-    has_channel = episode.delivered.shape[-1] > 0
-    if not has_channel or not clip.has_messages:
-        return None
-    return episode.delivered[t], None if clip.attempted is None else clip.attempted[t]
 
 
 def _outcome(episode: Episode) -> str:
@@ -154,21 +145,32 @@ def _outcome(episode: Episode) -> str:
 def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
     """Writes Pillow images, each shown for `seconds`, as a GIF.
 
-    One palette for all frames, without dither: what does not move costs no bytes.
+    All frames share one palette without dithering, so that still parts take no space.
     """
     palette = _palette(frames)
     dither = pillow().Dither.NONE
     indexed = [frame.quantize(palette=palette, dither=dither) for frame in frames]
-    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST)]
+    durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST_SECONDS)]
     indexed[0].save(
         path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False
     )
 
 
 def _palette(frames: list[Any]) -> Any:
-    """The pure colors, so that a rare contact stays red, and the commonest of three frames."""
+    """Returns the pure colors, so that rare contacts stay red, and common ones of three frames."""
     pil = pillow()
-    pure = [WHITE, FLOOR, GRID, SOLID, INK, CONTACT, NEUTRAL, DROPPED, PAYLOAD, PAYLOAD_EDGE]
+    pure = [
+        WHITE,
+        FLOOR_COLOR,
+        GRID_COLOR,
+        OBSTACLE_COLOR,
+        TEXT_COLOR,
+        CONTACT_COLOR,
+        UNASSIGNED_COLOR,
+        DROPPED_COLOR,
+        PAYLOAD_COLOR,
+        PAYLOAD_EDGE_COLOR,
+    ]
     pure += [tint(robot_color(i), strength) for i in range(16) for strength in (1.0, 0.5)]
     shown = (frames[0], frames[len(frames) // 2], frames[-1])
     sample = pil.new("RGB", (shown[0].width, 3 * shown[0].height))
@@ -185,7 +187,7 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     """Writes Pillow images of one size, each shown for `seconds`, as H.264 in an MP4.
 
     Raises:
-        ProgramError: ffmpeg is not on the PATH, or it failed; no file is left then.
+        ProgramError: ffmpeg is not on the PATH, or it failed; then no file is left.
     """
     program = shutil.which("ffmpeg")
     if program is None:
@@ -200,17 +202,17 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     command += ["-s", f"{first.width}x{first.height}", "-r", str(rate), "-i", "-", "-an"]
     command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-c:v", "libx264"]
     command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    # so that a film is whole or absent; ffmpeg goes by the ending
+    # so that the video is complete or absent; ffmpeg needs the suffix
     part = path.with_name(f".tmp-{path.stem}-{uuid.uuid4().hex}{path.suffix}")
     try:
-        _feed([*command, str(part)], _raw(first, images, round(_REST / seconds)), path)
+        _feed([*command, str(part)], _raw(first, images, round(_REST_SECONDS / seconds)), path)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
 
 
 def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
-    """Pixels of every image, and the last one again while the film rests."""
+    """Yields the pixels of every image, and those of the last one `n_rest` times more."""
     pixels = np.asarray(first).tobytes()
     yield pixels
     for image in images:
@@ -225,7 +227,7 @@ def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
     with tempfile.TemporaryFile() as log:  # a pipe would fill up and stop both
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
             assert process.stdin is not None
-            with suppress(BrokenPipeError):  # it has ended early; its status and log say why
+            with suppress(BrokenPipeError):  # ffmpeg ended early; its status and log say why
                 for chunk in chunks:
                     process.stdin.write(chunk)
                 process.stdin.close()

@@ -1,34 +1,35 @@
-"""Where a payload is and what it is near to: gaps to robots, obstacles and walls, from states.
+"""Gaps between a payload and robots, obstacles and walls, computed from states.
 
-A payload in a state is a moving obstacle, so its row of a layout (`geometry.OBSTACLE`) makes the
-distances of `geometry` those of a payload. Float64 `+ - * /` and `sqrt` only.
+A payload is a moving obstacle: written as a row of a layout (`geometry.OBSTACLE`), it works with
+the distance functions of `geometry`. Only `+ - * /` and `sqrt` in float64 are used.
 """
 
 import math
 
 import numpy as np
 
-from swarmdata.numerics.geometry import BOX, CIRCLE, bounding_radius, nearest, wall_gap
+from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box, bounding_radius, nearest, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.types import Double, Float
 
 Shape = tuple[float, float, float]
-"""Shape code, and half length and half width (m; twice the radius of a circle)."""
+"""Shape code, half length and half width (m; both the radius of a circle). A plain tuple, since a
+named one makes a kernel's call 0.4 us slower, and every step makes two."""
 
-TOUCH = 0.01
-"""Gaps (m) up to this count as contact: what a resting contact jitters by, as for robots."""
+CONTACT_GAP = 0.01
+"""Gaps (m) up to this count as contact, as for robots: a contact at rest jitters by so much."""
 
 
 def shape_of(payload: Payload) -> Shape:
-    """The payload's shape as numbers, for kernels."""
+    """Returns the payload's shape for kernels."""
     if payload.shape == "circle":
         return CIRCLE, payload.half_length, payload.half_length
     return BOX, payload.half_length, payload.half_width
 
 
 def payload_radius(payload: Payload) -> float:
-    """Radius (m) of the smallest circle about the payload's centre that holds it."""
+    """Returns the radius (m) of the smallest circle around its centre that contains the payload."""
     if payload.shape == "circle":
         return payload.half_length
     return math.sqrt(payload.half_length**2 + payload.half_width**2)
@@ -39,23 +40,19 @@ def place_row(body: Float, shape: Shape, row: Float) -> None:
     """Writes the payload as a row of a layout.
 
     Args:
-        body: columns `states.BODY`, [7].
+        body: columns `state_layout.BODY`, [7].
         shape: of the payload.
         row: written, columns `geometry.OBSTACLE`, [8].
     """
-    row[0] = shape[0]
-    row[1], row[2], row[3], row[4] = body[0], body[1], body[4], body[5]
-    row[5], row[6], row[7] = shape[1], shape[2], 0.0
+    row[0], row[5], row[6] = shape
+    row[1], row[2], row[3], row[4], row[7] = body[0], body[1], body[4], body[5], 0.0
 
 
 @kernel
 def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
-    """Corner k of a bar of an obstacle: the bar along -y, then along -x, then along +x."""
+    """Corner k of a bar of an obstacle; bars are counted as in `geometry.bar_box`."""
     a, b, t = np.float64(row[5]), np.float64(row[6]), np.float64(row[7])
-    cx, cy, hx, hy = 0.0, 0.0, a, b
-    if row[0] > BOX:
-        cx, cy = (0.0, t - b) if bar == 0 else (t - a if bar == 1 else a - t, 0.0)
-        hx, hy = (a, t) if bar == 0 else (t, b)
+    cx, cy, hx, hy = bar_box(row[0], a, b, t, bar)
     lx, ly = cx + (hx if k % 2 == 0 else -hx), cy + (hy if k < 2 else -hy)
     ux, uy = np.float64(row[3]), np.float64(row[4])
     return np.float64(row[1]) + lx * ux - ly * uy, np.float64(row[2]) + lx * uy + ly * ux
@@ -65,8 +62,8 @@ def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
 def obstacle_gap(row: Float, obstacle: Float) -> float:
     """Gap (m) between a payload and an obstacle, 0 where they overlap.
 
-    Exact while the overlap is shallow: of two convex shapes that are apart, or just touch, one of
-    the nearest points is a corner (or the centre of a circle stands for its surface).
+    Exact while the overlap is shallow: of two convex shapes that are apart or just touch, one of
+    the nearest points is a corner, or lies on a circle, whose centre is tested instead.
 
     Args:
         row: the payload, from `place_row`, [8].
@@ -91,12 +88,12 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
 
 @kernel
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
-    """Gap (m) between a payload and a wall; negative where it is in the wall.
+    """Gap (m) between a payload and a wall; negative if the payload is in the wall.
 
     Args:
         row: the payload, from `place_row`, [8].
         half: half width and half height of the arena, m, [2].
-        wall: which wall, as in `geometry.wall_gap`.
+        wall: number of the wall, as in `geometry.wall_gap`.
     """
     if row[0] == CIRCLE:
         return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
@@ -109,12 +106,12 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
 
 @kernel
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
-    """Counts the contacts with obstacles and walls that begin in an episode.
+    """Counts the payload's contacts with obstacles and walls that begin in an episode.
 
-    A contact begins at a gap of at most `TOUCH` and ends beyond twice that.
+    A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
 
     Args:
-        bodies: the payload in every state, columns `states.BODY`, [T + 1, 7].
+        bodies: the payload in every state, columns `state_layout.BODY`, [T + 1, 7].
         shape: of the payload.
         layout: obstacles, [M, 8].
         half: half width and half height of the arena, m, [2].
@@ -128,27 +125,27 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
         for m in range(n_obstacles + 4):
             if m < n_obstacles:
                 dx, dy = layout[m, 1] - row[1], layout[m, 2] - row[2]
-                reach = bounding_radius(layout[m]) + bounding_radius(row) + 2.0 * TOUCH
+                reach = bounding_radius(layout[m]) + bounding_radius(row) + 2.0 * CONTACT_GAP
                 far = dx * dx + dy * dy > reach * reach
                 gap = math.inf if far else obstacle_gap(row, layout[m])
             else:
                 gap = payload_wall_gap(row, half, m - n_obstacles)
-            if not touching[m] and gap <= TOUCH:
+            if not touching[m] and gap <= CONTACT_GAP:
                 touching[m] = True
                 count += 1
-            elif gap > 2.0 * TOUCH:
+            elif gap > 2.0 * CONTACT_GAP:
                 touching[m] = False
     return count
 
 
 @kernel
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
-    """Counts the robots in contact with the payload, over all states given.
+    """Counts the robots in contact with the payload, summed over all states.
 
     Args:
         positions: m, [T, N, 2].
         radii: m, [N].
-        bodies: columns `states.BODY`, [T, 7].
+        bodies: columns `state_layout.BODY`, [T, 7].
         shape: of the payload.
     """
     row = np.empty(8, dtype=np.float32)
@@ -157,5 +154,5 @@ def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -
         place_row(bodies[t], shape, row)
         for i in range(radii.shape[0]):
             d = nearest(np.float64(positions[t, i, 0]), np.float64(positions[t, i, 1]), row)[0]
-            count += d - radii[i] <= TOUCH
+            count += d - radii[i] <= CONTACT_GAP
     return count

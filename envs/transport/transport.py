@@ -1,13 +1,14 @@
 """Transport: robots push a payload that none can move alone to a goal.
 
 A payload lies on the floor, whose dry friction (`Payload.friction`, N) holds it. A robot of mass
-1 kg pushes with at most its `max_acceleration`; by default 1.5 N against 2.5 N, so one robot pushes
-in vain (a run-up moves the payload 2 cm) and two move it. Robots cannot grip or pull: a payload
-comes off a wall only by pushing it along. Contacts with the payload are no collisions.
+1 kg pushes with at most its `max_acceleration`, by default 1.5 N against a friction of 2.5 N. So
+one robot cannot move the payload (a run-up moves it 2 cm), and two can. Robots cannot grip or pull:
+a payload at a wall comes off only by being pushed along it. Contacts with the payload are no
+collisions.
 
-State: the robots (`states.ROBOT`); a robot's target is the goal of the payload's centre (m), the
-same for all and in every step. Then the payload (`states.BODY`). With `goal_angle`, then the
-direction its local x axis shall have, a unit vector (`goal_ux`, `goal_uy`).
+State: the robots (`state_layout.ROBOT`); a robot's target is the goal of the payload's centre (m),
+the same for all robots in every step. Then the payload (`state_layout.BODY`). With `goal_angle`,
+then the wanted direction of its local x axis, a unit vector (`goal_ux`, `goal_uy`).
 
 Action: a command (`dynamics`).
 
@@ -20,14 +21,14 @@ or the payload:
     payload_goal_x, _y        goal minus the payload's centre, m
     payload_obstacle_<k>.near_x, _y direction from the payload's centre to the nearest point of the
                               obstacle nearest to it (k = 0) and of the next (1), times closeness:
-                              0 from `SURROUNDINGS` beyond its bounding circle on, 1 in contact
+                              0 from `SURROUNDINGS_RANGE` beyond its bounding circle on, 1 in
+                              contact
     payload_axis_x, _y        direction of its local x axis, a unit vector (a box only)
     payload_turn              turn rate times the distance of a corner, m/s (a box only)
-    goal_axis_x, _y           direction that the axis shall have (with `goal_angle` only)
+    goal_axis_x, _y           wanted direction of that axis (with `goal_angle` only)
 
-A box looks the same after half a turn, so an axis has two directions. Of the payload's axis, the
-one given makes an angle of at most 90 degrees with `goal_axis`, or, without a goal angle, with the
-way to the goal.
+A box looks the same after half a turn, so its axis has two directions. The one given makes an angle
+of at most 90 degrees with `goal_axis` or, without a goal angle, with the direction to the goal.
 
 Own reward of robot i, with weights w from `spec.rules.rewards`, before (') and after the step: d
 the distance of the payload's centre to its goal, g_i the distance of the robot's centre to the
@@ -36,17 +37,17 @@ without `goal_angle`), and [x] one if x holds, else zero:
 
     w.progress (d' - d) + w.turn_progress (s' - s) + w.approach (g_i' - g_i) - w.time [not solved]
 
-The first three are differences of potentials: going back and forth earns nothing, and the whole
-episode's sum is bounded by where things started. What all tasks share comes on top (`rewards`).
-Solved: the payload's centre is within `goal_radius` of its goal and, with `goal_angle`, its axis
-within that angle of the wanted one.
+The first three terms are differences of potentials: going back and forth earns nothing, and their
+sum over an episode is bounded by its initial state. The terms that all tasks share are added
+(`rewards`). Solved: the payload's centre is within `goal_radius` of its goal and, with
+`goal_angle`, its axis within that angle of the wanted one.
 
-Episodes: obstacles keep `obstacles.gap` from each other and from the walls, in which the payload
-must fit in any direction; it starts with `room` around it, in which robots can get behind it, and
-its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine, so that the last
-bits of a box's episodes are the C library's; those of a circle's depend on none.
+Episodes: obstacles keep `obstacles.gap` from each other and from the walls, a gap in which the
+payload must fit in any direction. The payload starts with `room` around it, so that robots can get
+behind it, and its goal keeps `spawn.goal_clearance`. A box turns by Munk2D's own sine and cosine,
+so the last bits of its episodes depend on the C library; those of a circle do not.
 
-Metrics: `METRICS`.
+Metrics: see `Transport.metrics`.
 """
 
 import math
@@ -75,23 +76,23 @@ from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robot
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-N_AROUND = 2
-"""Obstacles around the payload that robots are told of."""
+N_NEAR_OBSTACLES = 2
+"""Number of obstacles around the payload that robots observe."""
 
-SURROUNDINGS = 1.5
-"""Distance (m) from the payload's bounding circle from which on obstacles are not felt."""
+SURROUNDINGS_RANGE = 1.5
+"""Distance (m) from the payload's bounding circle within which obstacles are observed."""
 
-ANY_ANGLE = 2.0
-"""Largest sine of a payload's angle to the goal's where any will do."""
+ANY_ANGLE_SINE = 2.0
+"""Largest sine of the angle between payload and goal if the goal has no angle: above any sine."""
 
 
 @kernel(inline="always")
 def goal_error(state: Float, first: int) -> tuple[float, float]:
-    """Distance of the payload's centre to its goal (m), and the sine of its angle to the goal's.
+    """Distance from the payload's centre to its goal (m), and sine of the angle between their axes.
 
     Args:
         state: [S].
-        first: where the payload begins.
+        first: index of the payload's first column.
     """
     dx = np.float64(state[TX]) - np.float64(state[first])
     dy = np.float64(state[TY]) - np.float64(state[first + 1])
@@ -113,18 +114,20 @@ def score_transport(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Writes the task's own rewards of the active copies, and whether they are solved.
+    """Writes the task's own rewards of the active copies, and whether they have solved the task.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step, [E, S].
         active: [E].
         shape: of the payload.
-        goal: radius, m, and largest sine of the angle.
+        goal: radius, m, and largest sine of the angle. A plain tuple, as `weights` and `Shape`.
         weights: of progress, of turn progress, of approach and of time.
         rewards: written, [E, N].
         solved: written, [E].
     """
+    goal_radius, max_sine = goal
+    progress, turn_progress, approach, time = weights
     n = rewards.shape[1]
     first = N_COLUMNS * n
     old, new = np.empty(8, np.float32), np.empty(8, np.float32)
@@ -133,9 +136,9 @@ def score_transport(
             continue
         old_d, old_s = goal_error(before[b], first)
         d, s = goal_error(after[b], first)
-        solved[b] = d <= goal[0] and s <= goal[1]
-        team = weights[0] * (old_d - d) + weights[1] * (old_s - s)
-        team -= 0.0 if solved[b] else weights[3]
+        solved[b] = d <= goal_radius and s <= max_sine
+        team = progress * (old_d - d) + turn_progress * (old_s - s)
+        team -= 0.0 if solved[b] else time
         place_row(before[b, first:], shape, old)
         place_row(after[b, first:], shape, new)
         for i in range(n):
@@ -143,12 +146,12 @@ def score_transport(
             gap = nearest(np.float64(x), np.float64(y), old)[0]
             x, y = after[b, N_COLUMNS * i], after[b, N_COLUMNS * i + 1]
             gap -= nearest(np.float64(x), np.float64(y), new)[0]
-            rewards[b, i] = team + weights[2] * gap
+            rewards[b, i] = team + approach * gap
 
 
 @kernel(error_model="numpy")
 def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
-    """Writes the closeness vectors of the obstacles nearest to a payload, nearest first.
+    """Writes the closeness vectors of the obstacles around a payload, nearest first.
 
     Args:
         x: of the payload's centre, m.
@@ -157,18 +160,18 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
         layout: obstacles, [M, 8].
         out: written, [N_AROUND, 2].
     """
-    distances = np.full(N_AROUND, np.inf)
+    distances = np.full(N_NEAR_OBSTACLES, np.inf)
     out[:] = 0.0
     for m in range(layout.shape[0]):
         distance, vx, vy = nearest_of(x, y, layout, m)
-        slot = N_AROUND
+        slot = N_NEAR_OBSTACLES
         while slot > 0 and distance < distances[slot - 1]:
             slot -= 1
-            if slot + 1 < N_AROUND:
+            if slot + 1 < N_NEAR_OBSTACLES:
                 distances[slot + 1] = distances[slot]
                 out[slot + 1] = out[slot]
-        if slot < N_AROUND:
-            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS, 0.0), 1.0)
+        if slot < N_NEAR_OBSTACLES:
+            closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS_RANGE, 0.0), 1.0)
             scale = closeness / max(distance, 1e-9)
             distances[slot] = distance
             out[slot, 0], out[slot, 1] = vx * scale, vy * scale
@@ -178,7 +181,7 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
 def write_transport_features(
     states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
 ) -> None:
-    """Writes what the task adds to every robot's observation, as the module says.
+    """Writes the task's features of every robot in the active copies.
 
     Args:
         states: [E, S].
@@ -187,66 +190,39 @@ def write_transport_features(
         shape: of the payload.
         out: written, [E, N, F].
     """
-    n, is_box = out.shape[1], shape[0] == BOX
+    kind, half_length, half_width = shape
+    n, is_box = out.shape[1], kind == BOX
     first = N_COLUMNS * n
-    arm = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
-    radius = arm if is_box else shape[1]
-    row, around = np.empty(8, np.float32), np.empty((N_AROUND, 2))
+    arm = math.sqrt(half_length * half_length + half_width * half_width)
+    radius = arm if is_box else half_length
+    row, around = np.empty(8, np.float32), np.empty((N_NEAR_OBSTACLES, 2))
     for b in range(states.shape[0]):
         if not active[b]:
             continue
         state, body = states[b], states[b, first:]
         place_row(body, shape, row)
         write_surroundings(np.float64(body[0]), np.float64(body[1]), radius, layouts[b], around)
-        gx, gy = (
-            np.float64(state[TX]) - np.float64(body[0]),
-            np.float64(state[TY]) - np.float64(body[1]),
-        )
+        gx = np.float64(state[TX]) - np.float64(body[0])
+        gy = np.float64(state[TY]) - np.float64(body[1])
         is_posed = body.shape[0] > 7
         wx, wy = (np.float64(body[7]), np.float64(body[8])) if is_posed else (gx, gy)
         ux, uy = np.float64(body[4]), np.float64(body[5])
         sign = 1.0 if ux * wx + uy * wy >= 0.0 else -1.0
         for i in range(n):
-            own, x, y = (
-                out[b, i],
-                np.float64(state[N_COLUMNS * i]),
-                np.float64(state[N_COLUMNS * i + 1]),
-            )
-            own[0], own[1] = np.float64(body[0]) - x, np.float64(body[1]) - y
-            _, own[2], own[3] = nearest(x, y, row)
-            own[4], own[5] = body[2], body[3]
-            own[6], own[7] = gx, gy
-            for k in range(N_AROUND):
-                own[8 + 2 * k], own[9 + 2 * k] = around[k, 0], around[k, 1]
-            at = 8 + 2 * N_AROUND
+            x, y = np.float64(state[N_COLUMNS * i]), np.float64(state[N_COLUMNS * i + 1])
+            features = out[b, i]
+            features[0], features[1] = np.float64(body[0]) - x, np.float64(body[1]) - y
+            _, features[2], features[3] = nearest(x, y, row)
+            features[4], features[5] = body[2], body[3]
+            features[6], features[7] = gx, gy
+            for k in range(N_NEAR_OBSTACLES):
+                features[8 + 2 * k], features[9 + 2 * k] = around[k, 0], around[k, 1]
+            at = 8 + 2 * N_NEAR_OBSTACLES
             if is_box:
-                own[at], own[at + 1] = sign * ux, sign * uy
-                own[at + 2] = np.float64(body[6]) * arm
+                features[at], features[at + 1] = sign * ux, sign * uy
+                features[at + 2] = np.float64(body[6]) * arm
             if is_posed:
-                own[at + 3], own[at + 4] = wx, wy
-
-
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "payload_distance": Metric(
-            "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
-        ),
-        "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
-        "payload_contacts": Metric(
-            "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
-        ),
-        "push_share": Metric(
-            "pushing", "", "neither", "share of robot steps in contact with the payload"
-        ),
-        "payload_angle": Metric(
-            "payload angle",
-            "rad",
-            "lower",
-            "angle of the payload's axis to its goal's at the end; 0 where any will do",
-        ),
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
+                features[at + 3], features[at + 4] = wx, wy
 
 
 class Transport:
@@ -256,7 +232,26 @@ class Transport:
         SpecError: the spec is another task's, or its obstacles leave no room for the payload.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "payload_distance": Metric(
+                "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
+            ),
+            "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
+            "payload_contacts": Metric(
+                "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
+            ),
+            "push_share": Metric(
+                "pushing", "", "neither", "share of robot steps in contact with the payload"
+            ),
+            "payload_angle": Metric(
+                "payload angle",
+                "rad",
+                "lower",
+                "angle of the payload's axis to its goal's at the end; 0 where any will do",
+            ),
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules
@@ -279,28 +274,21 @@ class Transport:
         self.terms, self.solved = _terms(rules), _solved(rules)
         self.features = _features(is_box, is_posed)
         self._shape = shape_of(rules.payload)
-        # rounded, so that it is the same number whatever the C library's sine is
-        sine = ANY_ANGLE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
+        # rounded, so that it does not depend on the C library's sine
+        sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
         self._goal = (rules.goal_radius, sine)
-        w, s = rules.rewards, spec.spawn
+        w = rules.rewards
         self._weights = (w.progress, w.turn_progress, w.approach, w.time)
-        self._room = np.array(
-            [
-                radius, spec.obstacles.gap, rules.room, s.goal_clearance,
-                s.min_goal_distance, s.start_clearance, s.start_separation,
-            ]
-        )  # fmt: skip
+        self._radius, self._room = radius, rules.room
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        plan, attempts = self._plan, self.spec.spawn.max_attempts
-        drawn = draw_episodes(
-            seeds, copies, plan.sizes, plan.half, plan.team, self._room, attempts, layouts, states
-        )
+        plan, radius, room = self._plan, self._radius, self._room
+        drawn = draw_episodes(seeds, copies, plan, radius, room, layouts, states)
         if drawn < len(copies):
             raise SpawnError(
-                f"no layout found for seed {seeds[drawn]} in {attempts} attempts: the payload "
-                f"needs {self._room[0] + self._room[2]:.2f} m around its start, obstacles gaps of "
-                f"{self._room[1]:g} m. Use fewer or smaller obstacles, or a larger arena."
+                f"no layout found for seed {seeds[drawn]} in {plan.max_attempts} attempts: the "
+                f"payload needs {radius + room:.2f} m around its start, obstacles gaps of "
+                f"{plan.obstacle_gap:g} m. Use fewer or smaller obstacles, or a larger arena."
             )
 
     def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
@@ -316,14 +304,15 @@ class Transport:
         n, first = self.spec.n_agents, N_COLUMNS * self.spec.n_agents
         bodies = np.ascontiguousarray(episode.states[:, first : first + len(BODY)])
         positions = np.ascontiguousarray(robots_of(episode.states[1:], n)[..., : Y + 1])
-        radii, half = self._plan.team[0], self._plan.half
         distance, sine = goal_error(episode.states[-1], first)
-        pushes = count_pushes(positions, radii, bodies[1:], self._shape)
+        pushes = count_pushes(positions, self._plan.radii, bodies[1:], self._shape)
         steps = np.diff(bodies[:, :2].astype(np.float64), axis=0)
         return {
             "payload_distance": distance,
             "payload_path": float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
-            "payload_contacts": float(count_contacts(bodies, self._shape, episode.layout, half)),
+            "payload_contacts": float(
+                count_contacts(bodies, self._shape, episode.layout, self._plan.half)
+            ),
             "push_share": pushes / (n * len(episode)),
             "payload_angle": math.asin(min(sine, 1.0)),
         }
@@ -363,16 +352,19 @@ def _solved(rules: TransportRules) -> str:
     return f"{near}, its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
 
 
-_NEAR = "from the payload to an obstacle's nearest point, times closeness"
-
-
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
+    meaning = "from the payload to an obstacle's nearest point, times closeness"
+    near = vector("near", "direction", meaning)
     found: tuple[Feature, ...] = (
         *vector("payload", "position", "the payload's centre, from the robot"),
         *vector("payload_near", "position", "the payload's nearest point, from the robot"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
         *vector("payload_goal", "position", "goal, from the payload's centre"),
-        *numbered("payload_obstacle", N_AROUND, vector("near", "direction", _NEAR)),
+        *numbered(
+            "payload_obstacle",
+            N_NEAR_OBSTACLES,
+            near,
+        ),
     )
     if is_box:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")

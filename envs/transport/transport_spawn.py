@@ -1,38 +1,41 @@
 """Episodes of `transport`: obstacles, a payload with room around it, its goal, and the robots.
 
-A pure function of the episode seed, with the random numbers of `seeding`; obstacles and points are
-placed as in `spawn`, so every passage is as wide as `obstacles.gap`.
+An episode is a pure function of its seed, with the random numbers of `numerics.random`. Obstacles
+and points are placed as in `spawn`, so every passage is at least as wide as `obstacles.gap`.
 """
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import place_obstacles, place_points
+from swarmdata.envs.world.spawn import (
+    Spacing,
+    SpawnPlan,
+    direction_of,
+    place_obstacles,
+    place_points,
+    put_at_rest,
+)
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
-from swarmdata.types import Bool, Double, Float, Int, Seeds
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, X, Y
+from swarmdata.types import Double, Float, Int, Seeds
 
-_LAYOUT = STREAMS["layout"]
+_LAYOUT_STREAM = STREAMS["layout"]
 
 
 @kernel
 def _draw_direction(bits: np.uint64, out: Float) -> None:
-    """Writes a rational point of the unit circle, [2]."""
-    t = 2.0 * to_uniform(absorb(bits, 0)) - 1.0
-    sign = 1.0 if to_uniform(absorb(bits, 1)) < 0.5 else -1.0
-    out[0] = sign * (1.0 - t * t) / (1.0 + t * t)
-    out[1] = sign * 2.0 * t / (1.0 + t * t)
+    """Writes a random unit vector, [2]."""
+    out[0], out[1] = direction_of(to_uniform(absorb(bits, 0)), to_uniform(absorb(bits, 1)))
 
 
 @kernel
 def _place(
     state: Seeds,
-    sizes: Double,
-    half: Double,
-    radii: Double,
-    room: Double,
+    plan: SpawnPlan,
+    radius: Double,
+    room: float,
     layout: Float,
     robots: Float,
     body: Float,
@@ -41,44 +44,40 @@ def _place(
 
     Args:
         state: of the generator, [1].
-        sizes: obstacles to draw, from `spawn.size_table`, [M, 4].
-        half: half width and half height of the arena, m, [2].
-        radii: m, [N].
-        room: payload's bounding radius; gap between obstacles; free around the payload's start and
-            goal; smallest distance between these; clearance and separation of robots; all m, [7].
+        plan: of the spec.
+        radius: of the payload's bounding circle, m, [1].
+        room: free distance around the payload's start, m.
         layout: written, [M, 8].
-        robots: written, columns `states.ROBOT`, [N, 8].
+        robots: written, columns `state_layout.ROBOT`, [N, 8].
         body: written, [7].
     """
-    if not place_obstacles(state, sizes, half, room[1], layout):
+    if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
         return False
-    radius, start, goal = room[0:1], np.zeros((1, 2), np.float32), np.zeros((1, 2), np.float32)
-    margins = np.array([room[2], 0.0])
-    if not place_points(state, layout, half, radius, margins, start, start, 0.0):
+    start, goal = np.zeros((1, 2), np.float32), np.zeros((1, 2), np.float32)
+    at_start, at_goal = Spacing(room, 0.0), Spacing(plan.goals.clearance, 0.0)
+    if not place_points(state, layout, plan.half, radius, at_start, start, start, 0.0):
         return False
-    margins[0] = room[3]
-    if not place_points(state, layout, half, radius, margins, goal, start, room[4]):
+    away = plan.min_goal_distance
+    if not place_points(state, layout, plan.half, radius, at_goal, goal, start, away):
         return False
     body[0:2] = start[0]
-    for i in range(radii.shape[0]):
+    for i in range(plan.radii.shape[0]):
         robots[i, TX], robots[i, TY] = goal[0, 0], goal[0, 1]
-    around = np.zeros((layout.shape[0] + 1, 8), np.float32)  # the payload is in the robots' way
+    around = np.zeros((layout.shape[0] + 1, 8), np.float32)  # robots must not overlap the payload
     around[:-1] = layout
     around[-1, 0], around[-1, 1], around[-1, 2] = CIRCLE, body[0], body[1]
     around[-1, 5] = around[-1, 6] = radius[0]
     starts = robots[:, X : Y + 1]
-    return place_points(state, around, half, radii, room[5:7], starts, starts, 0.0)
+    return place_points(state, around, plan.half, plan.radii, plan.starts, starts, starts, 0.0)
 
 
 @kernel
 def draw_episodes(
     seeds: Seeds,
     copies: Int,
-    sizes: Double,
-    half: Double,
-    team: tuple[Double, Bool],
-    room: Double,
-    max_attempts: int,
+    plan: SpawnPlan,
+    payload_radius: float,
+    room: float,
     layouts: Float,
     states: Float,
 ) -> int:
@@ -87,32 +86,28 @@ def draw_episodes(
     Args:
         seeds: episode seeds, [len(copies)].
         copies: rows to write.
-        sizes: obstacles to draw, [M, 4].
-        half: half width and half height of the arena, m, [2].
-        team: radii, m, and whether a heading is drawn, each [N].
-        room: see `_place`, [7].
-        max_attempts: whole layouts to try before giving up.
+        plan: of the spec.
+        payload_radius: radius of the payload's bounding circle, m.
+        room: free distance around the payload's start, m.
         layouts: written, [E, M, 8].
         states: written, [E, S].
     """
-    radii, turns = team
-    n = radii.shape[0]
+    n = plan.radii.shape[0]
     first = N_COLUMNS * n
-    generator = np.empty(1, np.uint64)
+    generator, radius = np.empty(1, np.uint64), np.full(1, payload_radius)
     for k in range(copies.shape[0]):
         state, layout = states[copies[k]], layouts[copies[k]]
         robots, body = state[:first].reshape(n, N_COLUMNS), state[first : first + len(BODY)]
-        key = absorb(seeds[k], _LAYOUT)
+        key = absorb(seeds[k], _LAYOUT_STREAM)
         generator[0] = key
-        for attempt in range(max_attempts + 1):
-            if attempt == max_attempts:
+        for attempt in range(plan.max_attempts + 1):
+            if attempt == plan.max_attempts:
                 return k
-            if _place(generator, sizes, half, radii, room, layout, robots, body):
+            if _place(generator, plan, radius, room, layout, robots, body):
                 break
         for i in range(n):
-            robots[i, VX] = robots[i, VY] = robots[i, UY] = 0.0
-            robots[i, UX] = 1.0
-            if turns[i]:
+            put_at_rest(generator, False, robots[i])
+            if plan.has_heading[i]:
                 _draw_direction(absorb(key, 2 + i), robots[i, UX : UY + 1])
         body[2] = body[3] = body[6] = 0.0
         _draw_direction(absorb(key, 0), body[4:6])

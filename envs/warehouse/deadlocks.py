@@ -1,8 +1,9 @@
-"""Deadlocks of an episode: how often robots began to stand in each other's way.
+"""Counts the deadlocks of an episode: groups of robots that begin to block each other.
 
-A robot stands at step t if it is less than `STILL_DISTANCE` away from where it was `STILL_TIME`
-earlier. Two robots that stand with a gap of at most `NEAR_GAP` are locked. A group of locked robots
-counts once, when it forms: not again in the steps that follow, and not when other robots join it.
+A robot stands still at step t if it is less than `STILL_DISTANCE` away from where it was
+`STILL_TIME` earlier. Two robots that stand still with a gap of at most `NEAR_GAP` are locked. A
+group of locked robots counts once, when it forms; it does not count again in the following steps or
+when other robots join it.
 """
 
 import math
@@ -11,18 +12,13 @@ import numpy as np
 
 from swarmdata.types import Bool, Double
 
-STILL_TIME = 3.0
-"""s."""
-
-STILL_DISTANCE = 0.05
-"""m."""
-
-NEAR_GAP = 0.3
-"""m, between surfaces."""
+STILL_TIME = 3.0  # s
+STILL_DISTANCE = 0.05  # m
+NEAR_GAP = 0.3  # m, between surfaces
 
 
 def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
-    """Which robots are locked with which, in each step, [T+1, N, N].
+    """Returns which pairs of robots are locked in each step, [T+1, N, N].
 
     Args:
         positions: m, [T+1, N, 2].
@@ -42,18 +38,18 @@ def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
 
 
 def count_deadlocks(positions: Double, radii: Double, control_dt: float) -> int:
-    """How many deadlocks began in an episode; arguments as in `locked_pairs`."""
+    """Counts the deadlocks that begin in an episode; arguments as in `locked_pairs`."""
     locked = locked_pairs(positions, radii, control_dt)
     held: Bool = np.asarray(locked.any(-1))  # [T+1, N]
     count = 0
     for t in np.flatnonzero(held.any(-1)).tolist():
-        if (held[t] & ~held[t - 1]).any():  # held[0] is never true: nobody has stood long enough
+        if (held[t] & ~held[t - 1]).any():  # held[0] is never true: no robot has stood long enough
             count += sum(not held[t - 1, group].any() for group in _groups(locked[t]))
     return count
 
 
 def _groups(pairs: Bool) -> list[list[int]]:
-    """The robots of each connected group of the symmetric relation `pairs`, [N, N]."""
+    """Returns the robots of each connected group of the symmetric relation `pairs`, [N, N]."""
     left, groups = set(np.flatnonzero(pairs.any(1)).tolist()), []
     while left:
         group, edge = set[int](), {left.pop()}

@@ -1,8 +1,8 @@
-"""The floor plan of a warehouse: where shelves, places and stations are, and how long ways are.
+"""The floor plan of a warehouse: shelves, places, stations, and the lengths of shortest paths.
 
-Shelves stand in rows along x. Above each row runs an aisle, below the first the front with the
-stations; lanes along y join them, at both ends of the rows and between the blocks of a row. So a
-robot cannot drive straight from a station to a shelf. With two blocks and two aisles:
+Shelves stand in rows along x. Above each row is an aisle, and below the first row is the front with
+the stations. Lanes along y connect them, at both ends of the rows and between the blocks of a row.
+So a robot cannot drive straight from a station to a shelf. With two blocks and two aisles:
 
     +-------------------------------+
     |  o  o  o  o       o  o  o  o  |
@@ -18,11 +18,11 @@ robot cannot drive straight from a station to a shelf. With two blocks and two a
     +-------------------------------+
       lane       lane           lane
 
-The length of a way here is that of the shortest way along the axes ("Manhattan") that crosses no
-shelf, for a point. Corridors (aisles and the front) meet only at lanes. So to a point of
-another corridor it is |dx| + |dy| if a lane lies between the two in x, and else twice the gap to
-the nearest lane longer; within a corridor it is |dx| + |dy|. It is continuous, and a step along a
-shortest way shortens it by the step's own |dx| + |dy|.
+The length of a path is that of the shortest path of a point along the axes ("Manhattan") that
+crosses no shelf. Corridors (aisles and the front) are connected only by lanes. So within a corridor
+the length is |dx| + |dy|; to another corridor it is |dx| + |dy| if a lane lies between the two
+points in x, and otherwise longer by twice the gap to the nearest lane. It is continuous, and a step
+along a shortest path reduces it by the step's own |dx| + |dy|.
 """
 
 from dataclasses import dataclass
@@ -36,11 +36,11 @@ from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-STANDOFF = 0.05
-"""Gap (m) between a shelf or wall and a robot that stands at the middle of a place."""
+STANDOFF_GAP = 0.05
+"""Gap (m) between a shelf or wall and a robot in the middle of a place."""
 
-THINNEST = 0.1
-"""Least depth and length of a shelf, m."""
+MIN_SHELF_SIZE = 0.1
+"""Smallest depth and length of a shelf, m."""
 
 FIRST, PITCH, DEPTH = range(3)
 """Columns of `FloorPlan.rows`."""
@@ -48,11 +48,11 @@ FIRST, PITCH, DEPTH = range(3)
 
 @dataclass(frozen=True, eq=False)
 class FloorPlan:
-    """Where everything is, in metres; the arena's centre is the origin."""
+    """Positions in metres; the origin is the arena's centre."""
 
     shelves: Float  # [M, 8] layout rows, from the front, each row from the left
     lanes: Double  # [blocks + 1, 2] smallest and largest x of each lane
-    rows: Double  # [3] y where the first row of shelves begins, distance of rows, depth of a shelf
+    rows: Double  # [3] y where the first row of shelves begins, pitch of the rows, shelf depth
     middles: Double  # [aisles + 1] y of the middle of the front and of each aisle
     places: Double  # [P + K, 2] places where goods are picked, then stations
     n_picks: int  # P
@@ -72,18 +72,17 @@ class FloorPlan:
         depth = pitch - rules.aisle_width
         length = (width - (rules.blocks + 1) * rules.lane_width) / rules.blocks
         radius = max(robot.radius for robot in spec.robots)
-        _check_room(rules, depth, length, radius)
-        _check_stations(rules, width, radius)
+        _check_room(rules, width, depth, length, radius)
         first = rules.front - height / 2
         left = (rules.lane_width + length) * _count(rules.blocks + 1) - width / 2
         above = first + pitch * _count(rules.aisles)
         middles = above + (depth + rules.aisle_width / 2)
-        aside = max(rules.aisle_width / 2 - radius - STANDOFF, 0.0)
+        aside = max(rules.aisle_width / 2 - radius - STANDOFF_GAP, 0.0)
         bays = (_count(rules.bays) + 0.5) * length / rules.bays
         picks_x = (left[:-1, None] + rules.lane_width + bays).ravel()
         picks_y = (middles[:, None] + [-aside, aside]).ravel()
         stations_x = ((_count(rules.stations) + 0.5) / rules.stations - 0.5) * width
-        stations_y = np.full(rules.stations, radius + STANDOFF - height / 2)
+        stations_y = np.full(rules.stations, radius + STANDOFF_GAP - height / 2)
         picks = np.stack(np.meshgrid(picks_x, picks_y), axis=-1).reshape(-1, 2)
         stations = np.stack([stations_x, stations_y], axis=-1)
         return cls(
@@ -96,47 +95,45 @@ class FloorPlan:
         )
 
 
-def _check_room(rules: WarehouseRules, depth: float, length: float, radius: float) -> None:
-    """Raises unless shelves have a size, and robots fit everywhere."""
+def _check_room(
+    rules: WarehouseRules, width: float, depth: float, length: float, radius: float
+) -> None:
+    """Raises if shelves are too small, or robots do not fit in aisles, lanes or at stations."""
     for name, size in (("deep", depth), ("long", length)):
-        if size < THINNEST:
+        if size < MIN_SHELF_SIZE:
             raise SpecError(
-                f"shelves would be {size:.3g} m {name}, expected at least {THINNEST:g} m. Enlarge "
-                "the arena, or use fewer or narrower aisles, lanes or blocks."
+                f"shelves would be {size:.3g} m {name}, expected at least {MIN_SHELF_SIZE:g} m. "
+                "Enlarge the arena, or use fewer or narrower aisles, lanes or blocks."
             )
-    if rules.goal_radius >= radius + STANDOFF + depth:
+    if rules.goal_radius >= radius + STANDOFF_GAP + depth:
         raise SpecError(
             f"goal_radius {rules.goal_radius:g} m reaches through shelves {depth:.3g} m deep. "
-            f"It must be below {radius + STANDOFF + depth:.3g} m."
+            f"It must be below {radius + STANDOFF_GAP + depth:.3g} m."
         )
-    need = 2 * (radius + STANDOFF)
+    need = 2 * (radius + STANDOFF_GAP)
     for field in ("aisle_width", "lane_width", "front"):
         size = getattr(rules, field)
         if size < need:
             raise SpecError(
                 f"{field} is {size:g} m, expected at least {need:g} m: a robot and a gap of "
-                f"{STANDOFF:g} m on both sides."
+                f"{STANDOFF_GAP:g} m on both sides."
             )
 
-
-def _check_stations(rules: WarehouseRules, width: float, radius: float) -> None:
-    """Raises unless a robot fits at every station, beside walls and other robots."""
-    need = 2 * (radius + STANDOFF)
     if width / rules.stations < need - 1e-9:
         raise SpecError(
             f"{rules.stations} stations along {width:g} m have {width / rules.stations:.3g} m each"
-            f", expected at least {need:g} m: a robot and a gap of {STANDOFF:g} m on both sides. "
-            "Use fewer stations or a wider arena."
+            f", expected at least {need:g} m: a robot and a gap of {STANDOFF_GAP:g} m on both "
+            "sides. Use fewer stations or a wider arena."
         )
 
 
 def _count(n: int) -> Double:
-    """0, 1, ..., n - 1."""
+    """Returns 0, 1, ..., n - 1."""
     return np.arange(n, dtype=np.float64)
 
 
 def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) -> Float:
-    """The boxes with every pair of these middles, row by row, [M, 8]."""
+    """Returns the boxes centred on every pair of these coordinates, row by row, [M, 8]."""
     x, y = np.meshgrid(middle_x, middle_y)
     shelves = np.zeros((x.size, 8), dtype=np.float32)
     shelves[:, 0] = BOX
@@ -147,7 +144,7 @@ def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) ->
 
 @kernel(inline="always")
 def corridor(y: float, rows: Double) -> int:
-    """Which corridor a height is in: 0 the front, k the k-th aisle, -1 beside a row of shelves.
+    """Returns the corridor at a height: 0 for the front, k for aisle k, -1 beside shelves.
 
     Args:
         y: m.
@@ -162,14 +159,14 @@ def corridor(y: float, rows: Double) -> int:
 
 @kernel(inline="always")
 def lane_gap(x: float, target_x: float, lanes: Double, k: int) -> float:
-    """How far lane k is from the interval between two x, m; 0 if they overlap."""
+    """Distance from lane k to the interval between two x, m; 0 if they overlap."""
     low, high = min(x, target_x), max(x, target_x)
     return max(0.0, lanes[k, 0] - high, low - lanes[k, 1])
 
 
 @kernel(inline="always")
 def best_lane(x: float, target_x: float, lanes: Double) -> int:
-    """The lane with the shortest way to another corridor; of equals the one nearest to x."""
+    """Returns the lane of a shortest path to another corridor, the nearest to x of several."""
     best, least, near = 0, np.inf, np.inf
     for k in range(lanes.shape[0]):
         gap = lane_gap(x, target_x, lanes, k)
@@ -180,10 +177,10 @@ def best_lane(x: float, target_x: float, lanes: Double) -> int:
 
 
 @kernel(inline="always")
-def way_length(
+def shortest_path_length(
     x: float, y: float, target_x: float, target_y: float, lanes: Double, rows: Double
 ) -> float:
-    """Length of the shortest way along the axes that crosses no shelf, m.
+    """Length of the shortest path along the axes that crosses no shelf, m.
 
     Args:
         x: start, m; not in a shelf.
@@ -209,21 +206,22 @@ def next_corner(
     rows: Double,
     middles: Double,
 ) -> tuple[float, float]:
-    """The point to drive to next: the target, or the middle of a crossing on the way to it.
+    """Returns the point to drive to next: the target, or the middle of a crossing before it.
 
     Args:
-        x: m; a robot may believe it is outside of the arena.
-        y: m; the same. Beyond the last aisle counts as there.
+        x: m; with noise, a robot may believe that it is outside the arena.
+        y: m; the same; beyond the last aisle counts as in the last aisle.
         target: m; in a corridor.
         lanes: of the plan, [L, 2].
         rows: of the plan, [3].
         middles: of the plan, [aisles + 1].
     """
-    here, there = min(corridor(y, rows), middles.shape[0] - 1), corridor(target[1], rows)
-    if here == there:
+    start = min(corridor(y, rows), middles.shape[0] - 1)
+    end = corridor(target[1], rows)
+    if start == end:
         return target
     k = best_lane(x, target[0], lanes)
     middle = 0.5 * (lanes[k, 0] + lanes[k, 1])
-    if here < 0 or (lanes[k, 0] < x < lanes[k, 1]):
-        return middle, middles[there]
-    return middle, middles[here]
+    if start < 0 or (lanes[k, 0] < x < lanes[k, 1]):
+        return middle, middles[end]
+    return middle, middles[start]

@@ -3,28 +3,28 @@
 The floor is that of `floor_plan`, the same in every episode; the spec has no other obstacles.
 Robots start at rest anywhere on it (`spawn.start_clearance`, `spawn.start_separation`). Order q of
 robot i names a place and a station, each drawn uniformly, as a function of the episode's seed, i
-and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks by being within
-`goal_radius` of it after a control step, drives to the station, delivers in the same way, and has
-the next order at once. Several robots may have the same place or station.
+and q alone (`draw_place`, `draw_station`). The robot drives to the place, picks up by being within
+`goal_radius` of it after a control step, drives to the station, delivers in the same way, and gets
+its next order at once. Several robots may have the same place or station.
 
-State: the robots (`states.ROBOT`); a robot's target is the place of its order, or the station while
-it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made, which
-is also the number q of its order).
+State: the robots (`state_layout.ROBOT`); a robot's target is the place of its order, or the station
+while it carries. Then, for each robot, `carrying` (0 or 1) and `deliveries` (how many it has made,
+which is also the number q of its order).
 Action: a command (`dynamics`).
 Observation: that of the observation model, and for each robot
     carrying                0 or 1; tells the kind of its target, a place (0) or a station (1)
     corner_x, corner_y      m, in the world's frame, from the robot to the point where it should
-                            drive next on its shortest way (`floor_plan.next_corner`)
+                            drive next on its shortest path (`floor_plan.next_corner`)
 
-Own reward of robot i, with weights w from `spec.rules.rewards`, L the length of its shortest way
-(`floor_plan.way_length`, along the axes and around shelves) to the target it had before the step,
-before (L') and after it, and [x] one if x holds, else zero:
+Own reward of robot i, with weights w from `spec.rules.rewards`, L' and L the length of its shortest
+path (`floor_plan.shortest_path_length`, along the axes and around shelves) before and after the
+step to the target that it had before the step, and [x] one if x holds, else zero:
 
     w.progress (L' - L) + w.pickup [it picked] + w.delivery [it delivered] - w.time
 
-What all tasks share comes on top (`rewards`). Solved: the team has made `quota` deliveries.
+The terms that all tasks share are added (`rewards`). Solved: the team has made `quota` deliveries.
 
-Metrics: see `METRICS`; what a deadlock is, `deadlocks` says.
+Metrics: see `Warehouse.metrics`; `deadlocks` defines a deadlock.
 """
 
 from collections.abc import Mapping
@@ -34,63 +34,44 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.envs.warehouse.deadlocks import count_deadlocks
-from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, way_length
-from swarmdata.envs.world.spawn import check_fixed_layout, draw_heading, place_points
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, shortest_path_length
+from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_points, put_at_rest
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
-from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, X, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-OWN = (
+ROBOT_EXTRAS = (
     Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
     Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
 )
-"""Columns of each robot behind the robots of a state."""
+"""The task's own columns of a state, for each robot."""
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
-        "throughput": Metric(
-            "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
-        ),
-        "deadlocks": Metric(
-            "deadlocks",
-            "",
-            "lower",
-            "times that robots within 0.3 m of each other began to stand still for 3 s",
-        ),
-        "carrying_time": Metric(
-            "carrying time", "", "higher", "share of the time that robots carry, mean over robots"
-        ),
-    }
-)
-"""What this task measures besides `metrics.EPISODE_METRICS`."""
-
-FEATURES: tuple[Feature, ...] = (
+TASK_FEATURES: tuple[Feature, ...] = (
     Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
     *vector("corner", "position", "to where it should drive next on its shortest way"),
 )
-"""What this task adds to every robot's observation."""
+"""Added by the task to every robot's observation."""
 
-_STREAM = STREAMS["layout"]
+_LAYOUT_STREAM = STREAMS["layout"]
 
 
 @kernel(inline="always")
 def draw_place(seed: np.uint64, robot: int, order: int, n_picks: int) -> int:
     """Index of the place of a robot's order, uniform below `n_picks`."""
-    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 0)
+    bits = absorb(absorb(absorb(absorb(seed, _LAYOUT_STREAM), robot), order), 0)
     return int(to_uniform(bits) * n_picks)
 
 
 @kernel(inline="always")
 def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> int:
     """Index of the station of a robot's order, uniform below `n_stations`."""
-    bits = absorb(absorb(absorb(absorb(seed, _STREAM), robot), order), 1)
+    bits = absorb(absorb(absorb(absorb(seed, _LAYOUT_STREAM), robot), order), 1)
     return int(to_uniform(bits) * n_stations)
 
 
@@ -98,47 +79,46 @@ def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> in
 def start_episodes(
     seeds: Seeds,
     copies: Int,
+    plan: SpawnPlan,
     shelves: Float,
-    team: tuple[Double, Bool],
-    room: tuple[Double, Double, int],
-    places: tuple[Double, int],
+    places: Double,
+    n_picks: int,
     layouts: Float,
     states: Float,
 ) -> int:
-    """Writes layouts and states of the episodes; returns how many before one found no room.
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
 
     Args:
-        seeds: [len(copies)].
+        seeds: episode seeds, [len(copies)].
         copies: rows to write.
+        plan: of the spec.
         shelves: [M, 8].
-        team: radii, m, and whether a heading is drawn, each [N].
-        room: half width and half height of the arena, m, [2]; clearance and separation of starts,
-            m, [2]; most attempts.
-        places: of the plan, [P + K, 2], and P.
+        places: of the floor plan, [P + K, 2].
+        n_picks: of the floor plan, P.
         layouts: written, [E, M, 8].
         states: written, [E, S].
     """
-    n = team[0].shape[0]
+    n = plan.radii.shape[0]
     state = np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         layouts[copies[c]] = shelves
-        state[0] = absorb(seeds[c], _STREAM)
+        state[0] = absorb(seeds[c], _LAYOUT_STREAM)
         row = states[copies[c]]
         row[:] = 0.0
         robots = row[: N_COLUMNS * n].reshape(n, N_COLUMNS)
         starts, found = robots[:, X : Y + 1], False
-        for _ in range(room[2]):
-            found = place_points(state, shelves, room[0], team[0], room[1], starts, starts, 0.0)
+        for _ in range(plan.max_attempts):
+            found = place_points(
+                state, shelves, plan.half, plan.radii, plan.starts, starts, starts, 0.0
+            )
             if found:
                 break
         if not found:
             return c
         for i in range(n):
-            robots[i, UX] = 1.0
-            if team[1][i]:
-                draw_heading(state, robots[i])
-            k = draw_place(seeds[c], i, 0, places[1])
-            robots[i, TX], robots[i, TY] = places[0][k, 0], places[0][k, 1]
+            put_at_rest(state, plan.has_heading[i], robots[i])
+            k = draw_place(seeds[c], i, 0, n_picks)
+            robots[i, TX], robots[i, TY] = places[k, 0], places[k, 1]
     return copies.shape[0]
 
 
@@ -156,49 +136,52 @@ def serve_orders(
     rewards: Double,
     solved: Bool,
 ) -> None:
-    """Picks, delivers and gives new orders in the active copies, and scores it.
+    """Lets robots pick up and deliver in the active copies, gives new orders, and scores the step.
 
     Args:
         before: states before the step, [E, S].
-        after: states after it; targets and own columns are still those before, and are written.
+        after: states after the step; targets and extras are still those before it, and are updated.
         seeds: [E].
         active: [E].
-        lanes: of the plan, [L, 2].
-        rows: of the plan, [3].
-        places: of the plan, [P + K, 2].
-        rules: P; goal radius, m; quota.
+        lanes: of the floor plan, [L, 2].
+        rows: of the floor plan, [3].
+        places: of the floor plan, [P + K, 2].
+        rules: P; goal radius, m; quota. A plain tuple, since named ones are slower to pass.
         weights: of progress, pickup, delivery and time.
         rewards: written, [E, N].
         solved: written, [E].
     """
-    n_picks, n = rules[0], rewards.shape[1]
+    n_picks, goal_radius, quota = rules
+    progress, pickup, delivery, time = weights
+    n = rewards.shape[1]
     for b in range(before.shape[0]):
         if not active[b]:
             continue
         old, new, total = before[b], after[b], 0
         for i in range(n):
-            r, own = N_COLUMNS * i, N_COLUMNS * n + 2 * i
+            r, extra = N_COLUMNS * i, N_COLUMNS * n + 2 * i  # its columns, and its extras
             x, y, tx, ty = float(new[r]), float(new[r + 1]), float(new[r + TX]), float(new[r + TY])
-            length = way_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
-            gain = weights[0] * (length - way_length(x, y, tx, ty, lanes, rows)) - weights[3]
-            if (tx - x) * (tx - x) + (ty - y) * (ty - y) <= rules[1] * rules[1]:
-                order = int(new[own + 1])
-                if new[own] > 0.0:
-                    new[own], new[own + 1] = 0.0, order + 1.0
+            length = shortest_path_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
+            length -= shortest_path_length(x, y, tx, ty, lanes, rows)
+            gain = progress * length - time
+            if (tx - x) * (tx - x) + (ty - y) * (ty - y) <= goal_radius * goal_radius:
+                order = int(new[extra + 1])
+                if new[extra] > 0.0:
+                    new[extra], new[extra + 1] = 0.0, order + 1.0
                     k = draw_place(seeds[b], i, order + 1, n_picks)
-                    gain += weights[2]
+                    gain += delivery
                 else:
-                    new[own] = 1.0
+                    new[extra] = 1.0
                     k = n_picks + draw_station(seeds[b], i, order, places.shape[0] - n_picks)
-                    gain += weights[1]
+                    gain += pickup
                 new[r + TX], new[r + TY] = places[k, 0], places[k, 1]
-            total += int(new[own + 1])
+            total += int(new[extra + 1])
             rewards[b, i] = gain
-        solved[b] = total >= rules[2]
+        solved[b] = total >= quota
 
 
 @kernel
-def write_ways(
+def write_warehouse_features(
     states: Float,
     active: Bool,
     lanes: Double,
@@ -228,10 +211,29 @@ class Warehouse:
             it asks for drawn obstacles.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = METRICS
+    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
+        {
+            "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
+            "throughput": Metric(
+                "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
+            ),
+            "deadlocks": Metric(
+                "deadlocks",
+                "",
+                "lower",
+                "times that robots within 0.3 m of each other began to stand still for 3 s",
+            ),
+            "carrying_time": Metric(
+                "carrying time",
+                "",
+                "higher",
+                "share of the time that robots carry, mean over robots",
+            ),
+        }
+    )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules, robots = spec.rules, spec.robots
+        rules = spec.rules
         if not isinstance(rules, WarehouseRules):
             raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
         check_fixed_layout(spec, "task 'warehouse'")
@@ -239,16 +241,12 @@ class Warehouse:
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras = tuple(
-            own._replace(name=f"{name}.{own.name}") for name in spec.agent_names for own in OWN
+            own._replace(name=f"{name}.{own.name}")
+            for name in spec.agent_names
+            for own in ROBOT_EXTRAS
         )
-        self.features = FEATURES
-        self._radii = np.array([robot.radius for robot in robots])
-        self._team = self._radii, np.array([robot.dynamics == "unicycle" for robot in robots])
-        self._room = (
-            np.array([spec.arena.width / 2, spec.arena.height / 2]),
-            np.array([spec.spawn.start_clearance, spec.spawn.start_separation]),
-            spec.spawn.max_attempts,
-        )
+        self.features = TASK_FEATURES
+        self._spawn = SpawnPlan.of(spec)
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
         w = rules.rewards
         self._weights = (w.progress, w.pickup, w.delivery, w.time)
@@ -256,13 +254,13 @@ class Warehouse:
         self.solved = f"the team has made {rules.quota} deliveries"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        places = (self.plan.places, self.plan.n_picks)
-        done = start_episodes(
-            seeds, copies, self.plan.shelves, self._team, self._room, places, layouts, states
+        plan = self.plan
+        drawn = start_episodes(
+            seeds, copies, self._spawn, plan.shelves, plan.places, plan.n_picks, layouts, states
         )
-        if done < len(copies):
+        if drawn < len(copies):
             raise SpawnError(
-                f"no starts found for seed {seeds[done]} in {self._room[2]} attempts: "
+                f"no starts found for seed {seeds[drawn]} in {self._spawn.max_attempts} attempts: "
                 f"{self.spec.n_agents} robots with their gaps do not fit between the shelves. "
                 "Use a larger arena, fewer robots, or a smaller spawn.start_separation."
             )
@@ -275,18 +273,19 @@ class Warehouse:
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         plan = self.plan
-        write_ways(states, active, plan.lanes, plan.rows, plan.middles, out)
+        write_warehouse_features(states, active, plan.lanes, plan.rows, plan.middles, out)
 
     def episode_metrics(self, episode: Episode) -> dict[str, float]:
         n, seconds = self.spec.n_agents, len(episode) * self.spec.control_dt
         positions = robots_of(episode.states, n)[..., : Y + 1].astype(np.float64)
-        own = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(OWN)).astype(np.float64)
-        deliveries = float(own[-1, :, 1].sum())
+        extras = episode.states[:, N_COLUMNS * n :].reshape(-1, n, len(ROBOT_EXTRAS))
+        carrying, delivered = np.moveaxis(extras.astype(np.float64), -1, 0)  # [T+1, N] each
+        deliveries = float(delivered[-1].sum())
         return {
             "deliveries": deliveries,
             "throughput": deliveries / n / (seconds / 60.0),
-            "deadlocks": float(count_deadlocks(positions, self._radii, self.spec.control_dt)),
-            "carrying_time": float(own[:-1, :, 0].mean()),
+            "deadlocks": float(count_deadlocks(positions, self._spawn.radii, self.spec.control_dt)),
+            "carrying_time": float(carrying[:-1].mean()),
         }
 
 

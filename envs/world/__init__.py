@@ -1,1 +1,1 @@
-"""The world of all tasks: stepping, episodes' layouts, rewards, and PettingZoo's interface."""
+"""The parts that all tasks share: stepping, layouts, rewards, and the PettingZoo interface."""

@@ -1,4 +1,4 @@
-"""PettingZoo's ParallelEnv over one copy of a task, as a thin view."""
+"""One copy of a task as a ParallelEnv of PettingZoo."""
 
 import secrets
 from typing import Any
@@ -19,10 +19,10 @@ RENDER_MODES = ("rgb_array",)
 
 
 class ParallelWorld(ParallelEnv[str, Float, Float]):
-    """One copy of a task behind PettingZoo's API.
+    """One copy of a task with PettingZoo's API.
 
-    The team ends together: all agents stay in `agents` until the episode ends. Infos hold, per
-    agent, `success` and the safety events of the step.
+    All agents stay in `agents` until the episode ends for the whole team. The info of an agent
+    contains `success` and its safety events in the step.
 
     Args:
         spec: the task.
@@ -61,11 +61,11 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         self.state_space = gymnasium.spaces.Box(-wide, wide)
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
-        """The space of one agent's observations, Box [O]; the environment's features say what."""
+        """Returns the space of one agent's observations, Box [O]."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.Space[Any]:
-        """The space of one agent's actions, Box(-1, 1) [A], those of a learned message last."""
+        """Returns the space of one agent's actions, Box(-1, 1) [A]; a message comes last."""
         return self.action_spaces[agent]
 
     def reset(
@@ -73,8 +73,8 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
     ) -> tuple[dict[str, Float], dict[str, dict[str, Any]]]:
         """Starts an episode.
 
-        With a seed s the episode is the vectorised environment's episode s, and the episodes of
-        later resets without a seed follow from it.
+        With a seed, this is the episode of the same seed in the vectorised environment, and the
+        seed determines the episodes of later resets without a seed.
         """
         if seed is not None:
             self._seed, self._episode = int(seed) % 2**64, 0
@@ -115,22 +115,22 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         return results
 
     def state(self) -> Float:
-        """The global state, [S]."""
+        """Returns the global state, [S]."""
         return self._require_step().states[0].copy()
 
     @property
     def current_step(self) -> Step:
-        """What the vectorised environment returned last, for its one copy.
+        """The last step of the vectorised environment, with one copy.
 
         Raises:
-            SchemaError: the environment was not reset yet.
+            SchemaError: the environment has not been reset.
         """
         return self._require_step()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the world, [H, W, 3], or None without a render mode.
+        """Returns a picture of the world, [H, W, 3], or None without a render mode.
 
-        It shows the rays of a lidar, and the messages that arrived in this step.
+        It includes the rays of a lidar and the messages that arrived in this step.
         """
         if self.render_mode is None:
             return None
@@ -151,7 +151,7 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         """Does nothing: there is no window."""
 
     def _joint(self, actions: dict[str, Float]) -> Float:
-        """The actions as one array, [1, N, A]."""
+        """Returns the actions as one array, [1, N, A]."""
         try:
             return np.array([[actions[name] for name in self.agents]], dtype=np.float32)
         except KeyError:
@@ -161,7 +161,7 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
             ) from None
 
     def _rows(self, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """One agent's row each, of a copy: the step's own memory is shared with other steps'."""
+        """Returns each agent's row of a copy, since the step shares its memory with other steps."""
         return dict(zip(self.agents, values[0].copy(), strict=True))
 
     def _infos(self, step: Step) -> dict[str, dict[str, Any]]:
@@ -173,5 +173,5 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
 
     def _require_step(self) -> Step:
         if self._step is None:
-            raise SchemaError("the environment was not reset yet; call reset() first")
+            raise SchemaError("the environment has not been reset; call reset() first")
         return self._step

@@ -1,6 +1,6 @@
-"""The reward of every task, term by term: what `world.score_steps` adds to the task's own."""
+"""The reward of every task, term by term: its own terms and those that `world.score_steps` adds."""
 
-from swarmdata.envs.world.world import PROXIMITY
+from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.interfaces import Task
 from swarmdata.types import Term
 
@@ -15,22 +15,22 @@ CONTACT_WEIGHTS = (
 )
 """Fields of `rules.Rewards` that `world.score_steps` applies, in its order."""
 
-_GAP = (
+_GAP_MEANING = (
     "gap: least distance, m, from the robot's surface to that of another robot, an obstacle or a "
     "wall, after the step; below 0 where they overlap. A payload is none of them"
 )
 
-_EVENTS = (
+_CONTACT_TERMS = (
     ("robot_contact", "robot_contact"),
     ("obstacle_contact", "obstacle_contact"),
     ("robot_collision", "robot_onsets"),
     ("obstacle_collision", "obstacle_onsets"),
 )
-"""Each weight of a contact term, and the column of `events` that it is multiplied with."""
+"""The weight of each contact term, and the column of `events` that it multiplies."""
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
-    """All terms of a robot's reward but the team's share, which mixes their sums.
+    """Returns all terms of a robot's reward.
 
     The reward of a robot is (1 - s) times the sum of its terms plus s times the mean of these sums
     over the team, where s is `spec.rules.rewards.team_share`.
@@ -43,13 +43,13 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
             f"-weight * {event}",
             f"{event}: that column of `events`, of this robot in this step",
         )
-        for name, event in _EVENTS
+        for name, event in _CONTACT_TERMS
     )
-    near = f"-weight * min(max(1 - gap / {PROXIMITY:g}, 0), 1)"
+    near = f"-weight * min(max(1 - gap / {PROXIMITY_RANGE:g}, 0), 1)"
     solved = f"solved: after the step, {task.solved}. Then the episode ends"
     return (
         *task.terms,
         Term("success", weights.success, "weight * [solved]", solved),
         *contacts,
-        Term("proximity", weights.proximity, near, _GAP),
+        Term("proximity", weights.proximity, near, _GAP_MEANING),
     )

@@ -1,34 +1,77 @@
 """Random layouts, starts and goals: solvable by construction, a pure function of the episode seed.
 
-Bounding circles of obstacles keep a gap from each other and from the walls in which a robot fits,
-and every concave shape opens into free space, so the free space is connected: any start reaches any
-goal. The random numbers are SplitMix64's, as in `seeding`.
+The bounding circles of obstacles keep gaps from each other and from the walls that are wide enough
+for a robot, and every concave shape opens into free space. So the free space is connected, and
+every goal can be reached from every start. The random numbers are SplitMix64's, as in
+`numerics.random`.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, bounding_radius, clearance
-from swarmdata.numerics.random import GOLDEN, MIX_1, MIX_2, STREAMS
+from swarmdata.numerics.random import GOLDEN_GAMMA, MIX_1, MIX_2, STREAMS
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-SHAPES = ("circles", "boxes", "corners", "pockets")
-"""Fields of `spec.Obstacles` that count obstacles."""
+OBSTACLE_COUNTS = ("circles", "boxes", "corners", "pockets")
+"""Fields of `task_spec.Obstacles` that count obstacles."""
 
-TRIES = 64
-"""Draws of one place before the whole layout is drawn anew."""
+PLACE_TRIES = 64
+"""Attempts to place one obstacle or robot before the whole layout is drawn again."""
 
-LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN % 2**64
-"""What is added to an episode's seed to start the generator of its layout."""
+LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN_GAMMA % 2**64
+"""Added to an episode's seed, it gives the initial state of the layout's random generator."""
 
 SizeTable = Double
 """One row per obstacle: kind, smallest and largest half length, half thickness, [M, 4]."""
+
+
+class Spacing(NamedTuple):
+    """Distances that drawn points keep, m."""
+
+    clearance: float  # between a robot's surface and obstacles or walls
+    separation: float  # between the surfaces of two robots
+
+
+class SpawnPlan(NamedTuple):
+    """Everything in a spec that random layouts depend on."""
+
+    sizes: SizeTable  # obstacles to draw, [M, 4]
+    half: Double  # half width and half height of the arena, m, [2]
+    radii: Double  # m, [N]
+    has_heading: Bool  # whether a robot's heading is drawn, [N]
+    obstacle_gap: float  # m
+    starts: Spacing
+    goals: Spacing
+    min_goal_distance: float  # from a robot's start, m
+    max_attempts: int  # whole layouts to try before giving up
+
+    @classmethod
+    def of(cls, spec: TaskSpec) -> "SpawnPlan":
+        """Returns the plan of a spec."""
+        s, robots = spec.spawn, spec.robots
+        return cls(
+            sizes=size_table(spec),
+            half=np.array(spec.half_size),
+            radii=np.array([robot.radius for robot in robots]),
+            has_heading=np.array([robot.dynamics == "unicycle" for robot in robots]),
+            obstacle_gap=spec.obstacles.gap,
+            starts=Spacing(s.start_clearance, s.start_separation),
+            goals=Spacing(s.goal_clearance, s.goal_separation),
+            min_goal_distance=s.min_goal_distance,
+            max_attempts=s.max_attempts,
+        )
+
+    @property
+    def kinds(self) -> Int:
+        """Shape code of each obstacle, [M]."""
+        return self.sizes[:, 0].astype(np.int64)
 
 
 def size_table(spec: TaskSpec) -> SizeTable:
@@ -44,23 +87,23 @@ def size_table(spec: TaskSpec) -> SizeTable:
 
 
 def check_fixed_layout(spec: TaskSpec, what: str) -> None:
-    """Refuses drawn obstacles where the layout is fixed; nothing in a spec is ever ignored.
+    """Raises if a spec asks for random obstacles where the layout is fixed: none is ignored.
 
     Raises:
         SpecError: the spec asks for obstacles.
     """
-    counts = {name: getattr(spec.obstacles, name) for name in SHAPES}
+    counts = {name: getattr(spec.obstacles, name) for name in OBSTACLE_COUNTS}
     if any(counts.values()):
         raise SpecError(
             f"obstacles are {counts} in a spec with {what}, whose layout is fixed. Write "
-            f"obstacles: {{{', '.join(f'{name}: 0' for name in SHAPES)}}}."
+            f"obstacles: {{{', '.join(f'{name}: 0' for name in OBSTACLE_COUNTS)}}}."
         )
 
 
 @kernel(inline="always")
 def next_uniform(state: Seeds) -> float:
     """Advances the generator; returns a multiple of 2**-53 in [0, 1)."""
-    state[0] += np.uint64(GOLDEN)
+    state[0] += np.uint64(GOLDEN_GAMMA)
     z = state[0]
     z = (z ^ (z >> np.uint64(30))) * np.uint64(MIX_1)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(MIX_2)
@@ -68,25 +111,35 @@ def next_uniform(state: Seeds) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
+@kernel(inline="always")
+def unit_vector(t: float) -> tuple[float, float]:
+    """A rational point of the unit circle: cosine and sine of twice the angle of tangent t."""
+    return (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
+
+
+@kernel(inline="always")
+def direction_of(u: float, v: float) -> tuple[float, float]:
+    """Turns two uniform numbers in [0, 1) into a unit vector."""
+    x, y = unit_vector(2.0 * u - 1.0)
+    return (x, y) if v < 0.5 else (-x, -y)
+
+
 @kernel
 def _shape(state: Seeds, size: Double, row: Float) -> None:
-    """Draws shape and orientation; the direction is a rational point of the unit circle."""
+    """Draws the size and the orientation of an obstacle."""
     low, high = size[1], size[2]
     row[0] = size[0]
     row[5] = low + (high - low) * next_uniform(state)
     row[6] = row[5] if size[0] == CIRCLE else low + (high - low) * next_uniform(state)
     row[7] = size[3]
-    t = 2.0 * next_uniform(state) - 1.0
-    sign = 1.0 if next_uniform(state) < 0.5 else -1.0
-    row[3] = sign * (1.0 - t * t) / (1.0 + t * t)
-    row[4] = sign * 2.0 * t / (1.0 + t * t)
+    row[3], row[4] = direction_of(next_uniform(state), next_uniform(state))
 
 
 @kernel
 def place_obstacles(
     state: Seeds, sizes: SizeTable, half: Double, gap: float, layout: Float
 ) -> bool:
-    """Draws all obstacles; False if one of them found no place."""
+    """Draws all obstacles; returns False if one of them found no place."""
     for m in range(sizes.shape[0]):
         row = layout[m]
         _shape(state, sizes[m], row)
@@ -94,18 +147,20 @@ def place_obstacles(
         room_x, room_y = half[0] - r - gap, half[1] - r - gap
         if room_x <= 0.0 or room_y <= 0.0:
             return False
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             row[1] = room_x * (2.0 * next_uniform(state) - 1.0)
             row[2] = room_y * (2.0 * next_uniform(state) - 1.0)
-            if _is_free(row, r, layout, m, gap):
+            if is_apart(row, layout, m, gap):
                 break
     return True
 
 
 @kernel
-def _is_free(row: Float, r: float, layout: Float, m: int, gap: float) -> bool:
+def is_apart(row: Float, layout: Float, m: int, gap: float) -> bool:
+    """Whether an obstacle's bounding circle keeps a gap from those of the layout's first m."""
+    r = bounding_radius(row)
     for k in range(m):
         dx, dy = float(layout[k, 1]) - float(row[1]), float(layout[k, 2]) - float(row[2])
         need = r + bounding_radius(layout[k]) + gap
@@ -120,170 +175,123 @@ def place_points(
     layout: Float,
     half: Double,
     radii: Double,
-    margins: Double,
+    spacing: Spacing,
     points: Float,
     far: Float,
     min_distance: float,
 ) -> bool:
-    """Draws one point per robot, clear of obstacles and each other and away from `far`.
+    """Draws one point per robot, clear of obstacles and of each other, and away from `far`.
 
     Args:
         state: of the generator, [1].
         layout: [M, 8].
         half: half width and half height of the arena, m, [2].
         radii: m, [N].
-        margins: clearance and separation between surfaces, m, [2].
+        spacing: distances to keep.
         points: written, [N, 2].
-        far: points to stay away from, [N, 2].
-        min_distance: m.
+        far: the point that each robot's must stay away from, [N, 2].
+        min_distance: distance to that point, m.
 
     Returns:
-        False if a robot found no place.
+        Whether every robot found a place.
     """
     for i in range(radii.shape[0]):
-        for attempt in range(TRIES + 1):
-            if attempt == TRIES:
+        for attempt in range(PLACE_TRIES + 1):
+            if attempt == PLACE_TRIES:
                 return False
             points[i, 0] = (half[0] - radii[i]) * (2.0 * next_uniform(state) - 1.0)
             points[i, 1] = (half[1] - radii[i]) * (2.0 * next_uniform(state) - 1.0)
             x, y = float(points[i, 0]), float(points[i, 1])
             dx, dy = float(far[i, 0]) - x, float(far[i, 1]) - y
-            free = dx * dx + dy * dy >= min_distance * min_distance
-            for j in range(i):
-                dx, dy = float(points[j, 0]) - x, float(points[j, 1]) - y
-                need = radii[i] + radii[j] + margins[1]
-                free = free and dx * dx + dy * dy >= need * need
-            if free and clearance(x, y, layout, half) >= radii[i] + margins[0]:
+            is_far = dx * dx + dy * dy >= min_distance * min_distance
+            if is_far and is_free_place(points, i, radii, spacing, layout, half):
                 break
     return True
 
 
 @kernel
-def draw_heading(state: Seeds, robot: Float) -> None:
-    """Draws a heading, a rational point of the unit circle as in `_shape`, into columns UX, UY."""
-    t = 2.0 * next_uniform(state) - 1.0
-    sign = 1.0 if next_uniform(state) < 0.5 else -1.0
-    robot[UX] = sign * (1.0 - t * t) / (1.0 + t * t)
-    robot[UY] = sign * 2.0 * t / (1.0 + t * t)
+def is_free_place(
+    points: Float, i: int, radii: Double, spacing: Spacing, layout: Float, half: Double
+) -> bool:
+    """Whether robot i's point keeps its distances from obstacles, walls and earlier points."""
+    x, y = float(points[i, 0]), float(points[i, 1])
+    for j in range(i):
+        dx, dy = float(points[j, 0]) - x, float(points[j, 1]) - y
+        need = radii[i] + radii[j] + spacing.separation
+        if dx * dx + dy * dy < need * need:
+            return False
+    return bool(clearance(x, y, layout, half) >= radii[i] + spacing.clearance)
 
 
 @kernel
-def _spawn(
-    seeds: Seeds,
-    copies: Int,
-    sizes: SizeTable,
-    half: Double,
-    team: tuple[Double, Bool],
-    margins: Double,
-    max_attempts: int,
-    layouts: Float,
-    robots: Float,
-) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+def draw_heading(state: Seeds, robot: Float) -> None:
+    """Draws a heading into the columns UX and UY of a robot, [8]."""
+    robot[UX], robot[UY] = direction_of(next_uniform(state), next_uniform(state))
 
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        sizes: obstacles to draw, from `size_table`, [M, 4].
-        half: half width and half height of the arena, m, [2].
-        team: radii, m, and whether a heading is drawn, each [N].
-        margins: gap between obstacles; clearance and separation of starts; clearance and separation
-            of goals; smallest distance from start to goal; all m, [6].
-        max_attempts: whole layouts to try before giving up.
-        layouts: written, [E, M, 8].
-        robots: written, columns `states.ROBOT`, [E, N, 8].
-    """
-    radii, turns = team
+
+@kernel
+def put_at_rest(state: Seeds, has_heading: bool, robot: Float) -> None:
+    """Sets a robot's velocity to zero, and draws its heading or sets it to +x; columns of [8]."""
+    robot[VX] = robot[VY] = robot[UY] = 0.0
+    robot[UX] = 1.0
+    if has_heading:
+        draw_heading(state, robot)
+
+
+@kernel
+def _spawn(seeds: Seeds, copies: Int, plan: SpawnPlan, layouts: Float, robots: Float) -> int:
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         b = copies[k]
-        starts, goals = robots[b, :, X : Y + 1], robots[b, :, TX : TY + 1]
+        layout, starts, goals = layouts[b], robots[b, :, X : Y + 1], robots[b, :, TX : TY + 1]
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
-        for attempt in range(max_attempts + 1):
-            if attempt == max_attempts:
+        for attempt in range(plan.max_attempts + 1):
+            if attempt == plan.max_attempts:
                 return k
-            if not place_obstacles(state, sizes, half, margins[0], layouts[b]):
+            if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
                 continue
-            if not place_points(state, layouts[b], half, radii, margins[1:3], starts, starts, 0.0):
+            if not place_points(
+                state, layout, plan.half, plan.radii, plan.starts, starts, starts, 0.0
+            ):
                 continue
             if place_points(
-                state, layouts[b], half, radii, margins[3:5], goals, starts, margins[5]
-            ):
+                state, layout, plan.half, plan.radii, plan.goals, goals, starts,
+                plan.min_goal_distance,
+            ):  # fmt: skip
                 break
-        for i in range(radii.shape[0]):
-            robots[b, i, VX] = robots[b, i, VY] = robots[b, i, UY] = 0.0
-            robots[b, i, UX] = 1.0
-            if turns[i]:
-                draw_heading(state, robots[b, i])
+        for i in range(plan.radii.shape[0]):
+            put_at_rest(state, plan.has_heading[i], robots[b, i])
     return copies.shape[0]
 
 
-@dataclass(frozen=True, eq=False)
-class SpawnPlan:
-    """What random layouts need to know of a spec."""
-
-    spec: TaskSpec
-    sizes: SizeTable  # [M, 4]
-    half: Double  # half width and half height of the arena, m, [2]
-    team: tuple[Double, Bool]  # radii, m, and whether a heading is drawn, each [N]
-    margins: Double  # [6]
-
-    @classmethod
-    def of(cls, spec: TaskSpec) -> "SpawnPlan":
-        """Collects it."""
-        s, robots = spec.spawn, spec.robots
-        margins = (
-            spec.obstacles.gap,
-            s.start_clearance,
-            s.start_separation,
-            s.goal_clearance,
-            s.goal_separation,
-            s.min_goal_distance,
-        )
-        return cls(
-            spec=spec,
-            sizes=size_table(spec),
-            half=np.array([spec.arena.width / 2, spec.arena.height / 2]),
-            team=(
-                np.array([robot.radius for robot in robots]),
-                np.array([robot.dynamics == "unicycle" for robot in robots]),
-            ),
-            margins=np.array(margins),
-        )
-
-    @property
-    def kinds(self) -> Int:
-        """Shape code of each obstacle, [M]."""
-        return self.sizes[:, 0].astype(np.int64)
-
-
-def spawn_random(plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
+def spawn_random(
+    spec: TaskSpec, plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
+) -> None:
     """Draws obstacles, starts, headings and targets of the episodes `seeds`.
 
     Args:
-        plan: from the spec.
-        seeds: one for each copy to write.
+        spec: the task.
+        plan: of this spec.
+        seeds: episode seeds, [len(copies)].
         copies: rows to write.
         layouts: written, [E, M, 8].
-        robots: written, columns `states.ROBOT`, [E, N, 8].
+        robots: written, columns `state_layout.ROBOT`, [E, N, 8].
 
     Raises:
-        SpawnError: no layout was found; nothing says that there is none.
+        SpawnError: no layout was found in `spawn.max_attempts` attempts, though one may exist.
     """
-    attempts = plan.spec.spawn.max_attempts
-    drawn = _spawn(
-        seeds, copies, plan.sizes, plan.half, plan.team, plan.margins, attempts, layouts, robots
-    )
+    drawn = _spawn(seeds, copies, plan, layouts, robots)
     if drawn < len(copies):
         raise SpawnError(
-            f"no layout found for seed {seeds[drawn]} in {attempts} attempts: robots and "
-            f"obstacles with their gaps cover {density(plan.spec):.0%} of the arena (about 50% is "
+            f"no layout found for seed {seeds[drawn]} in {plan.max_attempts} attempts: robots and "
+            f"obstacles with their gaps cover {density(spec):.0%} of the arena (about 50% is "
             "the limit). Use fewer or smaller obstacles."
         )
 
 
 def density(spec: TaskSpec) -> float:
-    """Part of the arena that robots and bounding circles of obstacles cover, with their gaps."""
+    """Share of the arena that robots and bounding circles of obstacles cover, gaps included."""
     sizes = size_table(spec)
     longest = sizes[:, 2]
     reach = (

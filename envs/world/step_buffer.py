@@ -1,4 +1,4 @@
-"""Steps to write into: small ones are made many at a time, since an array costs 0.3 us."""
+"""Allocates the steps of an environment, many at a time since one array costs 0.3 us."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -7,37 +7,38 @@ import numpy as np
 
 from swarmdata.types import Bool, Step
 
-WRITTEN = (
+WRITTEN_FIELDS = (
     "observations", "states", "rewards", "terminations", "truncations", "successes", "events",
     "times",
 )  # fmt: skip
-"""Fields of a step that every step writes anew; a channel's are copied, the others shared."""
+"""Fields that every step writes from scratch; those of a channel are copied, the others shared."""
 
-LASTING = ("observations", "terminations", "truncations", "successes")
-"""Those of them that stay as they are in copies that have ended, and that `begin_step` leaves."""
+LASTING_FIELDS = ("observations", "terminations", "truncations", "successes")
+"""Those that `keep_ended` copies where an episode has ended; `begin_step` handles the rest."""
 
 BLOCK_BYTES = 1 << 15
-"""Memory of the steps that are made at once. Who keeps one of them keeps them all."""
+"""Memory of the steps that are allocated together; keeping one of them keeps them all."""
 
 BLOCK_STEPS = 16
 
 
 class StepMaker:
-    """Makes steps of the shapes of one.
+    """Makes steps with the shapes of another.
 
     Args:
         like: a step of the environment.
     """
 
     def __init__(self, like: Step) -> None:
-        self._like = [(array.shape, array.dtype) for array in map(like.__getattribute__, WRITTEN)]
-        size = sum(getattr(like, name).nbytes for name in WRITTEN)
+        arrays = [getattr(like, name) for name in WRITTEN_FIELDS]
+        self._like = [(array.shape, array.dtype) for array in arrays]
+        size = sum(array.nbytes for array in arrays)
         self._n = min(max(BLOCK_BYTES // size, 1), BLOCK_STEPS)
         self._has_channel = like.ages.size > 0
         self._ready: Iterator[tuple[Any, ...]] = iter(())
 
     def after(self, before: Step) -> Step:
-        """A step to fill in, with what only a reset changes, and a copy of what a channel wrote."""
+        """Returns a step to fill in; it shares with `before` the fields that only resets change."""
         fresh = next(self._ready, None)
         if fresh is None:
             self._ready = zip(
@@ -55,7 +56,7 @@ class StepMaker:
 
 
 def keep_ended(before: Step, now: Step, active: Bool) -> None:
-    """Copies what lasts in the copies that had ended."""
+    """Carries the values of `LASTING_FIELDS` over in the copies that had already ended."""
     ended = ~active
-    for name in LASTING:
+    for name in LASTING_FIELDS:
         getattr(now, name)[ended] = getattr(before, name)[ended]

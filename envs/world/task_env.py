@@ -1,4 +1,4 @@
-"""TaskEnv, E copies of any task in a world: physics, then the task's rules, then the senses."""
+"""TaskEnv: E copies of any task in a world, stepped by physics, task rules, then observation."""
 
 import numpy as np
 
@@ -23,15 +23,15 @@ class TaskEnv:
         - w.obstacle_contact [overlapped an obstacle] - w.obstacle_collision * contacts that
         began - w.proximity clip(1 - gap / 0.1 m, 0, 1)
 
-    then mixed with the team mean by `team_share`; `rewards` has it term by term, `types.EVENTS`
-    what contacts are. It is computed from the float32 states and the recorded events, partly in
-    float32, so these functions compute it again from a dataset bit for bit, and anybody else to
-    1e-5 (`store.attributes.PRECISION`). An episode is terminated when the task is solved, or by a
+    then mixed with the team mean by `team_share`. `rewards` lists the terms, `types.EVENT_COLUMNS`
+    defines contacts. The reward is computed from the float32 states and the recorded events, partly
+    in float32: these functions reproduce it from a dataset bit for bit, other code within 1e-5
+    (`store.arrays.attributes.PRECISION`). An episode is terminated when the task is solved, or by a
     collision if `on_collision` is "fail"; the horizon truncates it. A task that is solved and
-    failed in one step is a failure, and its reward has the success in it.
+    failed in the same step is a failure, but its reward includes the success.
 
     Args:
-        task: the problem.
+        task: the task.
         n_copies: E.
         backend: builds the physics.
     """
@@ -42,11 +42,8 @@ class TaskEnv:
         self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
         self._observer = Observer(task, n_copies)
         self.features = self._observer.features
-        self.action_size, self.state_size = (
-            spec.action_size,
-            state_size(spec.n_agents, len(task.movables), len(task.extras)),
-        )
-        self.observation_size = len(self.features)
+        self.observation_size, self.action_size = len(self.features), spec.action_size
+        self.state_size = state_size(spec.n_agents, len(task.movables), len(task.extras))
         self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))
         self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
         weights = np.array([getattr(rewards, name) for name in CONTACT_WEIGHTS])
@@ -62,7 +59,15 @@ class TaskEnv:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
         chosen = np.arange(self.n_copies) if copies is None else np.asarray(copies, dtype=np.int64)
         seeds = np.asarray(seeds, dtype=np.uint64)
-        self._check_reset(seeds, chosen)
+        if seeds.shape != chosen.shape:
+            raise SchemaError(
+                f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: "
+                "one per reset copy"
+            )
+        if self._now is None and len(np.unique(chosen)) != self.n_copies:
+            raise SchemaError(
+                f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}"
+            )
         old = self._now if self._now is not None else self._blank()
         now = Step._make(array.copy() for array in old)
         self.task.spawn(seeds, chosen, now.layouts, now.states)
@@ -103,17 +108,6 @@ class TaskEnv:
         self._observer.observe(now, actions, active)
         self._now = now
         return now
-
-    def _check_reset(self, seeds: Seeds, chosen: Int) -> None:
-        if seeds.shape != chosen.shape:
-            raise SchemaError(
-                f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: "
-                "one per reset copy"
-            )
-        if self._now is None and len(np.unique(chosen)) != self.n_copies:
-            raise SchemaError(
-                f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}"
-            )
 
     def _blank(self) -> Step:
         e, n = self.n_copies, self.spec.n_agents

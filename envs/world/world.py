@@ -1,4 +1,4 @@
-"""The world that tasks run in: robots under commands, what they push, and their contacts."""
+"""The world of a task: commanded robots, the bodies that they push, and their contacts."""
 
 import math
 from collections.abc import Callable
@@ -7,18 +7,18 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
-from swarmdata.envs.physics.fast_backend import MunkBackend, load_addresses
+from swarmdata.envs.physics.fast_backend import FastBackend, load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
-PROXIMITY = 0.1
-"""Gap (m) to a robot, obstacle or wall below which proximity is above 0."""
+PROXIMITY_RANGE = 0.1
+"""Gap (m) to a robot, obstacle or wall below which proximity is positive."""
 
-_REACH = np.float32(PROXIMITY + 1e-3)
-"""For a first, cheap test: wider, so that rounding to float32 never makes it too narrow."""
+_WIDER_RANGE = np.float32(PROXIMITY_RANGE + 1e-3)
+"""For a first, cheap test in float32; wider, so that rounding never makes it too narrow."""
 
 MakeBackend = Callable[[Plan, int], Backend]
 
@@ -26,15 +26,15 @@ MakeBackend = Callable[[Plan, int], Backend]
 def make_backend(plan: Plan, n_copies: int) -> Backend:
     """Returns the fast backend, or the public one where Pymunk's private names are missing."""
     calls = load_addresses()
-    return PublicBackend(plan, n_copies) if calls is None else MunkBackend(plan, n_copies, calls)
+    return PublicBackend(plan, n_copies) if calls is None else FastBackend(plan, n_copies, calls)
 
 
 @kernel(error_model="numpy")
 def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
-    """Lowers gaps to those between robots, exact below `PROXIMITY`."""
+    """Lowers gaps to those between robots, exact below `PROXIMITY_RANGE`."""
     n = radii.shape[0]
     for i in range(n):
-        px, py, near = places[0, i], places[1, i], places[2, i] + _REACH
+        px, py, near = places[0, i], places[1, i], places[2, i] + _WIDER_RANGE
         is_near = False
         for j in range(i + 1, n):  # in vector registers
             dx, dy, reach = places[0, j] - px, places[1, j] - py, places[2, j] + near
@@ -49,8 +49,8 @@ def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
 def _static_gap(
     px: float, py: float, radius: float, layout: Float, circles: Float, half: Double
 ) -> float:
-    """Gap of a robot to the nearest obstacle or wall, exact below `PROXIMITY`, else larger."""
-    near, is_near = np.float32(radius) + _REACH, False
+    """Gap of a robot to the nearest obstacle or wall, exact only below `PROXIMITY_RANGE`."""
+    near, is_near = np.float32(radius) + _WIDER_RANGE, False
     for m in range(layout.shape[0]):  # in vector registers
         dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
         is_near |= dx * dx + dy * dy < reach * reach
@@ -74,9 +74,9 @@ def proximities(
     circles: Float,
     out: Double,
 ) -> None:
-    """Writes how near each robot of one copy is to touching something: 0 far, 1 at contact.
+    """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
 
-    clip(1 - gap / PROXIMITY, 0, 1), where the gap is the smallest to a robot, obstacle or wall.
+    This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall.
 
     Args:
         state: [S].
@@ -84,7 +84,7 @@ def proximities(
         radii: m, [N].
         half: half width and half height of the arena, m, [2].
         places: scratch: positions and radii, [3, N].
-        circles: scratch: centres and radii that hold the obstacles, [3, M].
+        circles: scratch: centres and radii of circles around the obstacles, [3, M].
         out: written, [N].
     """
     for m in range(layout.shape[0]):
@@ -99,7 +99,7 @@ def proximities(
         out[i] = _static_gap(places[0, i], places[1, i], radii[i], layout, circles, half)
     _robot_gaps(places, radii, out)
     for i in range(radii.shape[0]):
-        out[i] = min(max(1.0 - out[i] / PROXIMITY, 0.0), 1.0)
+        out[i] = min(max(1.0 - out[i] / PROXIMITY_RANGE, 0.0), 1.0)
 
 
 @kernel
@@ -121,9 +121,9 @@ def score_steps(
     truncations: Bool,
     successes: Bool,
 ) -> None:
-    """Adds what every task shares to the rewards of the active copies, and decides their ends.
+    """Adds the shared terms to the rewards of the active copies, and decides whether they end.
 
-    The rewards of the others are 0; their ends stay.
+    The rewards of the other copies are 0, and their flags stay.
 
     Args:
         radii: m, [N].
@@ -133,7 +133,7 @@ def score_steps(
         is_fatal: whether a collision fails the task.
         horizon: steps.
         task_rewards: the task's own rewards, [E, N].
-        solved: whether the task is, [E].
+        solved: whether the task is solved, [E].
         active: [E].
         states: after the step, [E, S].
         layouts: [E, M, 8].
@@ -144,6 +144,7 @@ def score_steps(
         truncations: written, [E].
         successes: written, [E].
     """
+    proximity, success, team_share = weights[4], weights[5], weights[6]
     n = radii.shape[0]
     near, places = np.empty(n), np.empty((3, n), np.float32)
     circles = np.empty((3, layouts.shape[1]), np.float32)
@@ -154,14 +155,14 @@ def score_steps(
         proximities(states[b], layouts[b], radii, half, places, circles, near)
         is_solved, touched, mean = solved[b], False, 0.0
         for i in range(n):
-            reward = task_rewards[b, i] - weights[4] * near[i] + (weights[5] if is_solved else 0.0)
+            reward = task_rewards[b, i] - proximity * near[i] + (success if is_solved else 0.0)
             for c in range(4):
                 reward -= weights[c] * float(events[b, i, c])
             touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
             near[i] = reward
             mean += reward / n
         for i in range(n):
-            rewards[b, i] = (1.0 - weights[6]) * near[i] + weights[6] * mean
+            rewards[b, i] = (1.0 - team_share) * near[i] + team_share * mean
         failure = is_fatal and touched
         successes[b] = is_solved and not failure
         terminations[b] = is_solved or failure
@@ -169,15 +170,15 @@ def score_steps(
 
 
 class World:
-    """E copies of robots among obstacles; knows no task.
+    """E copies of robots among obstacles, independent of any task.
 
-    `active` holds the copies that took the last step.
+    `active` marks the copies that took the last step, [E].
     """
 
     def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
         spec, n, m = plan.spec, plan.spec.n_agents, len(plan.kinds)
         self.radii: Double = np.array([robot.radius for robot in spec.robots])
-        self.half: Double = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        self.half: Double = np.array(spec.half_size)
         self.active: Bool = np.zeros(n_copies, dtype=np.bool_)
         self._contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
@@ -190,7 +191,7 @@ class World:
         self._fixed = (limits_of(spec), self.active, self._commands)
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
-        """Starts worlds in `copies` from layouts [E, M, 8] and states [E, S]; all are at rest."""
+        """Starts worlds at rest in `copies`, from layouts [E, M, 8] and states [E, S]."""
         e, n, k = len(states), len(self.radii), self._n_movables
         for array in self._contacts:
             array[copies] = 0
@@ -204,12 +205,12 @@ class World:
 
         Args:
             actions: [E, N, A].
-            before: the step before; only read.
-            now: its times, events and states are written.
+            before: the previous step; only read.
+            now: this step, whose times, events and states are written.
 
         Returns:
-            How many copies had not ended; -1, and the world stays as it was, if an action is not
-            finite.
+            The number of copies that had not ended. If an action is not finite, -1, and the world
+            stays as it was.
         """
         n_active: int = begin_step(
             *self._fixed, actions, before.terminations, before.truncations, before.times,

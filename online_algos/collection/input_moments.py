@@ -1,4 +1,4 @@
-"""What the networks of online algorithms see is normalized by what random actions lead to."""
+"""Means and deviations that normalize network inputs, measured under random actions."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from swarmdata.errors import SchemaError
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.types import Double, Float
 
-CONSTANT = 1e-3
-"""Features that deviate less than this count as constant: they are centered, not scaled."""
+CONSTANT_STD = 1e-3
+"""Features with a smaller deviation count as constant: they are centered, not scaled."""
 
-LEAST = 0.05
-"""Least deviation of others: what random actions hardly vary may vary much more later."""
+MIN_STD = 0.05
+"""Smallest deviation of other features: training may vary them much more than random actions do."""
 
 
 class Moments(NamedTuple):
-    """Mean and standard deviation of every feature, per seed; 1 is the deviation of constants."""
+    """Mean and standard deviation of every feature, by seed; that of constant features is 1."""
 
     observation_mean: Float  # [K, O]
     observation_std: Float  # [K, O]
@@ -27,13 +27,13 @@ class Moments(NamedTuple):
 
 
 def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:
-    """Takes uniform random actions and measures what is seen, then begins new episodes.
+    """Takes uniform random actions, measures observations and states, and begins new episodes.
 
-    The figures of a seed depend on its generator and its episodes only. They are to be frozen: a
-    trained actor is then one fixed function.
+    The moments of a seed depend on its generator and its episodes only. Training freezes them, so
+    that an actor is one fixed function.
 
     Args:
-        worlds: where to act; moved on by `n_steps`, then restarted.
+        worlds: where to act; advanced by `n_steps` and then restarted.
         generators: of the actions, one per seed, [K].
         n_steps: steps of every copy.
 
@@ -49,11 +49,11 @@ def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_ste
     observations, states = [_Sums() for _ in generators], [_Sums() for _ in generators]
     for _ in range(n_steps):
         actions = [2 * torch.rand(shape, generator=g, device=g.device) - 1 for g in generators]
-        reached = worlds.advance(torch.stack(actions).cpu().numpy())
-        seen, known = worlds.seen(reached), worlds.grouped(reached.states)
+        step = worlds.advance(torch.stack(actions).cpu().numpy())
+        step_observations, step_states = worlds.observations(step), worlds.grouped(step.states)
         for k in range(worlds.n_seeds):
-            observations[k].add(seen[k])
-            states[k].add(known[k])
+            observations[k].add(step_observations[k])
+            states[k].add(step_states[k])
     worlds.restart()
     mean, std = (np.stack(m) for m in zip(*(s.moments() for s in observations), strict=True))
     state_mean, state_std = (np.stack(m) for m in zip(*(s.moments() for s in states), strict=True))
@@ -69,7 +69,7 @@ class _Sums:
         self.second: Double = np.zeros(1)
 
     def add(self, values: Float) -> None:
-        """Counts values [..., F] as rows."""
+        """Adds values [..., F] as rows."""
         rows = values.reshape(-1, values.shape[-1]).astype(np.float64)
         self.n_rows += len(rows)
         self.first = self.first + rows.sum(axis=0)
@@ -79,5 +79,5 @@ class _Sums:
         """Mean and standard deviation, [F]."""
         mean = self.first / self.n_rows
         std = np.sqrt(np.maximum(self.second / self.n_rows - mean * mean, 0.0))
-        std = np.where(std < CONSTANT, 1.0, np.maximum(std, LEAST))
+        std = np.where(std < CONSTANT_STD, 1.0, np.maximum(std, MIN_STD))
         return mean.astype(np.float32), std.astype(np.float32)

@@ -1,7 +1,7 @@
-"""What off-policy algorithms share: acting in worlds, keeping what was met, drawing from it."""
+"""Collector of off-policy algorithms: it acts in worlds, stores transitions and samples batches."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,35 +25,35 @@ from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Batch
 
-ACTING, DRAWING, MEASURING = 10, 11, 12
+ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
 """Streams of a seed's generators."""
 
 Act = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Normalized observations [K, E, N, O] to actions [K, E, N, A] and what of them is kept."""
+"""Normalized observations [K, E, N, O] to actions [K, E, N, A] and what is stored of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How much is collected and drawn; counts are joint steps of one seed.
+    """How much is collected and sampled; counts are joint steps of one seed.
 
     Raises:
         SchemaError: a number is out of its range.
     """
 
-    n_frames: int
+    n_steps: int
     n_copies: int
-    n_steps: int  # steps of every copy in one round
+    rollout_steps: int  # of every copy in one round
     n_gradient_steps: int  # after each of them
     batch_size: int
-    capacity: int  # joint steps that are drawn from
-    margin: int  # joint steps that may follow a checkpoint, see `learn.replay`
-    warm_up: int  # joint steps before the first gradient step
+    capacity: int  # joint steps that are sampled from
+    margin: int  # joint steps that may follow a checkpoint, see `training.replay_buffer`
+    warmup_transitions: int  # joint steps before the first gradient step
     frame: str
     n_measured: int = 64  # steps of every copy that measure the inputs
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        least = (self.n_frames, self.n_steps, self.n_gradient_steps, self.batch_size)
+        least = (self.n_steps, self.rollout_steps, self.n_gradient_steps, self.batch_size)
         if min(least) < 1 or self.capacity < self.n_copies:
             raise SchemaError(
                 f"{self}: expected positive counts, and a capacity of at least one step of every "
@@ -64,8 +64,8 @@ class Plan:
     def of(cls, config: Any) -> "Plan":
         """Reads the fields of the same names from an algorithm's config."""
         names = (
-            "n_frames", "n_copies", "n_steps", "n_gradient_steps", "batch_size", "capacity",
-            "margin", "warm_up", "frame",
+            "n_steps", "n_copies", "rollout_steps", "n_gradient_steps", "batch_size", "capacity",
+            "margin", "warmup_transitions", "frame",
         )  # fmt: skip
         return cls(**{name: getattr(config, name) for name in names})
 
@@ -76,8 +76,7 @@ class Collector:
     Args:
         env: K E copies.
         seeds: of the runs, [K].
-        plan: how much is collected and drawn.
-        n_kept: numbers that are kept of each robot's action; None for the worlds' action size.
+        plan: how much is collected and sampled.
         folder: of the replay.
 
     Attributes:
@@ -97,10 +96,10 @@ class Collector:
         rows, margin = (-(-count // plan.n_copies) for count in (plan.capacity, plan.margin))
         shape = Shape(self.sizes, len(seeds), plan.n_copies, rows, margin)
         self.replay = Replay(shape, folder)
-        self.acting = generators(seeds, "cpu", ACTING)
-        self._drawing = generators(seeds, "cpu", DRAWING)
-        measuring = generators(seeds, "cpu", MEASURING)
-        self.moments = Moments(*measure_moments(self.worlds, measuring, plan.n_measured))
+        self.acting = generators(seeds, "cpu", ACTING_STREAM)
+        self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
+        measuring = generators(seeds, "cpu", MEASURING_STREAM)
+        self.moments = measure_moments(self.worlds, measuring, plan.n_measured)
 
     @property
     def sizes(self) -> Sizes:
@@ -110,12 +109,12 @@ class Collector:
     @property
     def progress(self) -> float:
         """Part of the training that is done, in [0, 1]."""
-        return min(1.0, self.frames / self.plan.n_frames)
+        return min(1.0, self.frames / self.plan.n_steps)
 
     def round(
         self, act: Act, learn: Callable[[Batch], dict[str, Tensor]], names: Sequence[str]
     ) -> dict[str, Tensor]:
-        """Takes `n_steps` steps in all copies, with gradient steps after each.
+        """Takes `rollout_steps` steps in all copies, with gradient steps after each.
 
         Args:
             act: chooses actions.
@@ -128,9 +127,9 @@ class Collector:
         """
         losses: dict[str, list[Tensor]] = {name: [] for name in names}
         rewards = []
-        for _ in range(self.plan.n_steps):
+        for _ in range(self.plan.rollout_steps):
             rewards.append(self._step(act))
-            if self.frames < self.plan.warm_up:
+            if self.frames < self.plan.warmup_transitions:
                 continue
             for _ in range(self.plan.n_gradient_steps):
                 for name, loss in learn(self._draw()).items():
@@ -140,26 +139,24 @@ class Collector:
         return means | {"reward": torch.stack(rewards).mean(0)}
 
     def _step(self, act: Act) -> Tensor:
-        """Takes one step in all copies and keeps it; returns the mean team reward, [K]."""
+        """Takes one step in all copies and stores it; returns the mean team reward, [K]."""
         worlds = self.worlds
-        before = worlds.present
-        seen = worlds.seen(before)
-        actions, kept = act(self.normal_observations(torch.from_numpy(seen)))
-        reached = worlds.advance(actions.numpy())
-        rewards, terminations = (
-            worlds.grouped(reached.rewards),
-            worlds.grouped(reached.terminations),
-        )
+        step = worlds.current_step
+        observations = worlds.observations(step)
+        actions, stored = act(self.normal_observations(torch.from_numpy(observations)))
+        next_step = worlds.advance(actions.numpy())
+        rewards = worlds.grouped(next_step.rewards)
+        terminations = worlds.grouped(next_step.terminations)
         self.replay.append(
             Batch(
-                observations=seen,
-                actions=kept.numpy(),
+                observations=observations,
+                actions=stored.numpy(),
                 rewards=rewards,
-                next_observations=worlds.seen(reached),
-                states=worlds.grouped(before.states),
-                next_states=worlds.grouped(reached.states),
+                next_observations=worlds.observations(next_step),
+                states=worlds.grouped(step.states),
+                next_states=worlds.grouped(next_step.states),
                 terminations=terminations,
-                truncations=worlds.grouped(reached.truncations),
+                truncations=worlds.grouped(next_step.truncations),
                 mask=np.ones_like(terminations),
             )
         )
@@ -168,17 +165,13 @@ class Collector:
 
     def _draw(self) -> Batch:
         """A batch with normalized observations and states."""
-        batch = self.replay.sample(self._drawing, self.plan.batch_size)
-        return Batch(
+        batch = self.replay.sample(self._sampling, self.plan.batch_size)
+        return replace(
+            batch,
             observations=self.normal_observations(batch.observations),
-            actions=batch.actions,
-            rewards=batch.rewards,
             next_observations=self.normal_observations(batch.next_observations),
             states=self._normal_states(batch.states),
             next_states=self._normal_states(batch.next_states),
-            terminations=batch.terminations,
-            truncations=batch.truncations,
-            mask=batch.mask,
         )
 
     def normal_observations(self, observations: Tensor) -> Tensor:
@@ -199,7 +192,7 @@ class Collector:
         """Everything but the running episodes and the rows of the replay, as copies."""
         return {
             "frames": torch.tensor(self.frames),
-            "generators": generator_states([*self.acting, *self._drawing]),
+            "generators": generator_states([*self.acting, *self._sampling]),
             **{f"moments.{k}": torch.tensor(v) for k, v in self.moments._asdict().items()},
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
             **{f"replay.{k}": v for k, v in self.replay.state_dict().items()},
@@ -209,6 +202,6 @@ class Collector:
         """Restores what `state_dict` returned and begins new episodes."""
         self.replay.load_state_dict(part(state, "replay"))
         self.frames = int(state["frames"])
-        restore_generators([*self.acting, *self._drawing], state["generators"])
+        restore_generators([*self.acting, *self._sampling], state["generators"])
         self.moments = Moments(**{k: v.numpy().copy() for k, v in part(state, "moments").items()})
         self.worlds.load_state_dict(part(state, "worlds"))

@@ -12,28 +12,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
-from swarmdata.registry.components import make_env
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
-
-
-def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
-    """Returns copies of the same task with other reward weights, to train with.
-
-    Args:
-        env: the copies; returned as they are if no weight changes.
-        weights: `name=value` for each field of `spec.rules.rewards` that changes.
-
-    Raises:
-        SpecError: there is no such weight, or it cannot have this value.
-    """
-    if not weights:
-        return env
-    rules = env.spec.rules.model_dump(mode="json")
-    pairs = (text.partition("=") for text in weights)
-    rules["rewards"] |= {name.strip(): value.strip() for name, _, value in pairs}
-    changed = env.spec.model_dump(mode="json") | {"rules": rules}
-    return make_env(TaskSpec.parse(changed, "rewards"), env.n_copies)
+from swarmdata.types import Double, Float, Int, Seeds, Step
 
 
 class Worlds:
@@ -45,10 +24,10 @@ class Worlds:
     Args:
         env: K E copies.
         seeds: of the runs, [K].
-        frame: in which the learners see and act; None for the world's.
+        frame: in which the robots observe and act; None for the world's.
 
     Attributes:
-        present: the step in which the next actions are taken, all copies, in the world's frame.
+        current_step: in which the next actions are taken, of all copies, in the world's frame.
 
     Raises:
         SchemaError: the copies cannot be divided among the seeds.
@@ -63,7 +42,7 @@ class Worlds:
         self.n_seeds, self.n_copies = len(seeds), env.n_copies // len(seeds)
         self._seeds: Seeds = np.asarray(seeds, dtype=np.uint64)
         self._episodes: Int = np.zeros(len(seeds), np.int64)  # begun so far, [K]
-        self.present = self._begin(np.arange(env.n_copies))
+        self.current_step = self._begin(np.arange(env.n_copies))
 
     @property
     def sizes(self) -> Sizes:
@@ -71,12 +50,12 @@ class Worlds:
         size = self.env.observation_size + (0 if self.frame is None else self.frame.n_added)
         return Sizes(self.env.spec.n_agents, size, self.env.action_size, self.env.state_size)
 
-    def seen(self, step: Step) -> Float:
-        """Returns what the robots see in their frame, [K, E, N, O]."""
-        return self.grouped(self.view(step))
+    def observations(self, step: Step) -> Float:
+        """Returns the observations of all copies in the robots' frame, by seed, [K, E, N, O]."""
+        return self.grouped(self.local_observations(step))
 
-    def view(self, step: Step) -> Float:
-        """Returns what the robots of any copies see in their frame, [C, N, O]."""
+    def local_observations(self, step: Step) -> Float:
+        """Returns the observations of any copies in the robots' frame, [C, N, O]."""
         return step.observations if self.frame is None else self.frame.seen(step.observations)
 
     def grouped(self, array: Any) -> Any:
@@ -90,26 +69,22 @@ class Worlds:
         return self.grouped(self.frame.to_local(step.observations, actions))
 
     def advance(self, actions: Float) -> Step:
-        """Takes actions in the present step and returns the step reached, before any reset.
+        """Takes actions in the current step and returns the next one, before any reset.
 
         Args:
             actions: in the robots' frame, [K, E, N, A].
         """
         flat: Float | Double = actions.reshape(-1, *actions.shape[2:])
         if self.frame is not None:
-            flat = self.frame.to_world(self.present.observations, flat)
-        reached = self.env.step(flat)
-        ended = np.flatnonzero(reached.ended)
-        self.present = self._begin(ended) if len(ended) else reached
-        return reached
-
-    def ended(self, reached: Step) -> tuple[Bool, Bool]:
-        """Which copies terminated, and which ended in any way, two arrays [K, E]."""
-        return self.grouped(reached.terminations), self.grouped(reached.ended)
+            flat = self.frame.to_world(self.current_step.observations, flat)
+        next_step = self.env.step(flat)
+        ended = np.flatnonzero(next_step.ended)
+        self.current_step = self._begin(ended) if len(ended) else next_step
+        return next_step
 
     def restart(self) -> None:
         """Begins new episodes everywhere: after checkpoints, so that a resumed run is the same."""
-        self.present = self._begin(np.arange(self.env.n_copies))
+        self.current_step = self._begin(np.arange(self.env.n_copies))
 
     def state_dict(self) -> dict[str, Tensor]:
         """Episodes begun so far; running episodes are not kept, see `restart`."""

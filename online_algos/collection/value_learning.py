@@ -1,146 +1,182 @@
-"""The loop of VDN and QMIX: robots that choose among knots, epsilon-greedily, and learn by replay.
+"""The parts of training that VDN and QMIX share: settings, acting, the replay, and the state.
 
-What differs between them is the mixer (`learn.mixers`); the maths is in `learn.decomposition`.
+The maths is in `online_algos.vdn` and `online_algos.qmix`, which take these functions as methods.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.choices.bins import BinPolicy
-from swarmdata.learn.choices.decomposition import LOSSES, Decomposition, Rates
-from swarmdata.learn.networks.mixers import Mixer
+from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.optimizer import linear
-from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.value_losses import huber_error
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import Collector
 from swarmdata.types import Batch
+
+LOSSES = ("td_loss", "q", "target")
 
 UTILITY_STREAM, MIXER_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
 
 
 @dataclass(frozen=True)
-class ChoosingConfig:
-    """Settings that VDN and QMIX share; counts of frames are joint steps of one seed."""
+class ValueLearningConfig:
+    """Settings that VDN and QMIX share; counts of steps are joint steps of one seed."""
 
-    n_frames: int = 2_000_000
+    n_steps: int = 2_000_000
     n_copies: int = 64
-    n_steps: int = 64  # of every copy in one round
+    rollout_steps: int = 64  # of every copy in one round
     n_gradient_steps: int = 1  # after each of them
     batch_size: int = 512  # joint transitions
-    capacity: int = (
-        262_144  # transitions that are drawn from; with margin 1.1 GB of disk on coop_nav
-    )
-    margin: int = 262_144  # most frames between two checkpoints of a run that can be resumed
-    warm_up: int = 8_192  # frames before the first gradient step
-    n_choices: int = 9  # knots of each action dimension; odd, so that standing still is one
+    capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
+    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # joint steps before the first gradient step
+    n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
     parameters: Parameters = "shared"
     frame: str = "target"  # in which robots see and act, `frames.find_frame`
-    step_size: float = 1e-3
-    final_step_size: float = 0.05  # factor at the end of training, reached linearly
+    learning_rate: float = 1e-3
+    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
     discount: float = 0.97
     reward_scale: float = 1.0
-    polyak: float = 0.01  # per gradient step
+    tau: float = 0.01  # per gradient step
     epsilon: float = 1.0
     final_epsilon: float = 0.05
     exploration: float = 0.3  # part of training in which epsilon falls
-    max_gradient_norm: float | None = 10.0  # per seed, of each network kind
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
-class Choosing:
-    """K seeds of robots that choose; implements `interfaces.OnlineAlgorithm` but for its names.
+class Learner(Protocol):
+    """Utility networks of K seeds that learn from batches of bins."""
 
-    Args:
-        env: K E copies.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-        build_mixer: makes the mixer for these sizes and seeds.
-    """
+    team: Team
+    descent: Descent
 
-    def __init__(
-        self,
-        env: VecEnv,
-        seeds: Sequence[int],
-        config: ChoosingConfig,
-        folder: Path | str,
-        build_mixer: Callable[[Sizes, Sequence[int]], Mixer],
-    ) -> None:
-        self.config = config
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
-        sizes = self.collector.sizes
-        self.learner = make_learner(sizes, seeds, config, build_mixer(sizes, seeds))
-        self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
-
-    def update(self) -> dict[str, Tensor]:
-        """One round; returns losses, each [K]."""
-        return self.collector.round(self._act, self._learn, LOSSES)
-
-    def policy(self, index: int) -> BinPolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
-        mean, std = self.collector.inputs_of(index)
-        return BinPolicy(
-            layers=self.learner.team.extract(index),
-            observation_mean=mean,
-            observation_std=std,
-            n_choices=self.config.n_choices,
-            frame=self.collector.frame,
-            parameters=self.config.parameters,
-        )
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned and begins new episodes."""
-        self.collector.load_state_dict(part(state, "collector"))
-        self.learner.load_state_dict(part(state, "learner"))
-
-    @torch.no_grad()
-    def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        n_choices, epsilon = self.config.n_choices, self.schedule.at(self.collector.progress)
-        best = bins.greedy(self.learner.utilities(observations))
-        choices = epsilon_greedy(self.collector.acting, best, n_choices, epsilon)
-        return bins.to_actions(choices, n_choices), choices.float()
-
-    def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        scale = linear(self.collector.progress, self.config.final_step_size)
-        return self.learner.update(batch, scale)
+    @property
+    def config(self) -> ValueLearningConfig: ...
+    def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor: ...
+    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor: ...
+    def targets(self, batch: Batch) -> Tensor: ...
+    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]: ...
 
 
-def make_learner(
-    sizes: Sizes, seeds: Sequence[int], config: ChoosingConfig, mixer: Mixer
-) -> Decomposition:
-    """Makes the learner of K seeds; with `sizes.action` 1 it is that of a discrete action space.
+class ValueLearning(Protocol):
+    """An algorithm that collects transitions and learns from their replay."""
+
+    collector: Collector
+    schedule: LinearSchedule  # of epsilon
+
+    @property
+    def learner(self) -> Learner: ...
+
+
+def utilities_of(self: Learner, features: Tensor, network: StackedMLP | None = None) -> Tensor:
+    """Returns the utility of every bin, [K, B, N, D, C].
 
     Args:
-        sizes: numbers of robots and features; `action` is the number of choices to make.
-        seeds: of the initial parameters, [K].
-        config: settings; `n_choices` is how many there are in each dimension.
-        mixer: of the same seeds.
+        self: whose networks.
+        features: normalized observations, [K, B, N, F].
+        network: other parameters to use, those of the targets.
     """
-    shape = MLPShape(sizes.observation, config.hidden, sizes.action * config.n_choices)
-    team = Team(
-        shape, sizes.n_agents, seeds, UTILITY_STREAM, parameters=config.parameters, device="cpu"
+    return bins.by_dimension(self.team(features, network), self.config.n_bins)
+
+
+def td_update(self: Learner, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
+    """One step on tensors [K, B, ...] down Huber(Q_tot - y); returns losses, each [K].
+
+    Args:
+        self: whose networks.
+        batch: normalized observations and states, bins as actions.
+        scale: factor on the learning rate.
+    """
+    y = self.targets(batch)  # [K, B], without a gradient
+    q = self.value(batch.observations, batch.states, batch.actions.long())  # [K, B]
+    td_loss = huber_error(q[:, None], y)  # [K]
+    self.descent.step(td_loss, scale)
+    self.descent.follow(self.config.tau)
+    return {"td_loss": td_loss.detach(), "q": q.detach().mean(1), "target": y.mean(1)}
+
+
+def update_round(self: ValueLearning) -> dict[str, Tensor]:
+    """One round of acting and learning; returns losses, each [K], NaN before learning began."""
+
+    def learn(batch: Batch) -> dict[str, Tensor]:
+        factor = self.learner.config.final_learning_rate_factor
+        return self.learner.update(batch, linear(self.collector.progress, factor))
+
+    return self.collector.round(lambda observations: explore(self, observations), learn, LOSSES)
+
+
+@torch.no_grad()
+def explore(self: ValueLearning, observations: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily.
+
+    Args:
+        self: whose networks and schedule.
+        observations: normalized, [K, E, N, O].
+    """
+    n_bins, epsilon = self.learner.config.n_bins, self.schedule.at(self.collector.progress)
+    best = bins.greedy(self.learner.utilities(observations))
+    chosen = epsilon_greedy(self.collector.acting, best, n_bins, epsilon)
+    return bins.to_actions(chosen, n_bins), chosen.float()
+
+
+def policy_of(self: ValueLearning, index: int) -> BinPolicy:
+    """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
+    mean, std = self.collector.inputs_of(index)
+    return BinPolicy(
+        layers=self.learner.team.extract(index),
+        observation_mean=mean,
+        observation_std=std,
+        n_bins=self.learner.config.n_bins,
+        frame=self.collector.frame,
+        parameters=self.learner.config.parameters,
     )
-    rates = Rates(
-        discount=config.discount,
-        reward_scale=config.reward_scale,
-        step_size=config.step_size,
-        polyak=config.polyak,
-        max_gradient_norm=config.max_gradient_norm,
+
+
+def utility_team(sizes: Sizes, seeds: Sequence[int], config: ValueLearningConfig) -> Team:
+    """Makes the utility networks of K seeds, whose outputs are D C utilities."""
+    return Team(
+        MLPShape(sizes.observation, config.hidden, sizes.action * config.n_bins),
+        sizes.n_agents,
+        seeds,
+        UTILITY_STREAM,
+        parameters=config.parameters,
+        device="cpu",
     )
-    return Decomposition(team, mixer, len(seeds), config.n_choices, rates)
+
+
+def skip_preparation(self: ValueLearning) -> bool:
+    """Does nothing: the first rounds fill the replay."""
+    return False
+
+
+def restart_worlds(self: ValueLearning) -> None:
+    """Begins new episodes everywhere, as loading a state does."""
+    self.collector.worlds.restart()
+
+
+def state_of(self: ValueLearning) -> dict[str, Tensor]:
+    """Everything but the running episodes and the rows of the replay, as copies."""
+    learner = {f"learner.{k}": v for k, v in self.learner.descent.state_dict().items()}
+    return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
+
+
+def restore_state(self: ValueLearning, state: Mapping[str, Any]) -> None:
+    """Restores what `state_dict` returned; the folder must be that of the same run.
+
+    Raises:
+        CheckpointError: the replay in the folder does not belong to the state.
+    """
+    self.collector.load_state_dict(part(state, "collector"))
+    self.learner.descent.load_state_dict(part(state, "learner"))

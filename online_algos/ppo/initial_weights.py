@@ -1,91 +1,142 @@
-"""What MAPPO's actors start from, if not from random weights: other policies, or a teacher."""
+"""The weights that MAPPO's actors start from: random ones, other policies, or a teacher's clone."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
-from swarmdata.errors import BuildError, CheckpointError
+from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.online_algos.runs.seed_files import last_policy
+from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_policy
 
-if TYPE_CHECKING:
-    from swarmdata.online_algos.mappo import MAPPO
 
-
-def start_actors(run: "MAPPO") -> None:
-    """Takes over the policies of `config.start`, then clones `config.teacher`, as far as set.
-
-    Args:
-        run: before its first update; its actors are changed in place.
+@dataclass(frozen=True)
+class StartConfig:
+    """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        BuildError: `config.start` has no policy of one of the seeds.
-        CheckpointError: its policies are not such actors as the run has.
-        UnknownNameError: there is no such teacher.
+        SpecError: there is no round of cloning, or the noise is not a standard deviation.
     """
-    if run.config.start:
-        n_agents = run.worlds.sizes.n_agents
-        found = [start_policy(run.config.start, seed, n_agents) for seed in run.seeds]
-        for index, policy in enumerate(found):
-            take_over(run, index, policy)
-    if run.config.teacher:
-        clone_teacher(
-            run, make_policy(run.config.teacher, run.worlds.env.spec),
-            CloneConfig(n_rounds=run.config.clone_rounds, noise=run.config.clone_noise),
-        )  # fmt: skip
+
+    policies: str = ""  # a run's folder or a shipped tier
+    teacher: str = ""  # registered policy that the actors clone before training
+    teacher_remembers: bool = True  # otherwise it is reset in each step: labels fit the step alone
+    clone_rounds: int = 10  # rounds of states that the teacher labels
+    clone_noise: float = 0.1  # standard deviation of the actions in these rounds
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.clone_rounds < 1:
+            raise SpecError(f"clone_rounds is {self.clone_rounds}, expected at least 1")
+        if not 0.0 <= self.clone_noise < math.inf:
+            raise SpecError(
+                f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
+            )
 
 
-def start_policy(start: str, seed: int, n_agents: int) -> Policy:
-    """The policy that a seed starts from.
+def initial_weights(
+    start: StartConfig,
+    actors: Actors,
+    worlds: Worlds,
+    generators: Sequence[np.random.Generator],
+    seeds: Sequence[int],
+) -> ActorWeights:
+    """Returns the weights to start from: of the policies, then of the clone, if there are any.
 
     Args:
-        start: a shipped tier, such as `formation-expert`, whose policy number `seed` it is; else
+        start: what they come from.
+        actors: with random weights; left as they are.
+        worlds: to clone in; left in the middle of episodes.
+        generators: of the actions while cloning, [K].
+        seeds: of the runs, [K].
+
+    Raises:
+        BuildError: one of the seeds has no policy to start from.
+        CheckpointError: the policies are not actors of these sizes, in this frame.
+        UnknownNameError: there is no such teacher.
+    """
+    started = actors.copy()
+    if start.policies:
+        found = [find_policy(start.policies, seed, worlds.sizes.n_agents) for seed in seeds]
+        for index, policy in enumerate(found):
+            copy_weights(policy, started, index, worlds.frame, start.policies)
+    if start.teacher:
+        config = CloneConfig(
+            n_rounds=start.clone_rounds,
+            noise=start.clone_noise,
+            teacher_remembers=start.teacher_remembers,
+        )
+        teacher = make_policy(start.teacher, worlds.env.spec)
+        clone_teacher(started, worlds, generators, teacher, config)
+    return started.weights
+
+
+def find_policy(source: str, seed: int, n_agents: int) -> Policy:
+    """Returns the policy that a seed starts from.
+
+    Args:
+        source: a shipped tier, such as `formation-expert`, whose policy number `seed` it is, or
             the folder of a run, whose last policy of that seed it is.
         seed: of the run that starts.
-        n_agents: robots of its team. A shipped policy is carried over to it, robot i as the
-            trained one of number i modulo theirs.
+        n_agents: robots of its team. A shipped policy is adapted to it: robot i acts as the trained
+            robot number i modulo theirs.
 
     Raises:
         BuildError: there is no such policy.
     """
     shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED}
-    if start not in shipped:
-        return last_policy(Path(start), seed)
-    family, tier = shipped[start]
+    if source not in shipped:
+        return last_policy(Path(source), seed)
+    family, tier = shipped[source]
     found = checkpoints(family, tier)
     if seed >= len(found):
         raise BuildError(
-            f"seed {seed} has no policy to start from: {start} ships {len(found)}. Train seeds "
+            f"seed {seed} has no policy to start from: {source} ships {len(found)}. Train seeds "
             f"below {len(found)}, or start from the folder of a run."
         )
     data = read_checkpoint(found[seed].file, found[seed].sha256)
     return restored(load_actor(data, SPECS[family].n_agents, found[seed].file), n_agents)
 
 
-def take_over(run: "MAPPO", index: int, policy: Policy) -> None:
-    """Starts the actors and the input statistics of seed number `index` from a policy.
+def copy_weights(
+    policy: Policy, actors: Actors, index: int, frame: Frame | None, source: str
+) -> None:
+    """Copies a policy's weights and input statistics into the actors of seed number `index`.
+
+    Args:
+        policy: to copy.
+        actors: to write to.
+        index: of the seed.
+        frame: in which the actors are to act.
+        source: where the policy is from, for messages.
 
     Raises:
-        CheckpointError: it is not an actor of these sizes, in this frame.
+        CheckpointError: the policy is not an actor of these sizes, in this frame.
     """
-    where, frame = run.config.start, run.worlds.frame
     if not isinstance(policy, TorchPolicy) or policy.squash:
         raise CheckpointError(
-            f"{where} holds policies of another algorithm, expected actors whose means are "
+            f"{source} holds policies of another algorithm, expected actors whose means are "
             "clipped. Start from a run of mappo."
         )
-    if policy.frame != frame or policy.parameters != run.config.parameters:
+    if policy.frame != frame or policy.parameters != actors.parameters:
         raise CheckpointError(
-            f"{where} holds {policy.parameters} actors in frame {policy.frame}, expected "
-            f"{run.config.parameters} ones in {frame}. Start from a run of mappo with the same "
+            f"{source} holds {policy.parameters} actors in frame {policy.frame}, expected "
+            f"{actors.parameters} ones in {frame}. Start from a run of mappo with the same "
             "frame and parameters, or train with those of that run."
         )
-    run.actor.load_layers(slice(index * run.n_rows, (index + 1) * run.n_rows), policy.layers)
-    run.input_mean[index] = policy.observation_mean.numpy()
-    run.input_std[index] = policy.observation_std.numpy()
+    rows = slice(index * actors.n_rows, (index + 1) * actors.n_rows)
+    actors.network.load_layers(rows, policy.layers)
+    actors.input_mean[index] = policy.observation_mean.numpy()
+    actors.input_std[index] = policy.observation_std.numpy()

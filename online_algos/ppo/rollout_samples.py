@@ -1,4 +1,4 @@
-"""What on-policy algorithms collect in one rollout, and its samples as rows of stacked networks."""
+"""Rollouts of on-policy algorithms, and their samples as rows of stacked networks."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -16,13 +16,13 @@ from swarmdata.types import Bool, Float, Int, Step
 class Rollout(NamedTuple):
     """Samples of K seeds, time first."""
 
-    own: Float  # [T, K, E, N, I] inputs of the actors
-    actions: Float  # [T, K, E, N, A] without what noise remembers of the step before
+    actor_inputs: Float  # [T, K, E, N, I]
+    actions: Float  # [T, K, E, N, A] without the noise that is carried over from the step before
     log_probs: Float  # [T, K, E, N]
-    states: Float  # [T, K, E, N, S] what the critic sees besides
+    states: Float  # [T, K, E, N, S] further inputs of the critic, `critic_states`
     rewards: Float  # [T, K, E, N]
     values: Float  # [T, K, E, N]
-    next_values: Float  # [T, K, E, N] of the state reached, before any reset
+    next_values: Float  # [T, K, E, N] of the next state, before any reset
     terminations: Bool  # [T, K, E]
     ended: Bool  # [T, K, E]
 
@@ -43,7 +43,7 @@ def empty_rollout(n_steps: int, n_inputs: int, worlds: Worlds) -> Rollout:
 
 
 STATE_SCALE = np.float32(0.5)
-"""Brings states (m, m/s) to about one for the critic."""
+"""Scales states (m, m/s) to about 1 for the critic."""
 
 
 def critic_states(step: Step) -> Float:
@@ -62,7 +62,7 @@ def ranks(seeds: Int) -> Int:
 
 
 def pad_by_seed(values: Float, seeds: Int, n_seeds: int) -> Float:
-    """Returns rows [M, ...] by their seeds, [K, most of a seed, ...]; what is left over is zero."""
+    """Returns rows [M, ...] by their seeds, [K, most of a seed, ...], padded with zeros."""
     rank = ranks(seeds)
     padded = np.zeros((n_seeds, int(rank.max()) + 1, *values.shape[1:]), values.dtype)
     padded[seeds, rank] = values
@@ -70,7 +70,7 @@ def pad_by_seed(values: Float, seeds: Int, n_seeds: int) -> Float:
 
 
 def pick(values: Tensor, rows: Tensor) -> Tensor:
-    """Returns samples [R, B, ...] of values [R, M, ...] by their indices [R, B]."""
+    """Returns the samples [R, B, ...] of values [R, M, ...] at the indices [R, B]."""
     n_rows, n_samples = values.shape[:2]
     flat = rows + torch.arange(n_rows)[:, None] * n_samples
     picked = values.flatten(0, 1).index_select(0, flat.flatten())

@@ -1,19 +1,19 @@
-"""Picks the policies that make datasets from online runs, and puts them into the package.
+"""Selects the policies of online runs that make datasets, and copies them into the package.
 
 - medium: a seed's first checkpoint whose team success lies in `MEDIUM_SUCCESS`;
-- medium-replay: policies met on the way there, each for an equal part of the way, with the noise
-  that training had then;
+- medium-replay: checkpoints before it, each for an equal part of the training until then, with the
+  noise that training had at that time;
 - expert: a seed's last policy;
 - mixed-conventions: the last policies of runs that were trained to keep to one side.
 
-Everything is measured on the selection seeds, by exact inference, as the datasets run it. Runs may
-be of another team size than the datasets: their policies are carried over as they are.
+All are measured on the selection seeds, by exact inference, as the datasets run them. Runs may have
+another team size than the datasets; their policies are used without further training.
 """
 
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -23,7 +23,8 @@ import numpy as np
 from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
-from swarmdata.learn.training.run_folder import CONFIG, CURVE, read_table
+from swarmdata.learn.training.run_files import CONFIG, CURVE, run_folders
+from swarmdata.learn.training.run_folder import read_table
 from swarmdata.online_algos.runs.export_policy import exact_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames
@@ -31,11 +32,14 @@ from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.task_spec import TaskSpec
 
-N_REPLAY = 5
-"""Policies that stand for the way of one seed to its medium."""
+N_REPLAY_POLICIES = 5
+"""Policies of one seed in medium-replay."""
+
+CANDIDATE_MARGIN = 0.1
+"""A candidate for medium may miss the band by this much on few episodes."""
 
 N_EPISODES, N_REPLAY_EPISODES, N_ROUGH_EPISODES = 1024, 256, 128
-"""Selection episodes that decide, that describe a policy of a replay, and that make a sieve."""
+"""Selection episodes that measure mediums and experts, replay policies, and medium candidates."""
 
 
 class Seed(NamedTuple):
@@ -51,35 +55,35 @@ class Chosen(NamedTuple):
     tier: str
     policy: int  # number of the independent run
     frames: int
-    share: float  # of its run's way to medium that it stands for; 1 of mediums and experts
-    noise: float | None  # standard deviation that its training had; None: the tier's
+    share: float  # part of the training until medium that it represents; 1 for other tiers
+    noise: float | None  # standard deviation in its training; None for the tier's own
     figures: dict[str, float]
     file: Path
 
 
 def seeds_of(runs: Sequence[Path]) -> list[Seed]:
-    """All seeds of run folders, or of the runs inside a folder that several processes trained.
+    """Returns all seeds of run folders, or of the runs in a folder that several processes trained.
 
     Raises:
         BuildError: a folder holds no run.
     """
     found = []
     for run in runs:
-        folders = [run] if (run / CONFIG).exists() else sorted(run.glob(f"seeds-*/{CONFIG}"))
+        folders = run_folders(run)
         if not folders:
             raise BuildError(f"{run} holds no online run: there is no {CONFIG} in it")
-        for folder in (each if each.is_dir() else each.parent for each in folders):
+        for folder in folders:
             found += [Seed(folder, seed) for seed in read_online_run(folder).seeds]
     return found
 
 
 def read_curve(seed: Seed) -> list[dict[str, float]]:
-    """The rows of one seed in its run's `curve.csv`."""
+    """Returns the rows of one seed in its run's `curve.csv`."""
     return [row for row in read_table(seed.folder / CURVE) if row["seed"] == seed.seed]
 
 
 def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
-    """The first checkpoint in `MEDIUM_SUCCESS`, None if the seed has none.
+    """Returns the first checkpoint in `MEDIUM_SUCCESS`, None if the seed has none.
 
     Args:
         seed: of a run.
@@ -87,52 +91,49 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
         work: folder for exported checkpoints.
     """
     low, high = MEDIUM_SUCCESS
+    is_other_spec = read_online_run(seed.folder).spec != spec
     for row in read_curve(seed):
         frames = int(row["frames"])
-        if low - 0.1 <= _rough_success(seed, row, spec, work) <= high + 0.1:
+        rough = row["success"]
+        if rough >= low - CANDIDATE_MARGIN and is_other_spec:  # the curve is of another team
+            candidate = _measured("medium", seed, frames, spec, work, N_ROUGH_EPISODES)
+            rough = candidate.figures["success"]
+        if low - CANDIDATE_MARGIN <= rough <= high + CANDIDATE_MARGIN:
             chosen = _measured("medium", seed, frames, spec, work)
             if low <= chosen.figures["success"] <= high:
                 return chosen
     return None
 
 
-def _rough_success(seed: Seed, row: Mapping[str, float], spec: TaskSpec, work: Path) -> float:
-    """Success at a row of the curve, on few episodes; measured again in another spec."""
-    if read_online_run(seed.folder).spec == spec or row["success"] < MEDIUM_SUCCESS[0] - 0.1:
-        return row["success"]
-    rough = _measured("medium", seed, int(row["frames"]), spec, work, N_ROUGH_EPISODES)
-    return rough.figures["success"]
-
-
 def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterator[Chosen]:
-    """The policies in the middle of `N_REPLAY` equal parts of the way to a medium."""
+    """Yields the policies in the middle of `N_REPLAY_POLICIES` equal parts of the way to medium."""
     rows = read_curve(seed)
-    there = np.array(saved_frames(*seed))
-    for part in range(N_REPLAY):
-        wanted = medium.frames * (part + 0.5) / N_REPLAY
-        frames = int(there[np.abs(there - wanted).argmin()])
-        # the schedule of the noise is linear, so what lies between two rows of the curve is known
+    saved = np.array(saved_frames(*seed))
+    for part in range(N_REPLAY_POLICIES):
+        wanted = medium.frames * (part + 0.5) / N_REPLAY_POLICIES
+        frames = int(saved[np.abs(saved - wanted).argmin()])
+        # the schedule of the noise is linear, so it can be interpolated between rows of the curve
         noise = np.interp(frames, [row["frames"] for row in rows], [row["std"] for row in rows])
         chosen = _measured("medium-replay", seed, frames, spec, work, N_REPLAY_EPISODES)
-        yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY, noise=float(noise))
+        yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY_POLICIES, noise=float(noise))
 
 
 def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
-    """The last policy of a finished run, and what exact inference changes in its actions.
+    """Returns the last policy of a finished run, with the error of exact inference.
 
     Raises:
         BuildError: the run is not finished.
     """
     path = last_policy_path(*seed)
-    wanted = read_online_run(seed.folder).config["n_frames"]
+    wanted = read_online_run(seed.folder).n_steps
     if int(path.stem) < wanted:
         raise BuildError(
-            f"seed {seed.seed} of {seed.folder} has {int(path.stem)} of {wanted} frames; run its "
-            "command again to go on"
+            f"seed {seed.seed} of {seed.folder} has {int(path.stem)} of {wanted} joint steps; run "
+            "its command again to continue"
         )
     chosen = _measured("expert", seed, int(path.stem), spec, work)
     if read_online_run(seed.folder).spec.n_agents != spec.n_agents:
-        return chosen  # the trained network does not run in this team
+        return chosen  # the trained network does not fit this team
     error = exact_error(path, chosen.file, spec)
     return chosen._replace(figures=chosen.figures | {"exact_error": error})
 
@@ -156,14 +157,14 @@ def ship(
     spec: TaskSpec,
     folder: Path,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Copies the mediums of some seeds, with their replays, and the last policies of others.
+    """Copies the mediums of some seeds with their replays, and the last policies of others.
 
     Args:
-        mediums: seeds from which the first checkpoint in the band is taken, if there is one.
+        mediums: seeds whose first checkpoint in the band is taken, if there is one.
         experts: seeds of finished runs.
         conventions: seeds of finished runs that keep to the right, or to the left.
-        name: of the preset that the datasets are of.
-        spec: that preset's.
+        name: of the datasets' preset.
+        spec: of that preset.
         folder: the package's `behavior_policies/checkpoints`; its `index.json` is updated.
 
     Returns:

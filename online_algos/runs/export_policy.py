@@ -1,4 +1,4 @@
-"""Policies of online runs as checkpoints for exact inference, as datasets run them, and back."""
+"""Conversion of policies between online runs and checkpoints for exact inference."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 MAX_SCALE = 20.0
-"""Greatest factor on an observed feature: 3 units, a wide arena, stay below the clip of 64."""
+"""Largest factor on a feature: 3 units, as in a wide arena, stay below the clip of 64."""
 
 
 def export(source: Path, target: Path, n_agents: int) -> None:
@@ -27,7 +27,7 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     Args:
         source: the run's policy.
         target: the checkpoint.
-        n_agents: robots of the team that it is for.
+        n_agents: robots of its team.
 
     Raises:
         BuildError: the policy is not a network that can be run exactly.
@@ -35,15 +35,15 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     policy = load_policy(source)
     if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
         raise BuildError(
-            f"{source} is not an actor with clipped outputs that all robots share; only those can "
-            "be run exactly. Train it with mappo and parameters=shared."
+            f"{source} is not an actor with clipped outputs that all robots share; only these can "
+            "be run exactly. Train with mappo and parameters=shared."
         )
     layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
     mean, scale = policy.observation_mean.numpy(), 1 / policy.observation_std.numpy()
-    # Inputs of exact inference are clipped at 64. What hardly varied when it was measured is scaled
-    # less, by a power of two, and weighted more.
+    # Inputs of exact inference are clipped at 64. Features that hardly varied when they were
+    # measured are scaled less, by a power of two, and their weights more.
     fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
-    largest = np.abs(layers[0][0][: len(fold)]).max(axis=1)  # weights have a bound too
+    largest = np.abs(layers[0][0][: len(fold)]).max(axis=1)  # weights are bounded too
     fold = np.minimum(fold, np.exp2(np.floor(np.log2(MAX_WEIGHT / np.maximum(largest, 1e-9)))))
     fold = np.maximum(fold, 1.0)
     layers[0][0][: len(fold)] *= fold[:, None]
@@ -52,11 +52,11 @@ def export(source: Path, target: Path, n_agents: int) -> None:
 
 
 def restored(actor: Actor, n_agents: int) -> TorchPolicy:
-    """The policy behind a checkpoint, rounded as that is, to go on training from.
+    """Returns a checkpoint's policy, with its rounded weights, to start training from.
 
     Args:
-        actor: as a checkpoint holds it, with the index of the robot.
-        n_agents: robots of the team that it is for.
+        actor: of the checkpoint, with the index of the robot as an input.
+        n_agents: robots of the team that is to be trained.
     """
     layers = [(weight, bias) for weight, bias in actor.layers]
     layers[0] = (_for_team(layers[0][0], len(actor.mean), n_agents), layers[0][1])
@@ -69,20 +69,20 @@ def restored(actor: Actor, n_agents: int) -> TorchPolicy:
     )
 
 
-def _for_team(weight: Double, n_seen: int, n_agents: int) -> Double:
+def _for_team(weight: Double, n_features: int, n_agents: int) -> Double:
     """First weights for a team of another size: robot i gets the number i modulo the trained N."""
-    seen, numbers = weight[:n_seen], weight[n_seen:]
-    return np.concatenate([seen, numbers[np.arange(n_agents) % len(numbers)]])
+    of_features, of_numbers = weight[:n_features], weight[n_features:]
+    return np.concatenate([of_features, of_numbers[np.arange(n_agents) % len(of_numbers)]])
 
 
 def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
-    """Largest difference of an action component between exact inference and the trained network.
+    """Returns the largest difference of an action between exact inference and the trained network.
 
-    Both see the observations of the selection episodes, played by the exact policy.
+    Both get the observations of selection episodes that the exact policy plays.
 
     Args:
         source: a run's policy.
-        exported: the same, for exact inference.
+        exported: its checkpoint for exact inference.
         spec: to play in.
         n_episodes: how many.
     """

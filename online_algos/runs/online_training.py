@@ -1,15 +1,16 @@
 """Trains K seeds of an online algorithm at once, in a folder from which it can be resumed.
 
-config.json             the run, completely (`OnlineRun`)
-curve.csv               what every checkpoint of every seed achieved, and its losses
+config.json             the complete description of the run (`OnlineRun`)
+curve.csv               metrics and losses of every seed at every checkpoint
 speed.csv               wall-clock time, frames a second and memory at every checkpoint
-policies/seed-K/        greedy policies, `<frames>.safetensors`, `POLICIES_EACH` per checkpoint
+policies/seed-K/        greedy policies, `<frames>.safetensors`, `POLICIES_PER_CHECKPOINT` of each
 tensorboard/seed-K/     the curve as TensorBoard event files
-checkpoint.safetensors  everything, to continue from
-replay/                 transitions, of algorithms that keep them
+checkpoint.safetensors  the complete state, to continue from
+replay/                 transitions, of algorithms with a replay buffer
 
-A run is a pure function of its `config.json`: killed at any moment and started again, it ends with
-the same curve and the same policies, bit for bit, on the same machine.
+Frames are joint steps of one seed. A run is a pure function of its `config.json`: killed at any
+moment and started again, it ends with the same curve and the same policies, bit for bit, on the
+same machine.
 """
 
 import dataclasses
@@ -33,7 +34,9 @@ from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.divergence import check_finite
-from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, Table, versions
+from swarmdata.learn.training.overrides import from_json
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, SPEED
+from swarmdata.learn.training.run_folder import Table, versions
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
@@ -44,14 +47,13 @@ from swarmdata.runtime.locking import updating
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
 
-SPEED = "speed.csv"
-REPLAY = "replay"
+REPLAY_FOLDER = "replay"
 """Folder of a running training's replay, if its algorithm has one."""
 
-POLICIES_EACH = 5
-"""Policies that are kept for each checkpoint: replays need the way to a medium in small steps."""
+POLICIES_PER_CHECKPOINT = 5
+"""Policies saved per checkpoint: medium-replay datasets need the way to a medium in small steps."""
 
-MEASURED = (
+MEASURED_METRICS = (
     "success",
     "clean_success",
     "return",
@@ -59,32 +61,35 @@ MEASURED = (
     "obstacle_collisions",
     "length",
 )
-"""Columns of the curve that come from selection episodes, as means."""
+"""Columns of the curve that are means over selection episodes."""
 
 SELECTION_OFFSET = np.uint64(1 << 32)
-"""Checkpoints are judged on reserved seeds of their own, which neither data nor evaluation use."""
+"""Checkpoints are measured on reserved seeds that neither data nor evaluation use."""
 
 Count = Annotated[int, Field(ge=1)]
 
 
 class OnlineRun(Frozen):
-    """Everything that decides the result of an online training run, and what it ran on."""
+    """Everything that decides the result of an online training run, and the versions it used."""
 
     format_version: Literal[1] = 1
     algorithm: str
-    config: dict[str, Any]  # of the algorithm, every default written out
+    config: dict[str, Any]  # of the algorithm, with all defaults
     spec: TaskSpec
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # selection episodes of each seed and checkpoint
     versions: dict[str, str]
 
+    @property
+    def n_steps(self) -> int:
+        """Joint steps that each seed takes; runs of earlier versions call it `n_frames`."""
+        return int(self.config.get("n_frames", self.config["n_steps"]))
+
     def build(self, folder: Path) -> OnlineAlgorithm:
         """Makes the algorithm as it is before its first update."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        # JSON has no tuples
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
-        config = kind.Config(**values)
+        config = from_json(kind.Config, self.config)
         env = make_env(self.spec, config.n_copies * len(self.seeds))
         algorithm: OnlineAlgorithm = kind(env, self.seeds, config, folder)
         return algorithm
@@ -93,7 +98,7 @@ class OnlineRun(Frozen):
 def describe_run(
     algorithm: str, config: Any, spec: TaskSpec, seeds: Sequence[int], **options: int
 ) -> OnlineRun:
-    """Returns the run of an algorithm with a config of its own kind."""
+    """Returns the run of an algorithm with one of its configs."""
     return OnlineRun.parse(
         {
             "algorithm": algorithm,
@@ -108,17 +113,17 @@ def describe_run(
 
 
 def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
-    """Mean metrics of a policy on the selection seeds."""
+    """Returns a policy's mean metrics on the selection seeds."""
     seeds = evaluation_seeds(n_episodes) + SELECTION_OFFSET
     env = make_env(spec, min(64, n_episodes))
     rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
-    return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED}
+    return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED_METRICS}
 
 
 def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     """Trains a run, or continues it where it stopped; returns its folder.
 
-    Where another process trains in the folder, this one waits for it.
+    If another process trains in the folder, this one waits for it.
 
     Args:
         run: what to train.
@@ -128,19 +133,20 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     Raises:
         BuildError: the folder holds another run.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
-        SpecError: the replay would not last from one checkpoint to the next, or a setting of the
-            algorithm is wrong.
+        SpecError: the run is shorter than one rollout, the replay buffer is too small to resume
+            from checkpoints, or a setting of the algorithm is wrong.
     """
-    _check_margin(run)
+    _check_lengths(run)
     before = torch.get_num_threads()
     torch.set_num_threads(1)  # the networks are too small to gain from more
     try:
         with updating(folder / CONFIG, progress):
             _claim(folder, run)
-            if not _is_finished(run, folder):
+            path = folder / CHECKPOINT
+            if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
                 _begin(run, folder).finish(progress)
-            if (folder / REPLAY).exists():  # gigabytes that nothing goes on from
-                shutil.rmtree(folder / REPLAY)
+            if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
+                shutil.rmtree(folder / REPLAY_FOLDER)
     finally:
         torch.set_num_threads(before)
     return folder
@@ -155,31 +161,35 @@ def read_online_run(folder: Path) -> OnlineRun:
     return OnlineRun.from_file(folder / CONFIG)
 
 
-def _is_finished(run: OnlineRun, folder: Path) -> bool:
-    path = folder / CHECKPOINT
-    return path.exists() and load_checkpoint(path)[1]["frames"] >= run.config["n_frames"]
+def _check_lengths(run: OnlineRun) -> None:
+    """Checks that there is a rollout, and that the replay can be resumed from every checkpoint.
 
-
-def _check_margin(run: OnlineRun) -> None:
-    """A replay must keep what a checkpoint draws from until the next one, `learn.replay`."""
+    The replay buffer must keep the transitions that a checkpoint samples from until the next one,
+    `training.replay_buffer`.
+    """
+    per_rollout = run.config["n_copies"] * run.config.get("rollout_steps", 1)
+    if run.n_steps < per_rollout:
+        raise SpecError(
+            f"n_steps is {run.n_steps}, the joint steps of the whole training, expected at least "
+            f"the {per_rollout} of one rollout. The length of a rollout is called 'rollout_steps'."
+        )
     margin = run.config.get("margin")
-    between = run.config["n_frames"] / run.n_checkpoints
-    needed = math.ceil(between + run.config["n_copies"] * run.config.get("n_steps", 1))
+    needed = math.ceil(run.n_steps / run.n_checkpoints + per_rollout)
     if margin is not None and margin < needed:
         raise SpecError(
             f"margin is {margin}, expected at least {needed} joint steps, as many as lie between "
-            f"two of {run.n_checkpoints} checkpoints: a run that is killed could not be resumed. "
-            "Set margin to that, or train fewer steps."
+            f"two of {run.n_checkpoints} checkpoints: otherwise a run that is killed could not be "
+            "resumed. Increase margin, or train fewer steps."
         )
 
 
 def _claim(folder: Path, run: OnlineRun) -> None:
-    """Makes the folder this run's, or checks that it is."""
+    """Writes the run's description into its folder, or checks that it is there."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / CONFIG).exists():
-        if (folder / REPLAY).exists():  # which would go when this run ends
+        if (folder / REPLAY_FOLDER).exists():  # it would be removed when this run ends
             raise BuildError(
-                f"{folder / REPLAY} is there, and {folder} holds no run: it is of somebody else. "
+                f"{folder / REPLAY_FOLDER} exists, but {folder} holds no run that it belongs to. "
                 "Choose another folder, or move it away."
             )
         write_file(folder / CONFIG, run.to_json().encode())
@@ -194,30 +204,31 @@ def _claim(folder: Path, run: OnlineRun) -> None:
 
 
 def _begin(run: OnlineRun, folder: Path) -> "_Training":
-    """Builds a run or loads it; one that cannot begin gives up its claim to the folder."""
+    """Builds or loads a run; empties its folder if that fails before the first checkpoint."""
     try:
         return _Training(run, folder)
     except SwarmdataError:
         if not (folder / CHECKPOINT).exists():
-            if (folder / REPLAY).exists():
-                shutil.rmtree(folder / REPLAY)  # it was not there when the folder was claimed
+            if (folder / REPLAY_FOLDER).exists():  # `_claim` made sure that it is this run's
+                shutil.rmtree(folder / REPLAY_FOLDER)
             (folder / CONFIG).unlink()
         raise
 
 
 class _Training:
-    """The loop: update, and now and then measure, log and save."""
+    """The training loop: it updates, measures, logs and saves."""
 
     def __init__(self, run: OnlineRun, folder: Path) -> None:
         self.run, self.folder = run, folder
-        self.algorithm = run.build(folder / REPLAY)
+        self.algorithm = run.build(folder / REPLAY_FOLDER)
         if (folder / CHECKPOINT).exists():
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
-        elif self.algorithm.warm_start():
+        elif self.algorithm.prepare():
             self._keep_state()
         self.first = self.algorithm.frames
         losses = resolve("algorithm", ONLINE_ALGORITHMS, run.algorithm).LOSSES
-        self.curve = Table(folder / CURVE, (*MEASURED, *losses), self.first, ("frames", "seed"))
+        columns = (*MEASURED_METRICS, *losses)
+        self.curve = Table(folder / CURVE, columns, self.first, ("frames", "seed"))
         self.speed = Table(
             folder / SPEED, ("seconds", "frames_per_second", "memory_mb"), self.first,
             ("frames", "n_seeds"),
@@ -228,19 +239,19 @@ class _Training:
         ]
 
     def finish(self, progress: bool) -> None:
-        n_frames, algorithm = int(self.run.config["n_frames"]), self.algorithm
-        every = n_frames / self.run.n_checkpoints
+        n_steps, algorithm = self.run.n_steps, self.algorithm
+        every = n_steps / self.run.n_checkpoints
         started, since = time.perf_counter(), self.first
         with tqdm(
-            total=n_frames, initial=self.first, unit="frame", unit_scale=True,
+            total=n_steps, initial=self.first, unit="frame", unit_scale=True,
             desc=self.folder.name, disable=None if progress else True,
         ) as bar:  # fmt: skip
-            while algorithm.frames < n_frames:
+            while algorithm.frames < n_steps:
                 before = algorithm.frames
                 losses = self._update()
                 bar.update(algorithm.frames - before)
-                is_last = algorithm.frames >= n_frames
-                if is_last or _crosses(every / POLICIES_EACH, before, algorithm.frames):
+                is_last = algorithm.frames >= n_steps
+                if is_last or _crosses(every / POLICIES_PER_CHECKPOINT, before, algorithm.frames):
                     self._save_policies()
                 if is_last or _crosses(every, before, algorithm.frames):
                     self._log_speed(time.perf_counter() - started, algorithm.frames - since)
@@ -250,7 +261,7 @@ class _Training:
             writer.close()
 
     def _update(self) -> Mapping[str, Any]:
-        """One update; a world refuses the actions of a policy that is not finite."""
+        """One update; worlds refuse actions of policies that have diverged."""
         try:
             return self.algorithm.update()
         except SwarmdataError:
@@ -268,14 +279,14 @@ class _Training:
             save_policy(path, self.algorithm.policy(k))
 
     def _checkpoint(self, losses: Mapping[str, Any]) -> None:
-        """Saves the figures of the policies, and then the state to continue from."""
+        """Saves the metrics of the policies, and then the state to continue from."""
         frames, run = self.algorithm.frames, self.run
         for k, seed in enumerate(run.seeds):
             row = measure(self.algorithm.policy(k), run.spec, run.n_episodes)
-            now = {name: float(loss[k]) for name, loss in losses.items()}
-            known = {name: value for name, value in now.items() if not math.isnan(value)}
-            check_finite(known, f"the losses of seed {seed}", frames, self.folder)
-            row |= known
+            own = {name: float(loss[k]) for name, loss in losses.items()}
+            defined = {name: value for name, value in own.items() if not math.isnan(value)}
+            check_finite(defined, f"the losses of seed {seed}", frames, self.folder)
+            row |= defined
             self.curve.append(frames, seed, row)
             for name, value in row.items():
                 self.writers[k].add_scalar(name, value, frames)
@@ -285,10 +296,10 @@ class _Training:
     def _keep_state(self) -> None:
         state, frames = self.algorithm.state_dict(), self.algorithm.frames
         save_checkpoint(self.folder / CHECKPOINT, state, {"frames": frames})
-        self.algorithm.restart_worlds()  # as a run does that continues from this state
+        self.algorithm.restart_worlds()  # as a run that continues from this state does
 
     def _log_speed(self, seconds: float, frames: int) -> None:
-        """Time since the last checkpoint without its evaluation; all seeds together."""
+        """Logs the speed since the last checkpoint, of all seeds together, without evaluation."""
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MB on Linux
         figures = {
             "seconds": seconds,

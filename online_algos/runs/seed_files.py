@@ -1,21 +1,20 @@
-"""Where online runs keep the policies of their seeds."""
+"""Paths of the policies that online runs save."""
 
 from pathlib import Path
 
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
-
-POLICIES = "policies"
+from swarmdata.learn.training.run_files import POLICIES, policy_folder, saved_policies
 
 
 def policy_path(folder: Path, seed: int, frames: int) -> Path:
     """Where a run keeps the policy of a seed at a checkpoint."""
-    return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
+    return policy_folder(folder, seed) / f"{frames:010d}.safetensors"
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
+    """Returns the path of the newest policy of a seed.
 
     Raises:
         BuildError: the run has not reached a checkpoint yet.
@@ -30,12 +29,11 @@ def last_policy_path(folder: Path, seed: int) -> Path:
 
 def saved_frames(folder: Path, seed: int) -> list[int]:
     """Frames at which a run kept policies of a seed, in order."""
-    files = (folder / POLICIES / f"seed-{seed}").glob("*.safetensors")
-    return sorted(int(file.stem) for file in files)
+    return [int(file.stem) for file in saved_policies(folder, seed)]
 
 
 def last_policy(run: Path, seed: int) -> Policy:
-    """The newest policy of a seed of a run, or of one of the runs inside a folder.
+    """Returns the newest policy of a seed of a run, or of one of the runs in a folder.
 
     Raises:
         BuildError: there is none.

@@ -1,1 +1,1 @@
-"""What recorded states show: coverage, visits, passings, entropy."""
+"""Analyses of recorded states and actions: coverage, visits, passings, entropy."""

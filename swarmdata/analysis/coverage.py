@@ -1,8 +1,8 @@
-"""How much of its task a dataset covers: places, entropies, dependence, sides of passing.
+"""Measures how much of its task a dataset covers: places, entropies, dependence, passing sides.
 
-The share of distinct joint states and actions that is published elsewhere saturates at 1 on every
-continuous dataset (arXiv 2409.12001). These figures do not. They are taken from a fixed sample, so
-that a gigabyte takes no longer than a mini.
+The share of distinct joint states and actions, which is published elsewhere (arXiv 2409.12001),
+saturates at 1 on every continuous dataset. These figures do not. They are estimated from a sample
+of fixed size, so a dataset of a gigabyte takes no longer than a mini.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from swarmdata.analysis.entropy import (
-    NEIGHBOR,
+    NEIGHBOR_RANK,
     at_bounds,
     correlation,
     distinct_share,
@@ -25,47 +25,46 @@ from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Double, Float, Int
 
 N_ROWS, N_TEAM_ROWS = 5_000, 2_500
-"""Joint steps from which the entropies of one robot, and of the whole team, are estimated."""
+"""Joint steps from which the entropies of one robot and of the whole team are estimated."""
 
 N_PAIR_ROWS, N_PAIRS = 2_000, 12
-"""Joint steps, and most pairs of robots, whose mutual information is estimated."""
+"""Joint steps, and at most how many pairs of robots, whose mutual information is estimated."""
 
 N_VISITS = 100_000
-"""States, in whole episodes, whose places are counted."""
+"""States, of whole episodes, in which robots' places are counted."""
 
 N_ENCOUNTERS = 200
-"""Episodes of each policy in which passings are counted."""
+"""Most episodes of each policy in which passings are counted."""
 
-RESOLUTION = 0.01
-"""Width of the noise that gives repeated values a density: m, m/s, and shares of a command."""
+ENTROPY_RESOLUTION = 0.01
+"""Width of the noise that gives repeated values a density: m, m/s, or a share of a command."""
 
-SEED = 0
-"""Of the samples and the noise."""
+SAMPLING_SEED = 0
+"""Seed of the samples and of the noise."""
 
-FEWEST = NEIGHBOR + 2
-"""Joint steps that the estimators need."""
+MIN_STEPS = NEIGHBOR_RANK + 2
+"""Fewest joint steps that the estimators accept."""
 
-_BOUNDS = (-1.0 - RESOLUTION / 2, 1.0 + RESOLUTION / 2)  # of commands, with their noise
+_COMMAND_BOUNDS = (-1.0 - ENTROPY_RESOLUTION / 2, 1.0 + ENTROPY_RESOLUTION / 2)  # noise included
 
-_DRIVING = 2  # commands of a robot; what follows in an action is a learned message
+_N_DRIVING = 2  # commands of a robot; what follows in an action is a learned message
 
 
 @dataclass(frozen=True, slots=True)
 class Entropies:
-    """Differential entropies at `RESOLUTION`, nats."""
+    """Differential entropies at `ENTROPY_RESOLUTION`, nats."""
 
     robot: float  # of one robot
-    team: float  # of all at once, per robot; in so many dimensions too high, but comparable
+    team: float  # of all robots jointly, divided by their number; biased upwards, but comparable
 
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """How much two robots' commands tell of each other, means over pairs."""
+    """How much two robots' commands reveal about each other; means over pairs."""
 
     n_pairs: int
     information: float  # mutual information, nats
@@ -77,15 +76,15 @@ class Coverage:
     """Coverage statistics of a dataset or view.
 
     Attributes:
-        n_steps: joint steps that entropies are of.
-        places: where robots were.
-        n_states: states counted there.
-        states: positions (m) and velocities (m/s), None for fewer than `FEWEST` joint steps.
-        actions: driving commands, in [-1, 1]; the same.
-        bounds: share of the commands' components that lie at a bound.
+        n_steps: joint steps from which entropies are estimated.
+        places: visits of robots to the cells of the arena.
+        n_states: states in which visits are counted.
+        states: entropies of positions (m) and velocities (m/s); None for fewer than `MIN_STEPS`.
+        actions: entropies of driving commands, in [-1, 1]; None for fewer than `MIN_STEPS`.
+        bounds: share of the commands' components that are at a bound.
         distinct: share of distinct joint states and actions, for comparison.
-        dependence: between robots' commands, None for a single robot; the same.
-        passings: by index of the policy, those that made sampled episodes.
+        dependence: between robots' commands; None for one robot or fewer than `MIN_STEPS`.
+        passings: by index of the policy, in the sampled episodes of each.
     """
 
     n_steps: int
@@ -104,10 +103,10 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
 
     Args:
         stored: the open dataset.
-        selection: stored episodes to look at, all by default, [n].
+        selection: stored episodes to use, all by default, [n].
 
     Raises:
-        SchemaError: no episodes.
+        SchemaError: no episode is selected.
     """
     chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
     if not len(chosen):
@@ -115,33 +114,42 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
     spec, table = task_of(stored.recipe, "coverage"), stored.table
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
-    commands = stored.arrays["actions"][steps][..., :_DRIVING]
+    commands = stored.arrays["actions"][steps][..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
+    policies = table.policy[chosen]
     return Coverage(
         n_steps=len(steps),
         places=places,
         n_states=n_states,
-        states=_entropies(moves.astype(np.float64), SEED),
-        actions=_entropies(commands.astype(np.float64), SEED + 1, _BOUNDS),
+        states=_entropies(moves.astype(np.float64), SAMPLING_SEED),
+        actions=_entropies(commands.astype(np.float64), SAMPLING_SEED + 1, _COMMAND_BOUNDS),
         bounds=float(at_bounds(commands).mean()),
         distinct=distinct_share(
             np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
         ),
         dependence=dependence(commands.astype(np.float64)),
-        passings=_sides(stored, chosen, spec),
+        passings={
+            policy: total(
+                [
+                    passings(_states(stored, episode), spec)
+                    for episode in spread(chosen[policies == policy], N_ENCOUNTERS).tolist()
+                ]
+            )
+            for policy in np.unique(policies).tolist()
+        },
     )
 
 
 def sample_steps(table: EpisodeTable, selection: Int, n_rows: int) -> tuple[Int, Int]:
-    """Draws joint steps, one from each of `n_rows` equal stretches; all where there are fewer.
+    """Draws one joint step from each of `n_rows` equal stretches; returns all if there are fewer.
 
     Returns:
-        rows of the arrays with T rows, and of the states before these steps, both [n].
+        Their rows in arrays with T rows, and the rows of the states before them, both [n].
     """
     ends = np.cumsum(table.lengths[selection])
     n = min(n_rows, int(ends[-1]))
     edges = (np.arange(n + 1) * ends[-1]) // n
-    drawn = uniform(derive(SEED, np.arange(n))) * np.diff(edges)
+    drawn = uniform(derive(SAMPLING_SEED, np.arange(n))) * np.diff(edges)
     rows = edges[:-1] + drawn.astype(np.int64)
     index = np.searchsorted(ends, rows, side="right")
     within = rows - (ends - table.lengths[selection])[index]
@@ -150,30 +158,33 @@ def sample_steps(table: EpisodeTable, selection: Int, n_rows: int) -> tuple[Int,
 
 
 def spread(items: Int, n: int) -> Int:
-    """At most `n` of the items, evenly spread over them and in their order."""
+    """Returns at most `n` of the items, evenly spread and in order."""
     if len(items) <= n:
         return items
     return items[(np.arange(n) * len(items)) // n]
 
 
 def dependence(actions: Double) -> Dependence | None:
-    """Measures how much robots' commands tell of each other; common causes count as well.
+    """Measures how much robots' commands reveal about each other, also through common causes.
 
-    Repeated values get a density by `dither`, each robot's by its own noise. Of many pairs and rows
-    a fixed part is taken.
+    `dither` gives repeated values a density, with independent noise for each robot. Of many pairs
+    and rows, a fixed subset is used.
 
     Args:
         actions: joint commands, [n, N, A].
 
     Returns:
-        None for a single robot, or fewer than `FEWEST` joint commands.
+        None for a single robot, or fewer than `MIN_STEPS` joint commands.
     """
     rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
     pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
-    if not len(pairs) or len(rows) < FEWEST:
+    if not len(pairs) or len(rows) < MIN_STEPS:
         return None
     pairs = pairs[spread(np.arange(len(pairs)), N_PAIRS)]
-    blurred = [dither(actions[rows, i], RESOLUTION, SEED + 2 + i) for i in range(actions.shape[1])]
+    blurred = [
+        dither(actions[rows, i], ENTROPY_RESOLUTION, SAMPLING_SEED + 2 + i)
+        for i in range(actions.shape[1])
+    ]
     return Dependence(
         n_pairs=len(pairs),
         information=float(
@@ -188,46 +199,32 @@ def dependence(actions: Double) -> Dependence | None:
 def _entropies(
     values: Double, seed: int, bounds: tuple[float, float] | None = None
 ) -> Entropies | None:
-    """Of joint values [n, N, d]; one robot's are taken from the robots in turn."""
+    """Entropies of joint values [n, N, d]; a single robot's values come from each robot in turn."""
     n, n_agents = values.shape[:2]
-    if n < FEWEST:
+    if n < MIN_STEPS:
         return None
     one = values[np.arange(n), np.arange(n) % n_agents]
     joint = values[spread(np.arange(n), N_TEAM_ROWS)].reshape(-1, n_agents * values.shape[2])
     return Entropies(
-        robot=knn_entropy(dither(one, RESOLUTION, seed), bounds=bounds),
-        team=knn_entropy(dither(joint, RESOLUTION, seed), bounds=bounds) / n_agents,
+        robot=knn_entropy(dither(one, ENTROPY_RESOLUTION, seed), bounds=bounds),
+        team=knn_entropy(dither(joint, ENTROPY_RESOLUTION, seed), bounds=bounds) / n_agents,
     )
 
 
 def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
-    """Counts where robots were in whole episodes, evenly spread over the selection.
+    """Counts robots' visits in whole episodes that are evenly spread over the selection.
 
     Returns:
-        the visits, and the number of states that were counted, about `N_VISITS` at most.
+        The visits, and the number of states in which they were counted, about `N_VISITS` at most.
     """
     table = stored.table
     n_states = int(table.lengths[selection].sum()) + len(selection)
     taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))
     states = np.concatenate([_states(stored, episode) for episode in taken.tolist()])
-    return occupancy(states, table.layouts[selection], task_of(stored.recipe, "coverage")), len(
-        states
-    )
+    spec = task_of(stored.recipe, "coverage")
+    return occupancy(states, table.layouts[selection], spec), len(states)
 
 
 def _states(stored: StoredDataset, episode: int) -> Float:
     first = int(stored.table.starts[episode]) + episode
     return stored.arrays["states"][first : first + int(stored.table.lengths[episode]) + 1]
-
-
-def _sides(stored: StoredDataset, chosen: Int, spec: TaskSpec) -> dict[int, Passings]:
-    policies = stored.table.policy[chosen]
-    return {
-        policy: total(
-            [
-                passings(_states(stored, episode), spec)
-                for episode in spread(chosen[policies == policy], N_ENCOUNTERS).tolist()
-            ]
-        )
-        for policy in np.unique(policies).tolist()
-    }

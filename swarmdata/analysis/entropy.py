@@ -1,7 +1,7 @@
-"""Entropy and mutual information of continuous samples, by distances to nearest neighbors.
+"""Entropy and mutual information of continuous samples, from distances to nearest neighbors.
 
-Differential entropies are in nats and depend on the units of the coordinates. All distances are
-maximum norms. These numbers describe data, so they may differ in the last digits between machines.
+Differential entropies are in nats and depend on the units of the coordinates. All distances use
+the maximum norm. The results only describe data, so their last digits may differ between machines.
 """
 
 import numpy as np
@@ -11,16 +11,16 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Int
 
-NEIGHBOR = 4
-"""Which nearest neighbor is used. Kraskov et al. 2004 (section III.A) recommend 2 to 4: fewer give
-more variance, more give more bias."""
+NEIGHBOR_RANK = 4
+"""Rank of the nearest neighbor that is used. Kraskov et al. 2004 (section III.A) recommend 2 to 4:
+a lower rank increases the variance, a higher one the bias."""
 
-EULER = 0.5772156649015329
+EULER_GAMMA = 0.5772156649015329
 
 
 @kernel
 def _gap(points: Double, i: int, j: int, limit: float) -> float:
-    """Distance of two points if it is below the limit, else something that is not."""
+    """Distance of two points if it is below the limit, else some value at or above the limit."""
     gap = 0.0
     for c in range(points.shape[1]):
         gap = max(gap, abs(points[i, c] - points[j, c]))
@@ -33,8 +33,8 @@ def _gap(points: Double, i: int, j: int, limit: float) -> float:
 def _sorted_kth_distances(points: Double, k: int) -> Double:
     """Distance of each point to its k-th nearest other point, [n].
 
-    Points are sorted by their first coordinate: the search goes outward from each and ends where
-    the first coordinate alone is too far.
+    Points are sorted by their first coordinate. The search goes outward from each point and ends
+    where the first coordinate alone is too far away.
     """
     n = len(points)
     nearest = np.empty(k)
@@ -62,7 +62,7 @@ def _sorted_kth_distances(points: Double, k: int) -> Double:
 
 @kernel
 def _sorted_counts(points: Double, distances: Double) -> Int:
-    """How many other points lie strictly closer to each point than its distance, [n].
+    """Number of other points strictly closer to each point than its given distance, [n].
 
     Points are sorted by their first coordinate.
     """
@@ -92,9 +92,9 @@ def _count_within(points: Double, distances: Double) -> Int:
 
 
 def knn_entropy(
-    points: Double, k: int = NEIGHBOR, bounds: tuple[float, float] | None = None
+    points: Double, k: int = NEIGHBOR_RANK, bounds: tuple[float, float] | None = None
 ) -> float:
-    """Differential entropy of the distribution that points were drawn from, nats.
+    """Estimates the differential entropy of the distribution that points were drawn from, nats.
 
     The Kozachenko-Leonenko estimator as Kraskov, Stoegbauer and Grassberger write it ("Estimating
     mutual information", Physical Review E 69:066138, 2004, equation 20), with the maximum norm, in
@@ -103,22 +103,22 @@ def knn_entropy(
         H = -psi(k) + psi(n) + d / n * sum over i of log(epsilon_i)
 
     where epsilon_i is twice the distance from point i to its k-th neighbor. Every coordinate is
-    divided by its standard deviation first and the logarithms of the deviations are added back, so
-    that one unit for metres and another for metres per second do not matter to who is a neighbor.
+    divided by its standard deviation first, and the logarithms of the deviations are added back, so
+    that the choice of units does not decide which points are neighbors.
 
-    In many dimensions the cubes of side epsilon_i reach far beyond where points can be, and the
-    entropy comes out too high. With `bounds`, the volume of each cube is that of its part inside:
-    d log(epsilon_i) becomes the sum of the logarithms of the cut sides.
+    In many dimensions, the cubes of side epsilon_i extend far beyond the range of the points, and
+    the estimate is too high. With `bounds`, only the part of each cube within them counts:
+    d log(epsilon_i) becomes the sum of the logarithms of the clipped sides.
 
     Args:
         points: independent draws, [n, d].
-        k: which neighbor.
-        bounds: least and greatest value that any coordinate can have, if they are known.
+        k: rank of the neighbor.
+        bounds: smallest and largest possible value of every coordinate, if known.
 
     Raises:
-        SchemaError: fewer than k + 2 points, or values that are not finite or out of bounds; k + 1
-            equal points or a constant coordinate, of which the entropy is minus infinity: `dither`
-            the points.
+        SchemaError: there are fewer than k + 2 points, or a value is not finite or out of bounds;
+            or k + 1 points are equal or a coordinate is constant, so that the entropy is minus
+            infinity: `dither` such points.
     """
     scaled, scales = _standardized(points, k)
     low, high = (-np.inf, np.inf) if bounds is None else bounds
@@ -131,7 +131,7 @@ def knn_entropy(
     if (distances == 0.0).any():
         raise SchemaError(
             f"{int((distances == 0.0).sum())} of {len(points)} points have {k} copies, so their "
-            "density is infinite. Pass dither(points, resolution, seed), and say so."
+            "density is infinite. Pass dither(points, resolution, seed), and report that."
         )
     psi = digamma(len(points))
     reach = distances[:, None] * scales  # half the sides, in the points' units
@@ -139,8 +139,8 @@ def knn_entropy(
     return float(psi[len(points)] - psi[k] + np.log(sides).sum(axis=1).mean())
 
 
-def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
-    """Mutual information between x and y, nats; about 0 for independent ones, and then also below.
+def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
+    """Estimates the mutual information of x and y, nats; it scatters around 0 if there is none.
 
     The first estimator of Kraskov, Stoegbauer and Grassberger 2004, equation 8:
 
@@ -152,11 +152,11 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
 
     Args:
         x: independent draws, [n, d_x].
-        y: drawn with them, [n, d_y].
-        k: which neighbor.
+        y: drawn jointly with x, [n, d_y].
+        k: rank of the neighbor.
 
     Raises:
-        SchemaError: as `knn_entropy`, or x and y of different lengths.
+        SchemaError: as in `knn_entropy`, or x and y have different lengths.
     """
     if len(x) != len(y):
         raise SchemaError(f"x has {len(x)} rows and y has {len(y)}, expected pairs of rows.")
@@ -165,7 +165,7 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
     if (distances == 0.0).any():
         raise SchemaError(
             f"{int((distances == 0.0).sum())} of {len(x)} pairs have {k} copies, so that no "
-            "density exists. Dither x and y with different seeds, and say so."
+            "density exists. Dither x and y with different seeds, and report that."
         )
     psi = digamma(len(x))
     marginal = psi[_count_within(a, distances) + 1] + psi[_count_within(b, distances) + 1]
@@ -173,17 +173,17 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR) -> float:
 
 
 def correlation(x: Double, y: Double) -> float:
-    """Mean over columns of the absolute Pearson correlation of x with y, in [0, 1].
+    """Returns the mean over columns of the absolute Pearson correlation of x with y, in [0, 1].
 
-    A column that does not vary has no correlation and counts as 0. This misses whatever is not
-    linear, and whatever links different columns.
+    A constant column has no correlation and counts as 0. Nonlinear dependence, and dependence
+    between different columns, is not measured.
 
     Args:
         x: draws, [n, d].
-        y: drawn with them, [n, d].
+        y: drawn jointly with x, [n, d].
 
     Raises:
-        SchemaError: x and y of different shapes.
+        SchemaError: x and y have different shapes.
     """
     if x.shape != y.shape or x.ndim != 2:
         raise SchemaError(f"x is {list(x.shape)} and y {list(y.shape)}, expected the same [n, d].")
@@ -194,21 +194,22 @@ def correlation(x: Double, y: Double) -> float:
 
 
 def dither(points: Double, resolution: float, seed: int) -> Double:
-    """Moves every value by less than half of `resolution`, uniformly; same shape, seeded.
+    """Adds uniform noise of width `resolution` to every value; the shape stays.
 
     Recorded values repeat: robots rest, commands are clipped at their bounds. Such a distribution
-    has no density, and its differential entropy is minus infinity. That of the dithered values is
-    finite, and at least log(resolution) for each coordinate; it is the entropy at this resolution.
-    Where the density hardly changes within `resolution`, nothing changes. Independently dithered
-    values have no more mutual information than the values (data processing inequality).
+    has no density, and its differential entropy is minus infinity. The entropy of the dithered
+    values, called the entropy at this resolution, is finite: at least log(resolution) for each
+    coordinate. Where the density is nearly constant within `resolution`, dithering does not change
+    the entropy. Independent dithering cannot increase mutual information (data processing
+    inequality).
 
     Args:
         points: values, any shape.
         resolution: width of the uniform noise, in the values' unit.
-        seed: of the noise.
+        seed: seed of the noise.
 
     Raises:
-        SchemaError: a resolution that is not positive.
+        SchemaError: the resolution is not positive.
     """
     if not resolution > 0.0:
         raise SchemaError(f"resolution is {resolution:g}, expected a positive width.")
@@ -217,29 +218,29 @@ def dither(points: Double, resolution: float, seed: int) -> Double:
 
 
 def digamma(n: int) -> Double:
-    """The digamma function psi of 0 (NaN), 1, ..., n: psi(m + 1) = psi(m) + 1 / m, [n + 1]."""
-    steps = np.concatenate([[np.nan, -EULER], 1.0 / np.arange(1, n)])
+    """Returns digamma of 0 (NaN), 1, ..., n, by psi(m + 1) = psi(m) + 1 / m, [n + 1]."""
+    steps = np.concatenate([[np.nan, -EULER_GAMMA], 1.0 / np.arange(1, n)])
     steps[1:] = np.cumsum(steps[1:])
     return steps
 
 
 def distinct_share(rows: Double) -> float:
-    """Share of rows that are the first of their kind; 1 when nothing repeats.
+    """Returns the share of distinct rows; 1 if no row repeats.
 
-    Over joint states and actions this is the coverage that is published for other datasets of teams
-    (Joint SACo, arXiv 2409.12001). On continuous data it is nearly always 1 and so tells nothing;
-    it is here for comparison.
+    Of joint states and actions, this is the coverage that is published for other multi-agent
+    datasets (Joint SACo, arXiv 2409.12001). On continuous data it is nearly always 1; it is
+    reported for comparison only.
     """
     return len(np.unique(rows, axis=0)) / len(rows)
 
 
 def at_bounds(actions: Double, bound: float = 1.0) -> Bool:
-    """Which commands are as large as is allowed; same shape."""
+    """Returns whether each component of a command is at its bound; same shape."""
     return np.asarray(np.abs(actions) >= bound)
 
 
 def _standardized(points: Double, k: int) -> tuple[Double, Double]:
-    """Points with unit deviation in each coordinate, [n, d], and the deviations, [d]."""
+    """Scales points to unit deviation in each coordinate, [n, d]; also returns deviations, [d]."""
     if points.ndim != 2 or points.shape[1] == 0 or not 1 <= k <= len(points) - 2:
         raise SchemaError(
             f"points are {list(points.shape)}, expected [n, d] with at least {k + 2} rows for "
@@ -251,7 +252,7 @@ def _standardized(points: Double, k: int) -> tuple[Double, Double]:
     if not (scales > 0.0).all():
         raise SchemaError(
             f"coordinates {np.flatnonzero(scales == 0.0).tolist()} are constant, so the entropy is "
-            "minus infinity. Pass dither(points, resolution, seed), and say so."
+            "minus infinity. Pass dither(points, resolution, seed), and report that."
         )
     centered = np.ascontiguousarray((points - points.mean(axis=0)) / scales, dtype=np.float64)
     return centered, scales

@@ -1,4 +1,4 @@
-"""On which side robots pass each other head on: conventions that no observation shows."""
+"""Counts on which side robots that meet head on pass each other, a convention among them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,23 +9,24 @@ from swarmdata.specs.state_layout import VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-REACH = 1.0
+ENCOUNTER_DISTANCE = 1.0
 """Distance between two robots' centres at which an encounter begins and ends, m."""
 
-NEAR = 0.5
-"""Robots that never come closer than this have not had to give way, m."""
+PASSING_DISTANCE = 0.5
+"""Largest distance between centres at the closest approach of a passing, m. Farther apart, nobody
+had to give way."""
 
-OPPOSED = -0.7
-"""Greatest cosine between the velocities at the beginning: at least 134 degrees apart."""
+HEAD_ON_MAX_COSINE = -0.7
+"""Largest cosine between the velocities when an encounter begins: at least 134 degrees apart."""
 
-MOVING = 0.1
-"""Least speed of both at the beginning, m/s."""
+MOVING_MIN_SPEED = 0.1
+"""Smallest speed of both robots when an encounter begins, m/s."""
 
 
 class Passings(NamedTuple):
     """How often two robots that met head on passed each other on either side."""
 
-    n_right: int  # each kept to its own right: the other one was on its left
+    n_right: int  # each kept to its own right, with the other one on its left
     n_left: int
 
     @property
@@ -33,32 +34,31 @@ class Passings(NamedTuple):
         """Passings of both kinds."""
         return self.n_right + self.n_left
 
-    @property
-    def right_share(self) -> float | None:
-        """Share that kept to the right, None without any passing."""
-        return self.n_right / self.n if self.n else None
-
 
 def passings(
-    states: Float, spec: TaskSpec, *, near: float = NEAR, reach: float = REACH
+    states: Float,
+    spec: TaskSpec,
+    *,
+    near: float = PASSING_DISTANCE,
+    reach: float = ENCOUNTER_DISTANCE,
 ) -> Passings:
     """Counts the sides on which pairs of robots passed each other in one episode.
 
     An encounter of two robots is a stretch of time in which they are closer than `reach`. It is
-    head on if they were farther apart before, are both moving at its first state, with velocities
-    that point against each other, and towards each other. It is a passing if they come closer than
-    `near`, and at its last state each has the other behind, seen along the first state's relative
-    velocity. The side is that of the other robot at the closest approach. Stretches that the
-    episode's end cuts count as well, if the robots have passed by then.
+    head on if they were farther apart before and, in its first state, both move towards each other
+    with roughly opposite velocities. It is a passing if they come closer than `near` and, in its
+    last state, each has the other behind it, along the relative velocity of the first state. The
+    side is that of the other robot at the closest approach. Encounters that the end of the episode
+    cuts count too if the robots have passed each other by then.
 
     Args:
         states: of one episode, [T+1, S].
         spec: the task.
-        near: distance of centres, m.
-        reach: distance of centres, m; more than `near`.
+        near: distance between centres, m.
+        reach: distance between centres, m; more than `near`.
 
     Raises:
-        SchemaError: distances that are not in order.
+        SchemaError: not 0 < near < reach.
     """
     if not 0.0 < near < reach:
         raise SchemaError(f"near is {near:g} m and reach {reach:g} m, expected 0 < near < reach.")
@@ -72,25 +72,25 @@ def passings(
 
 
 def total(counts: Sequence[Passings]) -> Passings:
-    """The passings of several episodes."""
+    """Sums the passings of several episodes."""
     return Passings(sum(each.n_right for each in counts), sum(each.n_left for each in counts))
 
 
 @kernel
 def _is_head_on(a: Double, b: Double) -> bool:
-    """Whether two robots move against and towards each other; rows of one state, [8]."""
+    """Whether two robots drive towards each other, nearly opposite; rows of one state, [8]."""
     va, vb = a[VX] * a[VX] + a[VY] * a[VY], b[VX] * b[VX] + b[VY] * b[VY]
-    if min(va, vb) < MOVING * MOVING:
+    if min(va, vb) < MOVING_MIN_SPEED * MOVING_MIN_SPEED:
         return False
     product = a[VX] * b[VX] + a[VY] * b[VY]
-    if product > 0.0 or product * product < OPPOSED * OPPOSED * va * vb:
+    if product > 0.0 or product * product < HEAD_ON_MAX_COSINE * HEAD_ON_MAX_COSINE * va * vb:
         return False
     return (b[0] - a[0]) * (a[VX] - b[VX]) + (b[1] - a[1]) * (a[VY] - b[VY]) > 0.0
 
 
 @kernel
 def _side(a: Double, b: Double, first: int, last: int, near: float) -> int:
-    """1 if they passed on the right in the states first to last, -1 on the left, 0 not at all."""
+    """Returns 1 for a passing on the right in the states first to last, -1 on the left, else 0."""
     wx, wy = a[first, VX] - b[first, VX], a[first, VY] - b[first, VY]
     best, side = near * near, 0
     for t in range(first, last + 1):

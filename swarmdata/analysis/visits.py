@@ -1,4 +1,4 @@
-"""Where robots were: visits to the cells of a grid over the arena, and which cells are free."""
+"""Counts robots' visits to the cells of a grid over the arena, and finds the free cells."""
 
 import math
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
-CELL = 0.1
+CELL_SIZE = 0.1
 """Side of a cell, m."""
 
-LAYOUTS = 32
-"""Most layouts that decide which cells are free. Where obstacles are drawn anew in every episode,
-nearly every cell is free in one of so many; where they stand still, all layouts say the same."""
+MAX_LAYOUTS = 32
+"""Most layouts in which free cells are searched. If obstacles are drawn anew in every episode,
+nearly every cell is free in one of so many layouts; if they are fixed, all layouts are equal."""
 
-_PROBES = 4  # points along each side of a cell, where a robot's centre could be
+_PROBES_PER_SIDE = 4  # points along each side of a cell that are tested as a robot's centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occupancy:
-    """Visits of robots' centres to the cells of the arena, the lowest row at the bottom wall.
+    """Visits of robots' centres to the cells of the arena; the first row is at the bottom wall.
 
-    Visits of cells that count as not free (a robot pressed into a wall) are in `visits` but not in
-    the figures.
+    Visits to cells that count as not free (by a robot pressed into a wall) are in `visits`, but not
+    in `visited` and `entropy`.
     """
 
     visits: Int  # [rows, columns] robot-steps
@@ -36,7 +36,7 @@ class Occupancy:
 
     @property
     def n_free(self) -> int:
-        """Free cells."""
+        """Number of free cells."""
         return int(self.free.sum())
 
     @property
@@ -46,10 +46,10 @@ class Occupancy:
 
     @property
     def entropy(self) -> float:
-        """Evenness of the visits over the free cells: 0 all in one cell, 1 all cells alike.
+        """Evenness of the visits to the free cells: 0 if all are in one cell, 1 if all are equal.
 
-        The Shannon entropy of the distribution of visits, divided by the logarithm of the number of
-        free cells; 1 if there is only one.
+        This is the Shannon entropy of the distribution of visits divided by the logarithm of the
+        number of free cells, and 1 if there is only one free cell.
         """
         counts = self.visits[self.free & (self.visits > 0)]
         if self.n_free == 1 or len(counts) == 0:
@@ -58,27 +58,27 @@ class Occupancy:
         return float(-(shares * np.log(shares)).sum() / math.log(self.n_free))
 
 
-def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL) -> Occupancy:
+def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL_SIZE) -> Occupancy:
     """Counts the visits of all robots.
 
-    A cell is free if one of 4 x 4 points in it keeps the smallest robot's radius of distance to
-    walls and obstacles, in one of at most `LAYOUTS` layouts spread evenly over those given.
+    A cell is free if, in one of at most `MAX_LAYOUTS` layouts spread evenly over those given, one
+    of 4 x 4 points in it is at least the smallest robot's radius away from walls and obstacles.
 
     Args:
         states: any states of the task, [n, S].
         layouts: obstacles of the episodes, [E, M, 8]; M may be 0, E may not.
         spec: the task.
-        cell: side of a cell, m; the last row and column are cut where the arena is no multiple.
+        cell: side of a cell, m; if the arena is no multiple of it, the last row and column are cut.
 
     Raises:
-        SchemaError: no states, no layouts, or a cell that is not positive.
+        SchemaError: there are no states or no layouts, or `cell` is not positive.
     """
     if not len(states) or not len(layouts) or not cell > 0.0:
         raise SchemaError(
             f"got {len(states)} states, {len(layouts)} layouts and cells of {cell:g} m, expected "
             "at least one state and one layout, and a positive side."
         )
-    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    half = np.array(spec.half_size)
     shape = tuple(max(1, math.ceil(round(2 * side / cell, 9))) for side in half[::-1])
     places = robots_of(states, spec.n_agents)[..., [X, Y]].reshape(-1, 2)
     columns, rows = (
@@ -86,7 +86,7 @@ def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL)
         for axis in (0, 1)
     )
     visits = np.bincount(rows * shape[1] + columns, minlength=shape[0] * shape[1]).reshape(shape)
-    chosen = np.unique(np.linspace(0, len(layouts) - 1, LAYOUTS).astype(np.int64))
+    chosen = np.unique(np.linspace(0, len(layouts) - 1, MAX_LAYOUTS).astype(np.int64))
     radius = min(robot.radius for robot in spec.robots)
     free = np.zeros(shape, np.bool_)
     _find_free(np.ascontiguousarray(layouts[chosen]), half, radius, cell, free)
@@ -97,10 +97,10 @@ def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL)
 def _is_free(
     row: int, column: int, layout: Float, half: Double, radius: float, cell: float
 ) -> bool:
-    """Whether some point of a cell is far enough from everything in one layout."""
-    for k in range(_PROBES * _PROBES):
-        x = (column + (k % _PROBES + 0.5) / _PROBES) * cell - half[0]
-        y = (row + (k // _PROBES + 0.5) / _PROBES) * cell - half[1]
+    """Whether some point of a cell is far enough from walls and obstacles in one layout."""
+    for k in range(_PROBES_PER_SIDE * _PROBES_PER_SIDE):
+        x = (column + (k % _PROBES_PER_SIDE + 0.5) / _PROBES_PER_SIDE) * cell - half[0]
+        y = (row + (k // _PROBES_PER_SIDE + 0.5) / _PROBES_PER_SIDE) * cell - half[1]
         if clearance(x, y, layout, half) >= radius:
             return True
     return False

@@ -16,18 +16,17 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes
 
-LADDER = ("random", "medium", "expert")
+TIER_ORDER = ("random", "medium", "expert")
 """Tiers in the order of their returns."""
 
-BETWEEN = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "expert")}
+MIXTURE_TIERS = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "expert")}
 """Mixtures, and the tiers between which their returns lie."""
 
-NOISE_COST = 0.15
+NOISE_SUCCESS_LOSS = 0.15
 """Success that a tier may lose in a dataset: action noise, and few episodes. Bands are of policies
 without noise on a thousand episodes."""
 
@@ -61,10 +60,10 @@ def tiers(subject: Subject) -> Remarks:
     better than medium (86): both show in the returns.
     """
     origin = subject.origin
-    if not isinstance(origin, Recipe):
-        yield note("tiers are claims of recipes only; this dataset makes none")
+    if origin.recipe is None:
+        yield note("only datasets generated from recipes claim a tier; this one does not")
         return
-    if origin.tier not in (*LADDER, *BETWEEN):
+    if origin.tier not in (*TIER_ORDER, *MIXTURE_TIERS):
         return
     known = references_of(origin.spec.hash())
     if known is None:
@@ -78,18 +77,18 @@ def tiers(subject: Subject) -> Remarks:
 
 def _rung(subject: Subject, tier: str, known: TaskReferences) -> Remarks:
     """The dataset's mean return lies nearest to its own tier's, or where its mixture's must."""
-    measured = {name: known.mean_return(name) for name in LADDER}
+    measured = {name: known.mean_return(name) for name in TIER_ORDER}
     ladder = {name: value for name, value in measured.items() if value is not None}
     values = list(ladder.values())
     if sorted(values) != values:
         yield problem(f"the measured tiers are out of order: {_listed(ladder)}")
-    lacking = sorted({*BETWEEN.get(tier, (tier,))} - ladder.keys())
+    lacking = sorted({*MIXTURE_TIERS.get(tier, (tier,))} - ladder.keys())
     if lacking:
         yield note(f"{' and '.join(lacking)} of this spec are not measured: compared with none")
         return
     mean = float(subject.table.team_return.mean())
-    if tier in BETWEEN:
-        low, high = BETWEEN[tier]
+    if tier in MIXTURE_TIERS:
+        low, high = MIXTURE_TIERS[tier]
         if not ladder[low] < mean < ladder[high]:
             yield problem(
                 f"the mean return {mean:.3f} is not between {low} and {high}: {_listed(ladder)}"
@@ -116,16 +115,19 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
     table = subject.table
     found = {"success": table.success.mean(), "clean_success": clean_successes(table).mean()}
     low, high = MEDIUM_SUCCESS
-    if tier == "medium" and not low - NOISE_COST <= found["success"] <= high + NOISE_COST:
+    if (
+        tier == "medium"
+        and not low - NOISE_SUCCESS_LOSS <= found["success"] <= high + NOISE_SUCCESS_LOSS
+    ):
         yield problem(
             f"the success of this medium is {found['success']:.3f}, expected {low} to {high}, or "
-            f"{NOISE_COST} off with noise"
+            f"{NOISE_SUCCESS_LOSS} off with noise"
         )
     for metric, least in EXPERT_AT_LEAST[family].items() if tier == "expert" else ():
-        if not found[metric] >= least - NOISE_COST:
+        if not found[metric] >= least - NOISE_SUCCESS_LOSS:
             yield problem(
                 f"the {metric} of this expert is {found[metric]:.3f}, expected at least {least}, "
-                f"or {NOISE_COST} less with noise"
+                f"or {NOISE_SUCCESS_LOSS} less with noise"
             )
 
 
@@ -159,7 +161,7 @@ def card(subject: Subject) -> Remarks:
     """
     path = subject.path / CARD
     if not path.exists():
-        remark = problem if isinstance(subject.origin, Recipe) else note  # edits may have none yet
+        remark = note if subject.origin.recipe is None else problem  # edits may have none yet
         yield remark(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
     text, wanted = path.read_bytes(), []

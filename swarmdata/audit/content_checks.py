@@ -10,22 +10,22 @@ from swarmdata.audit.subject import BLOCK_ROWS, Subject, blocks, some
 from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.types import Bool, Float, Int, Seeds
 
-SHORT = 4
+MIN_MOVING_STEPS = 4
 """Episodes of fewer steps may end before anything has changed."""
 
-MANY = 0.5
+FOREIGN_FAULT_SHARE = 0.5
 """Share of episodes of a foreign environment from which a coincidence is a fault."""
 
-FEW_ROWS = 0.5
+MIN_DISTINCT_SHARE = 0.5
 """Share of distinct rows, of our tasks: published datasets have more than 0.99."""
 
-FEW_FOREIGN_ROWS = 0.01
+MIN_FOREIGN_DISTINCT_SHARE = 0.01
 """The same of other environments, which may be grids."""
 
-SPEED_SLACK = 1.1
+MAX_SPEED_FACTOR = 1.1
 """A robot that is pushed goes faster than it drives."""
 
-PUSH = 0.02
+MAX_PUSH_DISTANCE = 0.02
 """Distance (m) that contacts may add in one step: overlaps are resolved by moving bodies."""
 
 
@@ -66,7 +66,7 @@ def rows(subject: Subject) -> Remarks:
     issues 84 and 100); OG-MARL's recorder keeps the first state for the whole episode.
     """
     acted = _changes(row_keys(subject.arrays["actions"]), subject.table.starts) > 0
-    acted &= subject.table.lengths >= SHORT
+    acted &= subject.table.lengths >= MIN_MOVING_STEPS
     if not acted.any():
         return  # teams that stand still
     starts = subject.state_starts
@@ -77,16 +77,16 @@ def rows(subject: Subject) -> Remarks:
             continue
         keys = row_keys(subject.arrays[name])
         frozen = np.flatnonzero(acted & (_changes(keys, starts) <= 1))
-        if len(frozen) > (0 if is_ours else MANY * acted.sum()):
+        if len(frozen) > (0 if is_ours else FOREIGN_FAULT_SHARE * acted.sum()):
             yield problem(
                 f"{name} do not change in episodes {some(frozen)}, although their actions do: "
                 "arrays that the environment overwrites must be copied"
             )
         share = len(np.unique(keys[whole])) / int(whole.sum())
         words = f"only {share:.2%} of the rows of {name} are distinct"
-        if is_ours and share < FEW_ROWS:
-            yield problem(f"{words}, expected at least {FEW_ROWS:.0%}")
-        elif not is_ours and share < FEW_FOREIGN_ROWS:
+        if is_ours and share < MIN_DISTINCT_SHARE:
+            yield problem(f"{words}, expected at least {MIN_DISTINCT_SHARE:.0%}")
+        elif not is_ours and share < MIN_FOREIGN_DISTINCT_SHARE:
             yield note(f"{words}; that is right only of an environment with few states")
 
 
@@ -112,10 +112,10 @@ def boundaries(subject: Subject) -> Remarks:
             continue
         final = array[last]
         yield from _crossing(subject, name, final, array[subject.state_starts])
-        long = subject.table.lengths >= SHORT
+        long = subject.table.lengths >= MIN_MOVING_STEPS
         copied = long & _same(final, array[last - 1])
         copied &= ~_same(array[np.maximum(last - 2, 0)], array[last - 1])
-        if copied.sum() > MANY * max(long.sum(), 1):
+        if copied.sum() > FOREIGN_FAULT_SHARE * max(long.sum(), 1):
             yield problem(
                 f"the last row of {name} is a copy of the one before it in episodes "
                 f"{some(np.flatnonzero(copied))}: what the last action led to is missing"
@@ -125,7 +125,7 @@ def boundaries(subject: Subject) -> Remarks:
 def _crossing(subject: Subject, name: str, final: Float, first: Float) -> Remarks:
     next_first = np.flatnonzero(_same(final[:-1], first[1:]))
     starts_differ = len(np.unique(row_keys(first))) > 1
-    most = 0 if subject.task is not None else MANY * (len(final) - 1)
+    most = 0 if subject.task is not None else FOREIGN_FAULT_SHARE * (len(final) - 1)
     if starts_differ and len(next_first) > most:
         yield problem(
             f"the last row of {name} is the first of the next episode in episodes "
@@ -150,7 +150,7 @@ def teleports(subject: Subject) -> Remarks:
         yield note("positions in states of other environments are not known: no jumps looked for")
         return
     reach = np.array([robot.max_speed * task.control_dt for robot in task.robots])
-    limits = reach * SPEED_SLACK + PUSH
+    limits = reach * MAX_SPEED_FACTOR + MAX_PUSH_DISTANCE
     states, final = subject.arrays["states"], subject.state_starts + subject.table.lengths
     for first in range(0, len(states) - 1, BLOCK_ROWS):
         places = robots_of(states[first : first + BLOCK_ROWS + 1], task.n_agents)[..., [X, Y]]

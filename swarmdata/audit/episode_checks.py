@@ -7,21 +7,19 @@ from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import stream_seeds
-from swarmdata.specs.origins import split_rule
-from swarmdata.specs.recipe import Recipe
-from swarmdata.store import SPLITS, merge_order, split_codes
+from swarmdata.store import SPLITS, assign_splits, merge_order
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
-HORIZON = END_REASONS.index("horizon")
+HORIZON_CODE = END_REASONS.index("horizon")
 
-TIMED_SHARE = 0.9
+TIMEOUT_SHARE = 0.9
 """Share of terminations at one length from which they look like timeouts."""
 
-FEW = 10
+MIN_TERMINATIONS = 10
 """Fewer episodes than this prove no habit."""
 
-CLOSE = 1e-9
+SUM_TOLERANCE = 1e-9
 """Relative difference of sums that another order of adding explains."""
 
 
@@ -46,10 +44,10 @@ def ends(subject: Subject) -> Remarks:
     if len(missing):
         place = subject.place("terminations", int(missing[0]))
         yield problem(f"{len(missing):,} episodes have no end, first {place}")
-    cut = subject.table.end_reason == HORIZON
-    # other environments may say of an episode that they cut that it was a success all the same
-    said = subject.table.success if subject.recorded is not None else np.zeros_like(cut)
-    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & said))
+    cut = subject.table.end_reason == HORIZON_CODE
+    # other environments may report success of an episode that they truncated
+    successes = subject.table.success if subject.task is None else np.zeros_like(cut)
+    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & successes))
     if len(wrong):
         yield problem(
             f"flags and end reasons disagree in episodes {some(wrong)}: a truncation must have the "
@@ -68,8 +66,8 @@ def horizon(subject: Subject) -> Remarks:
         late = np.flatnonzero(table.lengths > limit)
         if len(late):
             yield problem(f"episodes {some(late)} are longer than the horizon of {limit} steps")
-    cut = table.end_reason == HORIZON
-    if isinstance(subject.origin, Recipe):
+    cut = table.end_reason == HORIZON_CODE
+    if subject.origin.recipe is not None:
         short = np.flatnonzero(cut & (table.lengths != limit))
         if len(short):
             yield problem(
@@ -81,11 +79,11 @@ def horizon(subject: Subject) -> Remarks:
 
 def _disguised(ended: Int, limit: int | None) -> Remarks:
     """Terminations that look like timeouts: nearly all of them at the greatest length."""
-    if len(ended) < FEW or ended.max() == 1:
+    if len(ended) < MIN_TERMINATIONS or ended.max() == 1:
         return
     longest = int(ended.max()) if limit is None else limit
     share = float((ended == longest).mean())
-    if share < TIMED_SHARE:
+    if share < TIMEOUT_SHARE:
         return
     words = (
         f"{share:.0%} of the {len(ended):,} terminations come after exactly {longest} steps: "
@@ -112,7 +110,7 @@ def table(subject: Subject) -> Remarks:
     scale = np.add.reduceat(np.abs(means), starts)
     stored = subject.table.team_return
     wrong = np.flatnonzero(
-        ~(np.abs(np.add.reduceat(means, starts) - stored) <= CLOSE * (scale + 1.0))
+        ~(np.abs(np.add.reduceat(means, starts) - stored) <= SUM_TOLERANCE * (scale + 1.0))
     )
     if len(wrong):
         first = int(wrong[0])
@@ -151,12 +149,12 @@ def seeds(subject: Subject) -> Remarks:
     if len(reserved):
         yield problem(f"episodes {some(reserved)} have seeds that are reserved for evaluation")
     yield from repeated(subject, values, "seed")
-    origin = subject.origin
-    if not isinstance(origin, Recipe):
+    recipe = subject.origin.recipe
+    if recipe is None:
         return
-    for policy, source in enumerate(origin.policies):
+    for policy, source in enumerate(recipe.policies):
         mine = np.flatnonzero(table.policy == policy)
-        wrong = mine[values[mine] != stream_seeds(origin, policy, table.policy_episode[mine])]
+        wrong = mine[values[mine] != stream_seeds(recipe, policy, table.policy_episode[mine])]
         if len(wrong):
             yield problem(
                 f"episodes {some(wrong)} of {source.label} have other seeds than the recipe gives "
@@ -185,21 +183,21 @@ def order(subject: Subject) -> Remarks:
     D4RL's hopper-medium-expert-v0 was expert and replay, with other numbers of rows than said
     (issue 19): what a mixture holds must be checkable.
     """
-    table, origin = subject.table, subject.origin
-    for policy, source in enumerate(origin.policies):
+    table, recipe = subject.table, subject.origin.recipe
+    for policy, source in enumerate(subject.origin.policies):
         stream = table.policy_episode[table.policy == policy]
         if len(stream) and (stream[0] < 0 or (np.diff(stream) <= 0).any()):
             yield problem(f"episodes of {source.label} are not in the order of their stream")
             return
-    if not isinstance(origin, Recipe):
+    if recipe is None:
         return
-    lengths = [table.lengths[table.policy == p].tolist() for p in range(len(origin.policies))]
-    wanted = merge_order(origin, lengths)
+    lengths = [table.lengths[table.policy == p].tolist() for p in range(len(recipe.policies))]
+    wanted = merge_order(recipe, lengths)
     got = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     if wanted.lacking is not None:
         yield problem(
-            f"the recipe asks for {origin.n_steps:,} joint steps, the next of them from "
-            f"{origin.policies[wanted.lacking].label}, which has no more episodes here"
+            f"the recipe asks for {recipe.n_steps:,} joint steps, the next of them from "
+            f"{recipe.policies[wanted.lacking].label}, which has no more episodes here"
         )
     elif list(wanted.order) != got:
         first = next((k for k, pair in enumerate(zip(wanted.order, got, strict=False))
@@ -216,14 +214,14 @@ def splits(subject: Subject) -> Remarks:
     Minari's splits are drawn when they are asked for and stored nowhere; D4RL has none.
     """
     origin, table = subject.origin, subject.table
-    if split_rule(origin) is None:
-        yield note("the episodes brought their splits, which are compared with no rule")
+    if origin.split_rule is None:
+        yield note("the episodes keep the splits of their source: there is no rule to compare with")
         return
     if (table.policy_episode < 0).any():
         return  # `order` says so
     pairs = list(zip(table.policy.tolist(), table.policy_episode.tolist(), strict=True))
     try:
-        expected = split_codes(origin, pairs)
+        expected = assign_splits(origin, pairs)
     except SpecError as error:
         yield problem(str(error))
         return
@@ -253,7 +251,7 @@ def statistics(subject: Subject) -> Remarks:
             yield problem("no episode is in the train split, so there are no statistics")
             return
         mean, std = moments
-        scale = CLOSE * (1.0 + np.abs(mean) + std)
+        scale = SUM_TOLERANCE * (1.0 + np.abs(mean) + std)
         for what, got, expected in (
             ("mean", stored[name][0], mean), ("deviation", stored[name][1], std)
         ):  # fmt: skip

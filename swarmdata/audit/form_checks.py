@@ -7,7 +7,7 @@ from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
-from swarmdata.store.arrays.row_shapes import contradictions
+from swarmdata.store.stored_dataset import shape_contradictions
 from swarmdata.types import Bool, Float, Int
 
 
@@ -30,7 +30,7 @@ def shapes(subject: Subject) -> Remarks:
     (T, N, S), the others' as (T, S), and its cards say "discrete" of continuous actions.
     """
     arrays = {name: array.shape for name, array in subject.arrays.items()}
-    for each in contradictions(subject.origin, arrays):
+    for each in shape_contradictions(subject.origin, arrays):
         yield problem(each)
 
 
@@ -57,18 +57,23 @@ def padding(subject: Subject) -> Remarks:
 
     OG-MARL pads with zeros in some datasets and with -inf in others, and says so in none.
     """
-    if subject.recorded is None:
-        return  # robots of one task all have the same sizes
-    for name in ("observations", "actions"):
-        for index, agent in enumerate(subject.recorded.agents):
-            own = width(agent.observation if name == "observations" else agent.action)
-            for first, block in blocks(subject.arrays[name][:, index, own:]):
+    arrays, spec = subject.arrays, subject.spec
+    spaces_of = {
+        "observations": spec.observation_spaces(arrays["observations"].shape[2]),
+        "actions": spec.action_spaces,
+    }
+    for name, spaces in spaces_of.items():
+        for index, (agent, space) in enumerate(zip(spec.agent_names, spaces, strict=True)):
+            own_width = width(space)
+            if own_width == arrays[name].shape[2]:
+                continue
+            for first, block in blocks(arrays[name][:, index, own_width:]):
                 wrong = np.flatnonzero(block.any(axis=1))
                 if len(wrong):
                     place = subject.place(name, first + int(wrong[0]))
                     yield problem(
-                        f"{name} of {agent.name} have values in the padding, columns {own} and on, "
-                        f"first in {place}; expected zeros"
+                        f"{name} of {agent} have values in the padding, from column {own_width} "
+                        f"on, first in {place}; expected zeros"
                     )
                     break
 
@@ -108,19 +113,12 @@ def action_bounds(subject: Subject) -> Remarks:
 def _limits(subject: Subject) -> tuple[Float, Float, Bool]:
     """Least and greatest value of each action component, and which are whole, [N, A] each."""
     shape = subject.arrays["actions"].shape[1:]
-    lows, highs = np.full(shape, -1, np.float32), np.ones(shape, np.float32)
+    lows, highs = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     whole = np.zeros(shape, dtype=np.bool_)
-    if subject.recorded is None:
-        return lows, highs, whole
-    for index, agent in enumerate(subject.recorded.agents):
-        low, high = bounds(agent.action)
+    for index, space in enumerate(subject.spec.action_spaces):
+        low, high = bounds(space)
         lows[index, : len(low)], highs[index, : len(high)] = low, high
-        lows[index, len(low) :] = highs[index, len(high) :] = 0.0
-        whole[index, : len(low)] = agent.action.kind in (
-            "discrete",
-            "multi_discrete",
-            "multi_binary",
-        )
+        whole[index, : len(low)] = space.kind in ("discrete", "multi_discrete", "multi_binary")
     return lows, highs, whole
 
 
@@ -130,20 +128,21 @@ def action_masks(subject: Subject) -> Remarks:
     OG-MARL's recorder keeps the legal actions of the first step for the whole episode
     (`ExperienceRecorder`, a misspelt attribute), so that later choices look illegal.
     """
-    if "action_masks" not in subject.arrays or subject.recorded is None:
+    if "action_masks" not in subject.arrays:
         return
     rows = np.delete(np.arange(len(subject.arrays["action_masks"])), _final_rows(subject))
-    for index, agent in enumerate(subject.recorded.agents):
-        if not isinstance(agent.action, DiscreteSpace):
+    spaces = zip(subject.spec.agent_names, subject.spec.action_spaces, strict=True)
+    for index, (agent, space) in enumerate(spaces):
+        if not isinstance(space, DiscreteSpace):
             continue
         masks = subject.arrays["action_masks"][rows, index]
-        choices = subject.arrays["actions"][:, index, 0].astype(np.int64) - agent.action.start
+        choices = subject.arrays["actions"][:, index, 0].astype(np.int64) - space.start
         known = masks.any(axis=1) & (choices >= 0) & (choices < masks.shape[1])
         steps = np.flatnonzero(known)
         wrong = steps[~masks[steps, choices[steps]]]
         if len(wrong):
             yield problem(
-                f"{agent.name} chose what its mask forbids in {len(wrong):,} steps, first in "
+                f"{agent} chose what its mask forbids in {len(wrong):,} steps, first in "
                 f"{subject.place('actions', int(wrong[0]))}"
             )
 

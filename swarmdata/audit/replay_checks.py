@@ -22,18 +22,16 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
-from swarmdata.specs.origins import Recording
-from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
-RESULTS = ("rewards", "terminations", "truncations", "events")
+STEP_ARRAYS = ("rewards", "terminations", "truncations", "events")
 """Arrays that a step gives, in the order in which they are compared."""
 
-REACHED = ("states", "observations", "sent", "delivered", "ages")
+STATE_ARRAYS = ("states", "observations", "sent", "delivered", "ages")
 """Arrays that a state gives."""
 
-SHOWN = 3
+MOST_DIFFERENCES_SHOWN = 3
 """Differences that are named one by one."""
 
 
@@ -82,7 +80,7 @@ def replay(subject: Subject) -> Remarks:
             policies[index] = make_source_policy(source, task, subject.path)
         except (SwarmdataError, TypeError) as error:  # TypeError: options it does not have
             policies[index] = None
-            say = problem if isinstance(subject.origin, Recipe) else note  # others claim less
+            say = note if subject.origin.recipe is None else problem  # others claim less
             yield say(f"{source.label} cannot be built, so that its choices are unknown: {error}")
     yield from _report(subject, list(_replay(subject, task, chosen, policies)), len(chosen))
 
@@ -135,7 +133,7 @@ class _Wave:
             actions = self._actions(t)
             self._compare_policy(step, actions, t)
             step = self.env.step(actions)
-            for name in RESULTS:
+            for name in STEP_ARRAYS:
                 self._compare(name, self.subject.table.starts[self.wave] + t, step, t)
             self._compare_state(step, t + 1)
             bar.update(int((self.lengths > t).sum()))
@@ -161,7 +159,7 @@ class _Wave:
             self._compare("log_probs", rows, self.policy.log_probs(step, actions), t)
 
     def _compare_state(self, step: Step, t: int) -> None:
-        for name in REACHED:
+        for name in STATE_ARRAYS:
             self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
 
     def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
@@ -176,7 +174,7 @@ class _Wave:
         array = self.subject.arrays[name]
         if not array.size:
             return
-        last = self.lengths + (name in REACHED)
+        last = self.lengths + (name in STATE_ARRAYS)
         live = np.flatnonzero((last > t) & self.same)
         if not len(live):
             return
@@ -213,8 +211,10 @@ def _column(name: str, place: tuple[int, ...]) -> str:
 def _report(subject: Subject, differences: list[Difference], n_replayed: int) -> Remarks:
     if not differences:
         return
-    foreign = {each.episode for each in differences if each.step == 0 and each.array in _BEGINNING}
-    if isinstance(subject.origin, Recording) and len(foreign) == n_replayed:
+    foreign = {
+        each.episode for each in differences if each.step == 0 and each.array in INITIAL_ARRAYS
+    }
+    if not subject.origin.has_world_seeds and len(foreign) == n_replayed:
         yield note(
             "the seeds of this recording are not those of its worlds, so that its episodes cannot "
             f"be replayed ({differences[0]})"
@@ -224,12 +224,16 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
     packages = {name: provenance[name] for name in made_with() if name in provenance}
     changed = changed_versions(packages, made_with())
     versions = f" It was made with other versions: {', '.join(changed)}." if changed else ""
-    shown = "; ".join(map(str, differences[:SHOWN]))
-    more = f"; and {len(differences) - SHOWN} more" if len(differences) > SHOWN else ""
+    shown = "; ".join(map(str, differences[:MOST_DIFFERENCES_SHOWN]))
+    more = (
+        f"; and {len(differences) - MOST_DIFFERENCES_SHOWN} more"
+        if len(differences) > MOST_DIFFERENCES_SHOWN
+        else ""
+    )
     yield problem(
         f"{len(differences)} of {n_replayed} replayed episodes differ from what their actions "
         f"give: {shown}{more}.{versions}"
     )
 
 
-_BEGINNING = ("episodes/layouts", "states")
+INITIAL_ARRAYS = ("episodes/layouts", "states")

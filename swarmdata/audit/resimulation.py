@@ -16,7 +16,6 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.recipe import Recipe
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 
@@ -74,8 +73,8 @@ def _choose(n: int, wanted: int, seed: int) -> Int:
 
 def _simulate(dataset: Dataset, policy: int, episodes: Int) -> list[Episode]:
     """Runs the recipe's policy on the seeds that the recipe gives these episodes."""
-    recipe = dataset.recipe
-    if not isinstance(recipe, Recipe):
+    recipe = dataset.recipe.recipe
+    if recipe is None:
         raise SpecError(
             f"{dataset.id} was not made from a recipe, so it cannot be simulated from one. "
             f"`swarmdata audit` replays its logged actions: swarmdata audit {dataset.path}"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.specs.origins import Origin, RecordedSpec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 from swarmdata.store.arrays.layout import ALL_FIELDS
@@ -59,16 +59,14 @@ class Subject:
         return self.stored.arrays
 
     @property
-    def task(self) -> TaskSpec | None:
-        """The task of this library that was recorded, if it is one."""
-        spec = self.origin.spec
-        return None if isinstance(spec, RecordedSpec) else spec
+    def spec(self) -> Spec:
+        """What was recorded."""
+        return self.origin.spec
 
     @property
-    def recorded(self) -> RecordedSpec | None:
-        """The other environment that was recorded, if it is one."""
-        spec = self.origin.spec
-        return spec if isinstance(spec, RecordedSpec) else None
+    def task(self) -> TaskSpec | None:
+        """The task of this library that was recorded, if it is one."""
+        return self.spec.world
 
     @cached_property
     def state_starts(self) -> Int:

@@ -15,7 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
@@ -40,6 +40,7 @@ from swarmdata.store import (
 )
 from swarmdata.store.arrays.layout import CARD, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.cache import note_build
+from swarmdata.store.manifest import check_recipe
 from swarmdata.types import Episode
 
 _PART = re.compile(r"policy-\d+-part-\d{5,}")
@@ -67,11 +68,13 @@ def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bo
     if is_finished(out, recipe):
         return out
     with locked(out, progress):
-        finish(recipe, out, workers=workers, progress=progress)
+        build_under_lock(recipe, out, workers=workers, progress=progress)
     return out
 
 
-def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> None:
+def build_under_lock(
+    recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True
+) -> None:
     """Does what `build` does, for a caller that holds the lock of `out`."""
     if is_finished(out, recipe):
         return  # somebody else's, while we waited for the lock
@@ -80,7 +83,7 @@ def finish(recipe: Recipe, out: Path, *, workers: int | None = None, progress: b
     if not out.exists():
         note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)
-    write_card(out)  # last: a dataset with a card is finished, and passed the card's checks
+    finish(out)  # a dataset with a card has passed the card's checks
 
 
 def build_folder(out: Path) -> Path:
@@ -156,12 +159,7 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     """
     if not out.exists():
         return False
-    found = read_manifest(out)
-    if found.recipe_hash != recipe.hash():
-        raise RecipeConflictError(
-            f"{out} holds {found.id} made from another recipe ({found.recipe_hash[:12]}, expected "
-            f"{recipe.hash()[:12]} of {recipe.id}). Delete it or choose another folder."
-        )
+    check_recipe(out, read_manifest(out), recipe)
     return (out / CARD).exists()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.runtime.atomic import remove_leftovers
@@ -23,7 +23,7 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
     """The origin of the dataset of all views' episodes.
 
     Raises:
-        SpecError: the specs differ, a view is a re-observation, or the id is malformed.
+        SpecError: the specs differ, a view is a reobservation, or the id is malformed.
         SchemaError: two episodes have the same seed, or there are too many policies.
         BuildError: a view is empty, or no episode is in the train split.
     """
@@ -46,9 +46,9 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
 def _check_specs(views: Sequence[Dataset]) -> None:
     first = views[0]
     for view in views:
-        if view.seen is not None:
+        if view.reobservation is not None:
             raise SpecError(
-                f"{view!r} is a re-observation, which is in no file. Edit the dataset as it was "
+                f"{view!r} is a reobservation, which is in no file. Edit the dataset as it was "
                 "recorded, then call `reobserve` on the result."
             )
         if view.recipe.spec != first.recipe.spec:
@@ -133,7 +133,7 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
         remove_leftovers(out.parent, out.name)
         write_dataset(out, edit, Selection(pieces))
         if all((view.path / CARD).exists() for view in views):
-            write_card(out)
+            finish(out)
     return Dataset.open(out, references=views[0].references)
 
 

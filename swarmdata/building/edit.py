@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from swarmdata.building.combine import describe, write_edit
-from swarmdata.building.subsample import BINS, matched, sized
+from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit
 
-TIER = "edited"
+DEFAULT_TIER = "edited"
 """Tier of what was not given another: figures of an edit are in no tier's band."""
 
 
@@ -28,7 +28,7 @@ def filter_dataset(
     out: Path | str,
     *,
     id: str,
-    tier: str = TIER,
+    tier: str = DEFAULT_TIER,
     success: bool | None = None,
     min_return: float | None = None,
     max_return: float | None = None,
@@ -76,7 +76,7 @@ def combine_datasets(
     out: Path | str,
     *,
     id: str,
-    tier: str = TIER,
+    tier: str = DEFAULT_TIER,
 ) -> Dataset:
     """Makes a dataset of the episodes of several, one after the other; of a view, just the view's.
 
@@ -104,12 +104,12 @@ def subsample_dataset(
     out: Path | str,
     *,
     id: str,
-    tier: str = TIER,
+    tier: str = DEFAULT_TIER,
     n_steps: int | None = None,
     min_return: float | None = None,
     max_return: float | None = None,
     like: Dataset | None = None,
-    bins: int = BINS,
+    bins: int = N_RETURN_BINS,
     seed: int = 0,
 ) -> Dataset:
     """Makes a smaller dataset: of a size, of a range of returns, or with returns like another's.

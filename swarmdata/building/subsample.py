@@ -14,7 +14,7 @@ from swarmdata.numerics.random import derive
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Double, Int, Seeds
 
-BINS = 20
+N_RETURN_BINS = 20
 """Bins of returns, each with as many episodes of the dataset that is matched."""
 
 

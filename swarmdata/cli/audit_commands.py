@@ -1,4 +1,4 @@
-"""`swarmdata audit ...`: whether a dataset is what it says."""
+"""`swarmdata audit`: whether a dataset's data match its metadata."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,14 +8,17 @@ import typer
 
 def audit(
     dataset: Annotated[
-        str, typer.Argument(metavar="ID_OR_PATH", help="an id in the cache, or a dataset's folder")
+        str,
+        typer.Argument(
+            metavar="ID_OR_PATH", help="id of a dataset in the cache, or a dataset's folder"
+        ),
     ],
-    sample: Annotated[int, typer.Option(min=0, help="episodes to replay; 0 for none")] = 64,
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    sample: Annotated[int, typer.Option(min=0, help="number of episodes to replay; 0: none")] = 64,
+    as_json: Annotated[bool, typer.Option("--json", help="print the report as JSON")] = False,
 ) -> None:
-    """Check what a dataset says of itself, and replay a sample of it.
+    """Check a dataset against its metadata and replay a sample.
 
-    Exit code 0: no problems; 1: problems, each named; 2: it cannot be read.
+    The exit code is 0 without problems, 1 with problems, and 2 if the dataset cannot be read.
     """
     from swarmdata.audit import audit as audit_dataset
     from swarmdata.errors import DatasetError, UnknownNameError
@@ -31,7 +34,7 @@ def audit(
 
 
 def _folder(dataset: str) -> Path:
-    """The path itself, or the folder of an id in the cache; nothing is built or fetched."""
+    """Returns the path, or the folder of an id in the cache; builds and fetches nothing."""
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.errors import DatasetNotFoundError
     from swarmdata.hub.catalog.catalog import dataset_folder

@@ -1,4 +1,4 @@
-"""`swarmdata convert`: datasets out to the formats of others, and theirs in."""
+"""`swarmdata convert`: datasets to and from other formats."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -6,41 +6,59 @@ from typing import Annotated, Any, Literal
 import typer
 
 Source = Annotated[
-    str, typer.Argument(metavar="SRC", help="with --to: an id or folder; with --from: theirs")
+    str,
+    typer.Argument(
+        metavar="SRC", help="with --to: dataset id or folder; with --from: data in that format"
+    ),
 ]
-Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to make")]
+Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to write")]
 To = Annotated[
     str | None,
     typer.Option(
-        "--to", metavar="FORMAT", help="d4rl, d4rl-agents, minari, parquet, torchrl, vault"
+        "--to", metavar="FORMAT", help="export: d4rl, d4rl-agents, minari, parquet, torchrl, vault"
     ),
 ]
 From = Annotated[
     str | None,
-    typer.Option("--from", metavar="FORMAT", help="d4rl, minari, numpy, parquet, torchrl, vault"),
+    typer.Option(
+        "--from", metavar="FORMAT", help="import: d4rl, minari, numpy, parquet, torchrl, vault"
+    ),
 ]
-Split = Annotated[str | None, typer.Option(help="with --to: only train, validation or test")]
-Policy = Annotated[str | None, typer.Option(help="with --to: only this policy's episodes")]
+Split = Annotated[str | None, typer.Option(help="with --to: one split: train, validation or test")]
+Policy = Annotated[str | None, typer.Option(help="with --to: only episodes of this policy")]
 Id = Annotated[
     str | None,
-    typer.Option("--id", metavar="ID", help="with --from: such as spread-omar_medium-v0"),
+    typer.Option(
+        "--id",
+        metavar="ID",
+        help="with --from: id of the new dataset, such as spread-omar_medium-v0",
+    ),
 ]
 TimeLimit = Annotated[
-    int | None, typer.Option(help="steps after which episodes are cut; 0: there is no limit")
+    int | None, typer.Option(help="length at which episodes are truncated; 0: no limit")
 ]
 EpisodeLength = Annotated[
-    int | None, typer.Option(help="of all episodes, where the data has no flags")
+    int | None, typer.Option(help="length of all episodes, if the data does not mark their ends")
 ]
-Final = Annotated[str | None, typer.Option(help="missing last observations: repeat, or cut")]
-Unfinished = Annotated[str | None, typer.Option(help="rows behind the last end: truncate, or drop")]
+Final = Annotated[
+    str | None,
+    typer.Option(help="for missing last observations: repeat the previous one, or cut the step"),
+]
+Unfinished = Annotated[
+    str | None, typer.Option(help="for an unfinished last episode: truncate or drop")
+]
 Agents = Annotated[
-    str | None, typer.Option(help="number of agents, or their names with commas between them")
+    str | None, typer.Option(help="number of agents, or their names separated by commas")
 ]
-Bounds = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="of continuous actions")]
-NewSplits = Annotated[bool, typer.Option(help="draw splits instead of those kept")]
+Bounds = Annotated[
+    str | None, typer.Option(metavar="LOW,HIGH", help="bounds of continuous actions")
+]
+NewSplits = Annotated[bool, typer.Option(help="draw new splits instead of keeping the source's")]
 Notes = Annotated[
     list[str] | None,
-    typer.Option(metavar="KEY=TEXT", help="to remember, such as license=mit; may be repeated"),
+    typer.Option(
+        metavar="KEY=TEXT", help="metadata to store, such as license=mit; may be repeated"
+    ),
 ]
 
 
@@ -61,9 +79,10 @@ def convert(
     new_splits: NewSplits = False,
     note: Notes = None,
 ) -> None:
-    """Convert a dataset to another format (--to), or data of another format to a dataset (--from).
+    """Convert a dataset to another format, or from one.
 
-    What a file does not say, such as where a time limit cut an episode, is asked for, not guessed.
+    Information that a file lacks, such as which episodes a time limit truncated, is never guessed:
+    an error names the option that provides it.
     """
     if (to is None) == (from_ is None):
         raise typer.BadParameter("pass either --to FORMAT or --from FORMAT")
@@ -103,8 +122,8 @@ def _import(
     metadata: dict[str, str],
 ) -> str:
     if name is None:
-        raise typer.BadParameter("needed with --from", param_hint="--id")
-    from swarmdata.cards.card import write_card
+        raise typer.BadParameter("required with --from", param_hint="--id")
+    from swarmdata.cards.side_files import finish
     from swarmdata.interop.conversion.user_choices import Choices
     from swarmdata.interop.convert import import_dataset
 
@@ -118,7 +137,7 @@ def _import(
         splits=splits,
         metadata=metadata,
     )
-    write_card(made.path)
+    finish(made.path)
     return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 

@@ -1,41 +1,47 @@
-"""`swarmdata filter | combine | subsample`: new datasets of episodes of others."""
+"""`swarmdata filter | combine | subsample`: new datasets from the episodes of existing ones."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarmdata.cli.shared_options import IdOrPath
+
 if TYPE_CHECKING:
     from swarmdata.datasets.dataset import Dataset
 
-Source = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
-NewId = Annotated[str, typer.Option("--id", metavar="ID", help="of the new dataset: TASK-NAME-v0")]
-Out = Annotated[Path | None, typer.Option(help="its folder; default in the cache")]
-TierName = Annotated[str, typer.Option("--tier", help="of the new dataset")]
-MinReturn = Annotated[float | None, typer.Option(help="least team return, included")]
-MaxReturn = Annotated[float | None, typer.Option(help="greatest team return, included")]
+NewId = Annotated[
+    str, typer.Option("--id", metavar="ID", help="id of the new dataset: TASK-NAME-v0")
+]
+Out = Annotated[Path | None, typer.Option(help="folder of the new dataset; default: in the cache")]
+TierName = Annotated[str, typer.Option("--tier", help="tier of the new dataset")]
+MinReturn = Annotated[float | None, typer.Option(help="minimum team return, inclusive")]
+MaxReturn = Annotated[float | None, typer.Option(help="maximum team return, inclusive")]
 
 
 def filter_command(
-    source: Source,
+    source: IdOrPath,
     new_id: NewId,
     out: Out = None,
     tier: TierName = "edited",
     success: Annotated[
-        bool | None, typer.Option("--success/--no-success", help="solved, or not")
+        bool | None,
+        typer.Option("--success/--no-success", help="only solved, or only unsolved episodes"),
     ] = None,
     min_return: MinReturn = None,
     max_return: MaxReturn = None,
-    policy: Annotated[str | None, typer.Option(help="label of a policy")] = None,
-    split: Annotated[str | None, typer.Option(help="train, validation or test")] = None,
+    policy: Annotated[
+        str | None, typer.Option(help="only episodes of the policy with this label")
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="one split: train, validation or test")] = None,
     seeds: Annotated[
-        list[int] | None, typer.Option("--seed", help="of an episode; may be repeated")
+        list[int] | None, typer.Option("--seed", help="seed of an episode; may be repeated")
     ] = None,
     episodes: Annotated[
-        list[int] | None, typer.Option("--episode", help="stored number; may be repeated")
+        list[int] | None, typer.Option("--episode", help="index of an episode; may be repeated")
     ] = None,
 ) -> None:
-    """Make a dataset of the episodes that meet every condition."""
+    """Make a dataset of the episodes that meet all conditions."""
     from swarmdata.building.edit import filter_dataset
 
     made = filter_dataset(
@@ -43,39 +49,45 @@ def filter_command(
         min_return=min_return, max_return=max_return, policy=policy, split=split,
         seeds=seeds, episodes=episodes,
     )  # fmt: skip
-    _tell(made)
+    _print_summary(made)
 
 
 def combine_command(
     sources: Annotated[
-        list[str], typer.Argument(metavar="ID_OR_PATH...", help="ids or datasets' folders")
+        list[str], typer.Argument(metavar="ID_OR_PATH...", help="dataset ids or folders")
     ],
     new_id: NewId,
     out: Out = None,
     tier: TierName = "edited",
 ) -> None:
-    """Make a dataset of all episodes of several of one task."""
+    """Make a dataset of all episodes of several datasets of a task."""
     from swarmdata.building.edit import combine_datasets
 
     opened = [_open(source) for source in sources]
-    _tell(combine_datasets(opened, _out(new_id, out), id=new_id, tier=tier))
+    _print_summary(combine_datasets(opened, _out(new_id, out), id=new_id, tier=tier))
 
 
 def subsample_command(
-    source: Source,
+    source: IdOrPath,
     new_id: NewId,
     out: Out = None,
     tier: TierName = "edited",
-    steps: Annotated[int | None, typer.Option(min=1, help="least joint steps")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="minimum number of joint steps")] = None,
     min_return: MinReturn = None,
     max_return: MaxReturn = None,
     like: Annotated[
-        str | None, typer.Option(metavar="ID_OR_PATH", help="dataset whose returns to match")
+        str | None,
+        typer.Option(metavar="ID_OR_PATH", help="dataset whose distribution of returns to match"),
     ] = None,
-    bins: Annotated[int, typer.Option(min=1, help="with --like: bins of returns")] = 20,
-    seed: Annotated[int, typer.Option(min=0, help="of the choice")] = 0,
+    bins: Annotated[
+        int, typer.Option(min=1, help="with --like: number of bins of the return")
+    ] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="seed of the random choice")] = 0,
 ) -> None:
-    """Make a smaller dataset: of a size, a range of returns, or with returns like another's."""
+    """Make a smaller dataset by size or by return.
+
+    Episodes are drawn at random, from a range of returns or to match another dataset's returns.
+    """
     from swarmdata.building.edit import subsample_dataset
 
     made = subsample_dataset(
@@ -83,7 +95,7 @@ def subsample_command(
         min_return=min_return, max_return=max_return,
         like=None if like is None else _open(like), bins=bins, seed=seed,
     )  # fmt: skip
-    _tell(made)
+    _print_summary(made)
 
 
 def _open(source: str) -> "Dataset":
@@ -98,7 +110,7 @@ def _out(new_id: str, out: Path | None) -> Path:
     return out or cache_folder() / "datasets" / new_id
 
 
-def _tell(made: "Dataset") -> None:
+def _print_summary(made: "Dataset") -> None:
     typer.echo(
         f"{made.path}\n{len(made):,} episodes, {made.n_steps:,} joint steps, digest {made.digest}"
     )

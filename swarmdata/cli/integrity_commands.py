@@ -1,26 +1,28 @@
-"""`swarmdata verify`: every byte read again, every broken file named, and repaired if wanted."""
+"""`swarmdata verify`: reads every byte of a dataset, names broken files, and repairs them."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
+from swarmdata.cli.shared_options import IdOrPath, Workers
+
 Replace = Annotated[
-    bool, typer.Option("--repair", help="fetch or make again what is broken, and only that")
+    bool, typer.Option("--repair", help="fetch or rebuild the broken files, and no others")
 ]
 Replay = Annotated[
-    int, typer.Option(min=0, metavar="N", help="simulate N episodes again and compare every bit")
+    int,
+    typer.Option(min=0, metavar="N", help="also simulate N episodes again and compare every bit"),
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
 
 
 def verify(
     dataset: IdOrPath, repair: Replace = False, replay: Replay = 0, workers: Workers = None
 ) -> None:
-    """Read every byte again and compare it with the manifest and the published digest.
+    """Compare every byte with the manifest and the published digest.
 
-    Every broken file is named, with its first bad chunk and rows; exit code 1 if there is any.
+    Reports every broken file with its first bad chunk and rows. The exit code is 1 if any file is
+    broken, or if the dataset is not the published one.
     """
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.repair import examine
@@ -31,7 +33,7 @@ def verify(
         typer.echo(f"{folder / each.file}: {each.problem}", err=True)
     if damage and not repair:
         typer.echo(
-            f"{len(damage)} broken; run `swarmdata verify {dataset} --repair` to replace what is",
+            f"{len(damage)} broken files; `swarmdata verify {dataset} --repair` replaces them",
             err=True,
         )
         raise typer.Exit(1)
@@ -44,7 +46,7 @@ def verify(
 
 def _repair(folder: Path, workers: int | None) -> None:
     from swarmdata.hub.catalog.repair import repair
-    from swarmdata.hub.catalog.sources import is_offline
+    from swarmdata.hub.catalog.request import is_offline
     from swarmdata.hub.remotes.addresses import configured_remotes
 
     remotes = () if is_offline() else configured_remotes()
@@ -53,12 +55,12 @@ def _repair(folder: Path, workers: int | None) -> None:
 
 
 def _compare(folder: Path) -> None:
-    """Says what a sound dataset is; exit code 1 if it is not what its id says."""
+    """Prints which dataset an undamaged folder holds; exit code 1 if its id names another one."""
     from swarmdata.hub.catalog.identity import identify
     from swarmdata.store import read_manifest
 
     manifest = read_manifest(folder)
-    typer.echo(f"{folder}: every file is as it was written, digest {manifest.digest}")
+    typer.echo(f"{folder}: all files match the manifest, digest {manifest.digest}")
     identity = identify(folder, ())
     typer.echo(identity.sentence, err=not identity.is_as_named)
     if not identity.is_as_named:
@@ -66,7 +68,7 @@ def _compare(folder: Path) -> None:
 
 
 def _replay(folder: Path, n_episodes: int) -> None:
-    """Simulates some episodes again."""
+    """Simulates episodes again; exit code 1 if a bit differs."""
     from swarmdata.audit.resimulation import replay
     from swarmdata.datasets.dataset import Dataset
 
@@ -75,4 +77,4 @@ def _replay(folder: Path, n_episodes: int) -> None:
         typer.echo(str(each), err=True)
     if drifts:
         raise typer.Exit(1)
-    typer.echo(f"simulated again, {n_episodes} episodes have the same bits")
+    typer.echo(f"simulated {n_episodes} episodes again: all bits are equal")

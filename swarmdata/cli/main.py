@@ -1,4 +1,4 @@
-"""The command line: reads arguments, calls the library, prints what it returns."""
+"""The command line: parses arguments, calls the library, prints the result."""
 
 import json
 import os
@@ -25,12 +25,21 @@ from swarmdata.cli import (
 )
 from swarmdata.cli.record_commands import record_app
 from swarmdata.cli.registry_commands import registry_app
-from swarmdata.cli.task_commands import Communication, Observation, task_app
+from swarmdata.cli.shared_options import (
+    Clip,
+    Communication,
+    Episodes,
+    IdOrPath,
+    Observation,
+    Task,
+    Workers,
+)
+from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError
 
 
 class _Group(TyperGroup):
-    """Turns errors that users can act on into one message, and Ctrl-C into exit code 130."""
+    """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -40,11 +49,11 @@ class _Group(TyperGroup):
             raise typer.Exit(1) from None
         except OSError as error:
             if isinstance(error, BrokenPipeError) and _is_output_closed():
-                raise typer.Exit(CLOSED_PIPE) from None
-            typer.echo(f"{type(error).__name__}: {_words(error)}", err=True)
+                raise typer.Exit(CLOSED_PIPE_EXIT_CODE) from None
+            typer.echo(f"{type(error).__name__}: {_describe(error)}", err=True)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
-            typer.echo("Stopped. Run the same command again to go on from here.", err=True)
+            typer.echo("Stopped. Run the same command again to resume.", err=True)
             raise typer.Exit(130) from None
 
 
@@ -61,15 +70,12 @@ app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
 
-DatasetId = Annotated[str, typer.Argument(metavar="ID", help="such as coop_nav-medium-mini")]
-IdOrPath = Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a dataset's folder")]
-Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
-Episodes = Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")]
-Task = Annotated[str, typer.Option(help="of policies and tiers: a preset, or a spec's file")]
+DatasetId = Annotated[
+    str, typer.Argument(metavar="ID", help="dataset id, such as coop_nav-medium-mini")
+]
 
-
-CLOSED_PIPE = 128 + 13
-"""Exit code where nobody reads the output any more, as of programs that SIGPIPE ends."""
+CLOSED_PIPE_EXIT_CODE = 128 + 13
+"""Exit code of programs that SIGPIPE ends: nothing reads the output any more."""
 
 
 def main() -> None:
@@ -79,18 +85,18 @@ def main() -> None:
             app()
         except SystemExit:
             if _is_output_closed():
-                raise SystemExit(CLOSED_PIPE) from None
+                raise SystemExit(CLOSED_PIPE_EXIT_CODE) from None
             if sys.stdout is not None:
-                sys.stdout.flush()  # here, not at Python's end, where nobody says what failed
+                sys.stdout.flush()  # at exit, Python would not say what failed
             raise
     except OSError as error:
         _discard_output()
-        typer.echo(f"the output could not be written: {_words(error)}", err=True)
+        typer.echo(f"cannot write the output: {_describe(error)}", err=True)
         raise SystemExit(1) from None
 
 
 def _is_output_closed() -> bool:
-    """Whether standard output is a pipe that nobody reads any more; what is left of it is lost."""
+    """Whether standard output is a pipe without a reader; if so, further output is discarded."""
     if sys.__stdout__ is None:
         return False
     poll = select.poll()
@@ -103,13 +109,13 @@ def _is_output_closed() -> bool:
 
 def _discard_output() -> None:
     if sys.__stdout__ is not None:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.__stdout__.fileno())
-        os.close(nowhere)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.__stdout__.fileno())
+        os.close(null)
 
 
-def _words(error: OSError) -> str:
-    """What the system said, and of which file; names that no system takes are cut."""
+def _describe(error: OSError) -> str:
+    """The system's message and the file; very long names are shortened."""
     if error.strerror is None:
         return str(error)
     name = "" if error.filename is None else f": {str(error.filename)!r}"
@@ -126,7 +132,10 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True)
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
     pass
@@ -134,7 +143,7 @@ def _root(
 
 @app.command("list")
 def list_command() -> None:
-    """Show every dataset."""
+    """List all datasets."""
     from swarmdata.hub.catalog.catalog import list_datasets
 
     line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
@@ -148,27 +157,36 @@ def list_command() -> None:
 
 @app.command()
 def info(dataset: DatasetId) -> None:
-    """Show where a dataset is, its published digest and its recipe."""
+    """Show a dataset's folder, published digest and recipe."""
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.hub.catalog.catalog import dataset_folder, list_datasets
 
     recipe = find_recipe(dataset)
     entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
-    typer.echo(f"folder: {dataset_folder(recipe)}{'' if entry.is_cached else ' (not built yet)'}")
+    typer.echo(
+        f"folder: {dataset_folder(recipe)}{'' if entry.is_cached else ' (not in the cache)'}"
+    )
     typer.echo(f"published digest: {entry.digest or 'none'}")
     typer.echo(recipe.to_yaml(), nl=False)
 
 
 @app.command()
 def generate(
-    dataset: Annotated[str, typer.Argument(metavar="ID_OR_RECIPE", help="an id or a recipe file")],
-    steps: Annotated[int | None, typer.Option(min=1, help="other number of joint steps")] = None,
+    dataset: Annotated[
+        str, typer.Argument(metavar="ID_OR_RECIPE", help="dataset id or recipe file")
+    ],
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="number of joint steps; default: as in the recipe")
+    ] = None,
     workers: Workers = None,
     out: Annotated[
-        Path | None, typer.Option(help="the dataset's folder; default the cache")
+        Path | None, typer.Option(help="folder of the dataset; default: in the cache")
     ] = None,
 ) -> None:
-    """Build a dataset; run again after any interruption to go on."""
+    """Build a dataset from its recipe.
+
+    An interrupted build resumes: run the same command again.
+    """
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.building.build import build
     from swarmdata.hub.catalog.catalog import dataset_folder
@@ -177,7 +195,7 @@ def generate(
 
     is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")
     if out is None and (is_file or steps is not None):
-        raise typer.BadParameter("needed for a recipe file and with --steps", param_hint="--out")
+        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
     if is_file and not Path(dataset).exists():
         raise typer.BadParameter(f"there is no file {dataset}")
     recipe = Recipe.from_file(Path(dataset)) if is_file else find_recipe(dataset)
@@ -188,30 +206,26 @@ def generate(
     typer.echo(f"{folder}\n{manifest.n_steps:,} joint steps, digest {manifest.digest}")
 
 
-def _folder(dataset: str) -> Path:
-    """The folder of an id in the cache, or the path itself."""
-    from swarmdata.hub.catalog.catalog import find_folder
-
-    return find_folder(dataset)
-
-
 app.command()(integrity_commands.verify)
 
 
 @app.command()
 def card(
     dataset: IdOrPath,
-    write: Annotated[bool, typer.Option(help="replace the card in the dataset's folder")] = False,
+    write: Annotated[
+        bool, typer.Option(help="also replace the card in the dataset's folder")
+    ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="folder for ID.md and its picture ID.png")
+        Path | None, typer.Option(help="folder for the card ID.md and its picture ID.png")
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="with --out: draw the picture")] = True,
+    pictures: Annotated[bool, typer.Option(help="with --out: also draw the picture")] = True,
 ) -> None:
-    """Render a dataset's card from its files: print it, or with --out write it with its picture."""
+    """Print a dataset's card, or write it with its picture (--out)."""
     from swarmdata.cards.card import card_of, write_card
     from swarmdata.cards.publish import publish_card
+    from swarmdata.hub.catalog.catalog import find_folder
 
-    folder = _folder(dataset)
+    folder = find_folder(dataset)
     if out is None:
         typer.echo(card_of(folder), nl=False)
     else:
@@ -240,21 +254,23 @@ app.command()(sweep_commands.sweep)
 
 @app.command()
 def curves(
-    files: Annotated[list[Path], typer.Argument(metavar="CSV...", help="curves of online runs")],
-    out: Annotated[Path, typer.Option(help="the picture: .png, .svg or .pdf")],
-    metric: Annotated[str, typer.Option(help="column to draw, without --by")] = "success",
+    files: Annotated[
+        list[Path], typer.Argument(metavar="CSV...", help="learning curves of online runs")
+    ],
+    out: Annotated[Path, typer.Option(help="figure to write: .png, .svg or .pdf")],
+    metric: Annotated[str, typer.Option(help="without --by: column to draw")] = "success",
     by: Annotated[
         str | None,
         typer.Option(
             metavar="PATTERN",
-            help="how files are named, from the end: algorithm/task, task-algorithm/*; draws "
-            "success and return by task, a line per algorithm with the interval over its runs",
+            help="how the files are named, such as algorithm/task or task-algorithm/*; draws "
+            "success and return of each task, with a line and an interval for each algorithm",
         ),
     ] = None,
-    log: Annotated[bool, typer.Option(help="with --by: logarithmic joint steps")] = False,
+    log: Annotated[bool, typer.Option(help="with --by: logarithmic axis of joint steps")] = False,
 ) -> None:
-    """Draw training curves of online runs."""
-    from swarmdata.evaluation.results.report import draw_learning, draw_training
+    """Draw learning curves of online runs."""
+    from swarmdata.evaluation.results.curve_plots import draw_learning, draw_training
 
     if by is None:
         draw_training(files, metric, out)
@@ -265,15 +281,19 @@ def curves(
 
 @app.command()
 def render(
-    target: Annotated[str, typer.Argument(help="a policy, tier, run folder or dataset id")],
-    out: Annotated[Path, typer.Option(help="the .gif, .mp4 or .png file")],
-    episode: Annotated[int, typer.Option(min=0, help="evaluation seed, or recorded episode")] = 0,
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="policy, tier, run folder or dataset id")
+    ],
+    out: Clip,
+    episode: Annotated[
+        int, typer.Option(min=0, help="index of the evaluation seed or recorded episode")
+    ] = 0,
     task: Task = "coop_nav",
     observation: Observation = None,
     communication: Communication = None,
 ) -> None:
-    """Draw one episode: a fresh one of a policy, or a recorded one of a dataset."""
-    from swarmdata.evaluation.results.report import draw_target
+    """Draw one episode of a policy or of a dataset."""
+    from swarmdata.evaluation.results.clips import draw_target
 
     draw_target(target, out, episode, task, observation, communication)
     typer.echo(out)
@@ -286,19 +306,22 @@ def references(
     ],
     episodes: Episodes = 1000,
     out: Annotated[
-        Path | None, typer.Option(help="JSON file in which to replace these tasks")
+        Path | None, typer.Option(help="JSON file to update; default: print the table")
     ] = None,
 ) -> None:
-    """Measure the reference policies of tasks again (cards/references.json)."""
-    from swarmdata.evaluation.results.policy_names import measure_references
+    """Measure the reference policies of tasks.
+
+    Their results are the scale of the score; the package has them in cards/references.json.
+    """
+    from swarmdata.evaluation.results.target_evaluation import measure_references
 
     for task in tasks:
         table = measure_references(task, episodes)
-        _update(out, {Path(task).stem: table.model_dump(mode="json")})
+        _put_or_print(out, {Path(task).stem: table.model_dump(mode="json")})
 
 
-def _update(path: Path | None, entries: dict[str, Any]) -> None:
-    """Prints the entries, or puts them into a JSON file."""
+def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:
+    """Prints the entries, or replaces them in a JSON file."""
     from swarmdata.hub.publishing.regenerate import put_entries
 
     if path is None:

@@ -1,26 +1,33 @@
-"""The command that ranks trained policies without a simulator."""
+"""`swarmdata rank`: ranks trained policies without a simulator."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from swarmdata.cli.task_commands import setting
+from swarmdata.cli.shared_options import Settings, parse_settings
 
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="offline runs of one dataset")]
+Runs = Annotated[
+    list[Path], typer.Argument(metavar="RUN...", help="folders of offline runs on one dataset")
+]
 Out = Annotated[Path | None, typer.Option(help="folder for ranking.md, ranking.csv, ranking.json")]
-DatasetId = Annotated[str | None, typer.Option(help="id or folder, if not the id the runs name")]
-By = Annotated[str, typer.Option(help="fqe, imitation_error, weighted_imitation_error or td_error")]
-Checkpoints = Annotated[bool, typer.Option(help="all that `train --keep` kept, not only the last")]
+DatasetId = Annotated[
+    str | None, typer.Option(help="dataset id or folder, if not the id that the runs name")
+]
+By = Annotated[
+    str, typer.Option(help="criterion: fqe, imitation_error, weighted_imitation_error or td_error")
+]
+Checkpoints = Annotated[
+    bool, typer.Option(help="rank all checkpoints kept by `train --keep`, not only the last")
+]
 Episodes = Annotated[
-    int | None, typer.Option(min=1, help="simulate so many, to see how well the criteria rank")
+    int | None,
+    typer.Option(
+        min=1, help="also simulate this many episodes, to measure how well the criteria rank"
+    ),
 ]
 Results = Annotated[
-    Path | None, typer.Option(help="the same from a folder that `evaluate --out` filled")
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="of fitted Q evaluation, such as discount"),
+    Path | None, typer.Option(help="the same with the results of `swarmdata evaluate --out`")
 ]
 
 
@@ -33,17 +40,19 @@ def rank(
     episodes: Episodes = None,
     results: Results = None,
     settings: Settings = None,
-    device: Annotated[str, typer.Option(help="of torch")] = "cpu",
+    device: Annotated[str, typer.Option(help="torch device")] = "cpu",
 ) -> None:
-    """Rank trained policies on the validation split: fitted Q evaluation, imitation and TD errors.
+    """Rank trained policies on the validation split.
 
-    No simulator is needed. With --episodes or --results, scores tell how far to trust the criteria.
+    The criteria need no simulator: fitted Q evaluation (whose settings --set changes), imitation
+    errors and TD errors. With --episodes or --results, the report also says how well each criterion
+    agrees with simulated scores.
     """
     from swarmdata.errors import UnknownNameError
     from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "ranking policies")
+    require_extra("torch", "torch", "ranking policies")
     from swarmdata.evaluation.policy_selection import rank
     from swarmdata.learn.evaluation.fqe import FQEConfig
     from swarmdata.learn.training.overrides import override
@@ -54,7 +63,7 @@ def rank(
     ranking = rank.rank(
         runs,
         dataset_id=dataset,
-        config=override(FQEConfig(), dict(map(setting, settings or []))),
+        config=override(FQEConfig(), parse_settings(settings)),
         by=criterion,
         checkpoints=checkpoints,
         n_episodes=episodes,

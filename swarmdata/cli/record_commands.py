@@ -1,4 +1,4 @@
-"""`swarmdata record ...`: unfinished recordings."""
+"""`swarmdata record ...`: inspects and recovers unfinished recordings."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,17 +8,18 @@ import typer
 record_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Look after recordings that were not finished.",
+    help="Inspect and recover unfinished recordings.",
 )
 
 Recorded = Annotated[
-    Path, typer.Argument(metavar="PATH", help="the dataset to be, or its .recording folder")
+    Path,
+    typer.Argument(metavar="PATH", help="folder of the future dataset, or its .recording folder"),
 ]
 
 
 @record_app.command()
 def recover(path: Recorded) -> None:
-    """Make a dataset of the episodes that an ended recording had finished."""
+    """Make a dataset of the finished episodes of a recording."""
     from swarmdata.record import recover as finish
 
     dataset = finish(path)
@@ -30,7 +31,10 @@ def recover(path: Recorded) -> None:
 
 @record_app.command()
 def show(path: Recorded) -> None:
-    """Show what an unfinished recording holds; it may still be running."""
+    """Show the contents of an unfinished recording.
+
+    The recording may still be running.
+    """
     from swarmdata.record.recording_folder import inspect_recording
 
     found = inspect_recording(path)

@@ -1,31 +1,34 @@
-"""`swarmdata registry ...`: what is published, and whether it can be made again."""
+"""`swarmdata registry ...`: shows, checks and updates the published digests and figures."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from swarmdata.cli.shared_options import Workers
+
 Ids = Annotated[
     list[str] | None,
-    typer.Option("--id", metavar="ID", help="such as coop_nav-medium-mini; may be repeated"),
+    typer.Option(
+        "--id", metavar="ID", help="dataset id, such as coop_nav-medium-mini; may be repeated"
+    ),
 ]
-Minis = Annotated[bool, typer.Option("--minis", help="only the datasets of 5 %")]
+Minis = Annotated[bool, typer.Option("--minis", help="only the minis, datasets of 5 %")]
 Cached = Annotated[
     bool,
-    typer.Option("--cached", help="take what is in the cache, fully verified, do not build it"),
+    typer.Option("--cached", help="verify the datasets in the cache instead of building them"),
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="processes; default one per core")]
 
 registry_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Show, check and renew what is published of the datasets.",
+    help="Show, check and update the published digests and figures.",
 )
 
 
 @registry_app.command("list")
 def list_command() -> None:
-    """Show every recipe and what is published of it."""
+    """List all recipes with their published figures and digests."""
     from swarmdata.behavior_policies.tiers import shipped_recipes
     from swarmdata.registry.published import published
 
@@ -57,10 +60,10 @@ def list_command() -> None:
 def check(
     ids: Ids = None, minis: Minis = False, cached: Cached = False, workers: Workers = None
 ) -> None:
-    """Make published datasets again and report every difference; exit code 1 if there is any.
+    """Rebuild published datasets and report all differences.
 
-    One at a time, beside the cache, and removed at once; each is named when it is done. After an
-    interruption, go on with --id.
+    Datasets are built one at a time, outside the cache, and deleted after the comparison. The exit
+    code is 1 if any of them differs. After an interruption, pass the remaining ids with --id.
     """
     from swarmdata.hub.publishing.regenerate import check as check_all
     from swarmdata.hub.publishing.regenerate import published_ids, report
@@ -79,15 +82,15 @@ def check(
 @registry_app.command()
 def update(
     ids: Annotated[
-        list[str], typer.Option("--id", metavar="ID", help="of a recipe; may be repeated")
+        list[str], typer.Option("--id", metavar="ID", help="id of a recipe; may be repeated")
     ],
-    out: Annotated[
-        Path, typer.Option(help="the JSON file; each id is put there once it is made")
-    ] = Path("cards/published.json"),
+    out: Annotated[Path, typer.Option(help="JSON file to update after each dataset")] = Path(
+        "cards/published.json"
+    ),
     cached: Cached = False,
     workers: Workers = None,
 ) -> None:
-    """Make datasets and publish what they are: digests, sizes and figures."""
+    """Build datasets and publish their digests, sizes and figures."""
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.hub.publishing.regenerate import make_again, put_entries
 

@@ -1,50 +1,65 @@
-"""`swarmdata push`, `swarmdata pull` and `swarmdata remote ...`: datasets to and from hubs."""
+"""`swarmdata push`, `swarmdata pull` and `swarmdata remote ...`: datasets on remote hubs."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from swarmdata.cli.shared_options import IdOrPath
+
 RemoteAddress = Annotated[
-    str, typer.Argument(metavar="ADDRESS", help="such as hf://org, s3://bucket/prefix, file:///x")
+    str,
+    typer.Argument(
+        metavar="ADDRESS", help="remote, such as hf://org, s3://bucket/prefix or file:///x"
+    ),
 ]
 
 remote_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Show and choose the remotes that datasets are looked for in.",
+    help="Show and configure the remotes that are searched for datasets.",
 )
 
 
 def push(
-    dataset: Annotated[str, typer.Argument(metavar="ID_OR_PATH", help="an id, or a folder")],
+    dataset: IdOrPath,
     address: RemoteAddress,
 ) -> None:
-    """Publish a dataset: all of it or nothing, and only if nothing speaks against it."""
-    from swarmdata.hub.publishing.blockers import reasons_against
+    """Publish a dataset on a remote, after all checks have passed.
+
+    The upload is atomic: other users see the whole dataset or nothing of it.
+    """
+    from swarmdata.hub.catalog.catalog import find_folder
+    from swarmdata.hub.publishing.blockers import find_blockers
     from swarmdata.hub.publishing.metadata import write_beside
     from swarmdata.hub.remotes import open_remote
     from swarmdata.hub.remotes import push as push_to
 
-    remote, folder = open_remote(address), _folder(dataset)
-    release = push_to(folder, remote, lambda each: reasons_against(each, remote), write_beside)
+    remote, folder = open_remote(address), find_folder(dataset)
+    release = push_to(folder, remote, lambda each: find_blockers(each, remote), write_beside)
     typer.echo(f"{release.id} is published at {release.address}")
 
 
 def pull(
     dataset: Annotated[
         str,
-        typer.Argument(metavar="ID_OR_ADDRESS", help="an id, or such as hf://org/coop_nav-medium"),
+        typer.Argument(
+            metavar="ID_OR_ADDRESS",
+            help="dataset id, or an address such as hf://org/coop_nav-medium",
+        ),
     ],
     origin: Annotated[
         str | None,
-        typer.Option("--from", metavar="ADDRESS", help="a remote; default the configured ones"),
+        typer.Option(
+            "--from", metavar="ADDRESS", help="remote to fetch from; default: the configured ones"
+        ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="the dataset's folder; default the cache")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="folder to write; default: in the cache")] = None,
 ) -> None:
-    """Fetch a dataset, checked on the way in; run again after any interruption to go on."""
+    """Fetch a dataset and verify it.
+
+    An interrupted download resumes: run the same command again.
+    """
     from swarmdata.hub.catalog.identity import judge
     from swarmdata.hub.catalog.sources import obtain_release
     from swarmdata.hub.remotes import configured_remotes, find_release, locate
@@ -52,7 +67,7 @@ def pull(
     from swarmdata.store import read_manifest
 
     if is_address(dataset) and origin is not None:
-        raise typer.BadParameter("an address says where from itself", param_hint="--from")
+        raise typer.BadParameter("an address already names the remote", param_hint="--from")
     if is_address(dataset) and out is None:
         _pull_address(dataset)
         return
@@ -70,21 +85,22 @@ def pull(
 
 
 def _pull_address(address: str) -> None:
-    """Fetches to where `load` of the same address looks for it."""
-    from swarmdata.hub.catalog.sources import obtain_address
-    from swarmdata.store.cache import cache_folder
+    """Fetches into the folder where `load` of the same address looks."""
+    from swarmdata.hub.catalog.request import request_of_address
+    from swarmdata.hub.catalog.sources import Remotes, obtain
 
-    found = obtain_address(address, cache_folder() / "remotes")
+    found = obtain(request_of_address(address), Remotes())
     typer.echo(f"{found.folder}\nfrom {found.source}")
 
 
 @remote_app.command("list")
 def list_command(
     address: Annotated[
-        str | None, typer.Argument(metavar="[ADDRESS]", help="show the datasets there instead")
+        str | None,
+        typer.Argument(metavar="[ADDRESS]", help="list the datasets on this remote instead"),
     ] = None,
 ) -> None:
-    """Show the remotes in the order in which they are asked, or the datasets of one."""
+    """List the remotes in search order, or the datasets on one."""
     from swarmdata.hub.remotes import configured_remotes, open_remote
 
     if address is not None:
@@ -98,54 +114,47 @@ def list_command(
 @remote_app.command()
 def add(
     address: RemoteAddress,
-    first: Annotated[bool, typer.Option("--first", help="ask it before the others")] = False,
+    first: Annotated[bool, typer.Option("--first", help="search it before the others")] = False,
 ) -> None:
-    """Ask this remote for datasets from now on, after those that are configured already."""
+    """Add a remote to the end of the search order."""
     from swarmdata.hub.remotes import open_remote
     from swarmdata.hub.remotes.addresses import store_remotes
 
     added = open_remote(address).address
 
-    def put(there: tuple[str, ...]) -> tuple[str, ...]:
-        others = tuple(each for each in there if each != added)
+    def put(configured: tuple[str, ...]) -> tuple[str, ...]:
+        others = tuple(each for each in configured if each != added)
         return (added, *others) if first else (*others, added)
 
     path = store_remotes(put)
-    typer.echo(f"{added} is in {path}")
-    _say_if_overridden()
+    typer.echo(f"added {added} to {path}")
+    _warn_if_overridden()
 
 
 @remote_app.command()
 def remove(address: RemoteAddress) -> None:
-    """Ask this remote no more."""
+    """Remove a remote from the search order."""
     from swarmdata.errors import UnknownNameError
     from swarmdata.hub.remotes import parse_address
     from swarmdata.hub.remotes.addresses import store_remotes
 
     removed = str(parse_address(address))
 
-    def without(there: tuple[str, ...]) -> tuple[str, ...]:
-        if removed not in there:
-            raise UnknownNameError("remote", removed, there)
-        return tuple(each for each in there if each != removed)
+    def without(configured: tuple[str, ...]) -> tuple[str, ...]:
+        if removed not in configured:
+            raise UnknownNameError("remote", removed, configured)
+        return tuple(each for each in configured if each != removed)
 
     path = store_remotes(without)
-    typer.echo(f"{removed} is no longer in {path}")
-    _say_if_overridden()
+    typer.echo(f"removed {removed} from {path}")
+    _warn_if_overridden()
 
 
-def _say_if_overridden() -> None:
+def _warn_if_overridden() -> None:
     import os
 
     if "SWARMDATA_REMOTES" in os.environ:
         typer.echo("SWARMDATA_REMOTES is set, so this file is not used.", err=True)
-
-
-def _folder(dataset: str) -> Path:
-    """The folder itself, or that of an id in the cache."""
-    from swarmdata.hub.catalog.catalog import find_folder
-
-    return find_folder(dataset)
 
 
 def _cached(dataset_id: str) -> Path:
@@ -155,10 +164,10 @@ def _cached(dataset_id: str) -> Path:
 
 
 def _versioned(dataset: str) -> str:
-    """The id with its version: the newest of the package, or as it is.
+    """Adds the newest version to an id of the package; other ids must have one.
 
     Raises:
-        AddressError: it is neither an id of the package nor one with a version.
+        AddressError: the id is not of the package and has no version.
     """
     from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
     from swarmdata.hub.remotes.outside_names import split_id

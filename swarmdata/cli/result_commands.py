@@ -1,11 +1,11 @@
-"""The commands that evaluate policies, and that make tables and figures of the results."""
+"""`swarmdata evaluate` and `swarmdata report`: results of policies, their tables and figures."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from swarmdata.cli.task_commands import Communication, Observation
+from swarmdata.cli.shared_options import Communication, Episodes, Observation, Task
 
 
 def evaluate(
@@ -13,27 +13,29 @@ def evaluate(
         list[str],
         typer.Argument(metavar="TARGET...", help="policies, tiers, dataset ids or run folders"),
     ],
-    episodes: Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")] = 1000,
-    out: Annotated[Path | None, typer.Option(help="folder for the results")] = None,
-    task: Annotated[
-        str, typer.Option(help="of policies and tiers: a preset, or a spec's file")
-    ] = "coop_nav",
+    episodes: Episodes = 1000,
+    out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
+    task: Task = "coop_nav",
     label: Annotated[
         str | None,
-        typer.Option(help="row of the targets in tables", show_default="the target's name"),
+        typer.Option(help="name of the targets in tables", show_default="the target's name"),
     ] = None,
-    again: Annotated[bool, typer.Option(help="measure what is in the folder already")] = False,
+    again: Annotated[
+        bool, typer.Option(help="evaluate again, even if --out has the result")
+    ] = False,
     observation: Observation = None,
     communication: Communication = None,
 ) -> None:
-    """Evaluate policies on the reserved seeds and print tables; run again to go on.
+    """Evaluate policies on the reserved seeds and print tables.
 
-    What the folder has of the same policy, task, seeds and version is not measured again.
+    An interrupted evaluation resumes: results in --out of the same policy, task, seeds and version
+    are reused.
     """
-    from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+    from swarmdata.evaluation.results.policy_names import find_target
     from swarmdata.evaluation.results.report import shown_cases
-    from swarmdata.evaluation.results.result_set import gather
+    from swarmdata.evaluation.results.result_set import group_results
     from swarmdata.evaluation.results.result_tables import case_table
+    from swarmdata.evaluation.results.target_evaluation import evaluate_target
 
     found = [find_target(name, task, observation, communication) for name in targets]
     if label is not None:
@@ -41,25 +43,35 @@ def evaluate(
     results = [
         result for target in found for result in evaluate_target(target, episodes, out, again=again)
     ]
-    for case in shown_cases(gather(results)).values():
+    for case in shown_cases(group_results(results)).values():
         typer.echo(case_table(case).to_text(), nl=False)
     if kept := sum(result.path is not None for result in results):
-        typer.echo(f"\n{kept} of {len(results)} were in {out} already; --again measures them anew.")
+        typer.echo(
+            f"\n{kept} of {len(results)} results were already in {out}; --again replaces them."
+        )
 
 
 def report(
     results: Annotated[
         list[Path],
-        typer.Argument(metavar="RESULTS...", help="folders that `evaluate --out` filled"),
+        typer.Argument(metavar="RESULTS...", help="folders written by `swarmdata evaluate --out`"),
     ],
     out: Annotated[Path, typer.Option(help="folder for tables and figures")],
-    runs: Annotated[list[Path] | None, typer.Option(help="run folders to draw curves of")] = None,
-    data: Annotated[
-        list[Path] | None, typer.Option(help="folders of your own datasets, for their means")
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option(help="run folder whose learning curve to draw; may be repeated"),
     ] = None,
-    figures: Annotated[str, typer.Option(help="png, svg or pdf")] = "png",
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(help="folder of an unpublished dataset, for its mean; may be repeated"),
+    ] = None,
+    figures: Annotated[str, typer.Option(help="format: png, svg or pdf")] = "png",
 ) -> None:
-    """Write tables (Markdown, CSV, LaTeX, marl-eval JSON) and figures; refuse mixed results."""
+    """Write tables and figures of evaluation results.
+
+    Tables are Markdown, CSV and LaTeX; there is also JSON for marl-eval. Stale results, and results
+    that cannot be compared, are refused.
+    """
     from swarmdata.evaluation.results.report import write_report
 
     text = write_report(results, out, runs=runs or [], data=data or [], suffix=f".{figures}")

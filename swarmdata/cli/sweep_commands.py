@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.shared_options import Episodes, Task
+
 _AXIS = "NAME=A..B|A,B,..."
 
 
@@ -18,19 +20,22 @@ def sweep(
     out: Annotated[Path, typer.Option(help="folder for results, tables and figures")],
     communication: Annotated[
         list[str] | None,
-        typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; repeatable"),
+        typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; may be repeated"),
     ] = None,
     observation: Annotated[
         list[str] | None,
-        typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; repeatable"),
+        typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
     ] = None,
-    points: Annotated[int, typer.Option(min=2, help="values of A..B, both included")] = 5,
-    episodes: Annotated[int, typer.Option(min=1, help="reserved evaluation seeds to use")] = 200,
-    task: Annotated[str, typer.Option(help="of tiers: a preset, or a spec's file")] = "coop_nav",
+    points: Annotated[
+        int, typer.Option(min=2, help="number of values from A to B, both included")
+    ] = 5,
+    episodes: Episodes = 200,
+    task: Task = "coop_nav",
 ) -> None:
-    """Evaluate trained policies along axes of worse models; run again to go on.
+    """Evaluate policies under worse communication or sensing.
 
-    One parameter changes at a time, everything else is as in training, on the same seeds.
+    One parameter changes at a time; everything else is as in training, on the same seeds. An
+    interrupted sweep resumes: run the same command again.
     """
     from swarmdata.evaluation.robustness.sweep import sweep as run_sweep
     from swarmdata.evaluation.robustness.sweep_axes import parse_axis

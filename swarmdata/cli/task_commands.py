@@ -1,42 +1,30 @@
-"""`swarmdata task ...`: the worlds there are, what they consist of, and how they look in motion."""
+"""`swarmdata task ...`: shows, checks and plays task specs."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-Observation = Annotated[
-    str | None,
-    typer.Option(
-        help="what robots sense: a name such as lidar or lidar-32+noise-0.05, or a YAML file",
-        show_default="as in the task, the dataset or the training",
-    ),
-]
-Communication = Annotated[
-    str | None,
-    typer.Option(
-        help="what robots hear: a name such as none, perfect or lossy-30, or a YAML file",
-        show_default="as in the task, the dataset or the training",
-    ),
-]
+from swarmdata.cli.shared_options import Clip, Communication, Observation
+
 NameOrFile = Annotated[
-    str, typer.Argument(metavar="NAME_OR_FILE", help="a preset, or a spec's YAML or JSON file")
+    str, typer.Argument(metavar="NAME_OR_FILE", help="preset, or a YAML or JSON file with a spec")
 ]
 
 task_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Show, check and play the worlds: presets of the package, or specs in files.",
+    help="Show, check and play tasks: presets, or specs in files.",
 )
 
 
 @task_app.command("list")
 def list_command() -> None:
-    """Show every preset."""
+    """List all presets."""
     from swarmdata.registry.presets import preset, preset_names, preset_summary
 
     line = "{:22} {:11} {:>6}  {:>11}  {:>7}  {}"
-    typer.echo(line.format("name", "task", "robots", "arena (m)", "horizon", "what"))
+    typer.echo(line.format("name", "task", "robots", "arena (m)", "horizon", "summary"))
     for name in preset_names():
         spec = preset(name)
         arena = f"{spec.arena.width:g} x {spec.arena.height:g}"
@@ -46,7 +34,7 @@ def list_command() -> None:
 
 @task_app.command()
 def show(name: NameOrFile) -> None:
-    """Print a whole spec as YAML, every default written out."""
+    """Print a task spec as YAML, including all defaults."""
     from swarmdata.registry.presets import find_spec
 
     typer.echo(find_spec(name).to_yaml(), nl=False)
@@ -54,10 +42,10 @@ def show(name: NameOrFile) -> None:
 
 @task_app.command()
 def validate(name: NameOrFile) -> None:
-    """Check a spec: read it, build its world, begin episodes, and drive for some steps.
+    """Check a task spec and simulate a few steps of it.
 
-    All wrong keys and values are named at once, with their paths and what is allowed; then
-    what is wrong between them; then what is wrong with the world.
+    Reports all invalid keys and values at once with the allowed ones, then values that contradict
+    each other, then problems of the world, such as obstacles that leave no room for robots.
     """
     from swarmdata.registry.presets import find_spec
     from swarmdata.rollouts.spec_check import probe
@@ -68,17 +56,17 @@ def validate(name: NameOrFile) -> None:
     env = probe(spec)
     demand = demand_of(spec, size_of(spec), spec.n_substeps)
     typer.echo(
-        f"OK: {spec.task} with {spec.n_agents} robots, {describe(spec)}; per robot "
-        f"{env.observation_size} numbers observed and {env.action_size} commanded; spec "
+        f"OK: {spec.task} with {spec.n_agents} robots, {describe(spec)}; observation size "
+        f"{env.observation_size}, action size {env.action_size} per robot; spec "
         f"{spec.hash()[:12]}; {describe_demand(demand)}"
     )
 
 
 @task_app.command()
 def table(
-    out: Annotated[Path, typer.Option(help="the .md file")],
+    out: Annotated[Path, typer.Option(help="Markdown file to write")],
 ) -> None:
-    """Write the page of what policies without training achieve in every preset (docs/worlds.md)."""
+    """Write the page of reference results in all presets (docs/worlds.md)."""
     from swarmdata.cards.worlds_page import worlds_page
     from swarmdata.registry.published import references
     from swarmdata.store import write_file
@@ -90,16 +78,19 @@ def table(
 @task_app.command()
 def play(
     name: NameOrFile,
-    out: Annotated[Path, typer.Option(help="the .gif, .mp4 or .png file")],
-    policy: Annotated[str, typer.Option(help="a policy, tier or run folder")] = "scripted",
-    episode: Annotated[int, typer.Option(min=0, help="number of the evaluation seed")] = 0,
+    out: Clip,
+    policy: Annotated[str, typer.Option(help="policy, tier or run folder")] = "scripted",
+    episode: Annotated[int, typer.Option(min=0, help="index of the evaluation seed")] = 0,
     observation: Observation = None,
     communication: Communication = None,
     size: Annotated[int, typer.Option(min=64, help="pixels of the arena's longer side")] = 384,
-    stride: Annotated[int, typer.Option(min=1, help="control steps between two pictures")] = 2,
+    stride: Annotated[int, typer.Option(min=1, help="control steps per animation frame")] = 2,
 ) -> None:
-    """Run a policy for one episode and draw it, with lidar rays and messages if there are any."""
-    from swarmdata.evaluation.results.report import draw_target
+    """Run a policy for one episode and draw it.
+
+    Lidar rays and messages are drawn if the task has them.
+    """
+    from swarmdata.evaluation.results.clips import draw_target
     from swarmdata.types import END_REASONS
 
     played = draw_target(
@@ -109,11 +100,3 @@ def play(
         f"{out}: {len(played)} steps, ended by {END_REASONS[played.end_reason]}, return "
         f"{played.team_return:.2f}"
     )
-
-
-def setting(text: str) -> tuple[str, str]:
-    """Splits the text of one `--set`."""
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
-    return key, value

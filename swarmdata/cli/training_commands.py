@@ -1,4 +1,4 @@
-"""The commands that train algorithms, and that put what they learned into the package."""
+"""`swarmdata train`, `ship` and `learning`: training runs, shipped checkpoints, online reports."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,61 +6,71 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.cli.task_commands import Communication, Observation, setting
+from swarmdata.cli.shared_options import (
+    Communication,
+    Observation,
+    Settings,
+    parse_settings,
+)
 
-ONLINE = ("first_seed", "steps", "workers")
-OFFLINE = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
+ONLINE_OPTIONS = ("first_seed", "steps", "workers")
+OFFLINE_OPTIONS = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
 """Options of `train` that only one kind of algorithm has."""
 
-Steps = Annotated[float | None, typer.Option(min=1, help="joint steps of a seed, online")]
-Regulariser = Annotated[
-    str | None, typer.Option(help="of vdn and qmix, offline: none, bc, bcq or cql")
+Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of each seed")]
+Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
+Config = Annotated[
+    str | None, typer.Option(help="settings: name of a shipped file, or a YAML file")
 ]
-Config = Annotated[str | None, typer.Option(help="settings: a shipped name or a YAML file")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="of the algorithm")
-]
-
 FrameName = Annotated[
-    str, typer.Option(help="that robots see and act in: auto, world, or an anchor, offline")
+    str, typer.Option(help="offline: frame of observations and actions: auto, world, or an anchor")
 ]
-Compile = Annotated[bool, typer.Option(help="make kernels first, for long runs, offline")]
+Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
 
 def train(
     context: typer.Context,
-    algorithm: Annotated[str, typer.Argument(help="such as bc offline or mappo online")],
-    data: Annotated[str | None, typer.Argument(metavar="[ID]", help="dataset, offline")] = None,
-    task: Annotated[str | None, typer.Option(help="preset or spec's file, online")] = None,
-    out: Annotated[Path | None, typer.Option(help="the run's folder; runs/ALGORITHM-DATA")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="how many: 0, 1, ...")] = 4,
-    first_seed: Annotated[int, typer.Option(min=0, help="another than 0, online")] = 0,
+    algorithm: Annotated[str, typer.Argument(help="such as bc (offline) or mappo (online)")],
+    data: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")
+    ] = None,
+    task: Annotated[str | None, typer.Option(help="online: preset or spec file")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="run folder; default: runs/ALGORITHM-DATA")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
     steps: Steps = None,
-    updates: Annotated[int | None, typer.Option(min=1, help="gradient updates, offline")] = None,
+    updates: Annotated[int | None, typer.Option(min=1, help="offline: gradient updates")] = None,
     regulariser: Regulariser = None,
     config: Config = None,
     settings: Settings = None,
-    curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
-    keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`, offline")] = False,
+    curve_every: Annotated[
+        int, typer.Option(min=1, help="offline: updates between evaluations")
+    ] = 1000,
+    keep: Annotated[
+        bool, typer.Option(help="offline: keep all checkpoints, for `swarmdata rank`")
+    ] = False,
     observation: Observation = None,
     communication: Communication = None,
     frame: FrameName = "auto",
-    workers: Annotated[int, typer.Option(min=1, help="processes, online")] = 1,
-    device: Annotated[str, typer.Option(help="of torch, offline")] = "cpu",
+    workers: Annotated[int, typer.Option(min=1, help="online: number of processes")] = 1,
+    device: Annotated[str, typer.Option(help="offline: torch device")] = "cpu",
     compile: Compile = False,
 ) -> None:
-    """Train an algorithm, offline on a train split or online in a task; run again to go on.
+    """Train an algorithm, offline on a dataset or online in a task.
 
-    With other models than the recorded ones, the dataset is observed again from its states.
+    Offline training uses the train split; with --observation or --communication, the dataset is
+    re-observed from its states. An interrupted training resumes: run the same command again.
     """
-    from swarmdata.evaluation.results.policy_names import require
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "training")
+    require_extra("torch", "torch", "training")
     from swarmdata.evaluation.runs.train import train, train_online
 
-    _check_subject(context, algorithm, data, task)
-    lengths = {"n_frames": None if steps is None else round(steps), "n_updates": updates}
-    changes = _changes(config, {**lengths, "regulariser": regulariser}, settings or [])
+    _check_arguments(context, algorithm, data, task)
+    lengths = {"n_steps": None if steps is None else round(steps), "n_updates": updates}
+    changes = _changes(config, {**lengths, "regulariser": regulariser}, settings)
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
@@ -73,20 +83,20 @@ def train(
     typer.echo(folder)
 
 
-def _check_subject(
+def _check_arguments(
     context: typer.Context, algorithm: str, data: str | None, task: str | None
 ) -> None:
-    """Offline algorithms train on a dataset, online ones in a task; no option goes unused."""
+    """Refuses an algorithm without its dataset or task, and options that it would ignore."""
     from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
     resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
-    ways = {"a dataset's ID": OFFLINE_ALGORITHMS, "--task TASK": ONLINE_ALGORITHMS}
-    wanted = " or ".join(way for way, table in ways.items() if algorithm in table)
+    sources = {"a dataset's ID": OFFLINE_ALGORITHMS, "--task TASK": ONLINE_ALGORITHMS}
+    wanted = " or ".join(name for name, table in sources.items() if algorithm in table)
     is_online = task is not None
     known = ONLINE_ALGORITHMS if is_online else OFFLINE_ALGORITHMS
     if (data is None) != is_online or algorithm not in known:
-        raise typer.BadParameter(f"{algorithm} needs {wanted}, and nothing else to train on")
-    for name in OFFLINE if is_online else ONLINE:
+        raise typer.BadParameter(f"{algorithm} needs {wanted}, and not both")
+    for name in OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
             option = f"--{name.replace('_', '-')}"
@@ -95,51 +105,60 @@ def _check_subject(
 
 
 def ship(
-    task: Annotated[str, typer.Argument(help="a preset, such as coop_nav")],
-    out: Annotated[Path, typer.Option(help="the package's behavior_policies/checkpoints")],
-    medium: Annotated[list[Path] | None, typer.Option(help="online run, for mediums")] = None,
-    expert: Annotated[list[Path] | None, typer.Option(help="finished online run")] = None,
+    task: Annotated[str, typer.Argument(help="preset, such as coop_nav")],
+    out: Annotated[Path, typer.Option(help="the package's folder behavior_policies/checkpoints")],
+    medium: Annotated[
+        list[Path] | None, typer.Option(help="online run for medium policies; may be repeated")
+    ] = None,
+    expert: Annotated[
+        list[Path] | None, typer.Option(help="finished online run for experts; may be repeated")
+    ] = None,
     convention: Annotated[
-        list[Path] | None, typer.Option(help="finished online run, for mixed-conventions")
+        list[Path] | None,
+        typer.Option(help="finished online run for mixed-conventions; may be repeated"),
     ] = None,
 ) -> None:
-    """Put the mediums of online runs, their replays, and the experts of others into the package."""
-    from swarmdata.evaluation.results.policy_names import require
-    from swarmdata.registry.presets import preset
+    """Add checkpoints of online runs to the package.
 
-    require("torch", "torch", "reading online runs")
+    Takes medium policies with their replays from some runs, and experts from others.
+    """
+    from swarmdata.registry.presets import preset
+    from swarmdata.runtime.extras import require_extra
+
+    require_extra("torch", "torch", "reading online runs")
     from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
     from swarmdata.online_algos.runs.checkpoint_selection import ship as ship_seeds
 
     mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))
     entry = ship_seeds(mediums, experts, sided, task, preset(task), out)
     if mediums:
-        typer.echo(f"{len(entry['medium'])} of {len(mediums)} seeds have a medium")
+        typer.echo(f"{len(entry['medium'])} of {len(mediums)} seeds have a medium policy")
     for tier, checkpoints in entry.items():
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
-            typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} frames")
+            typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} joint steps")
 
 
 def _changes(
-    config: str | None, options: Mapping[str, int | str | None], settings: list[str]
+    config: str | None, options: Mapping[str, int | str | None], settings: list[str] | None
 ) -> dict[str, str]:
-    """Settings of an algorithm as text: of a file, then of options, then of `--set`, which wins."""
+    """Merges the settings of a file, of options and of `--set`; later ones win."""
     from swarmdata.evaluation.runs.train import read_settings
 
     changes = {name: str(value) for name, value in options.items() if value is not None}
-    named = dict(setting(text) for text in settings)
-    return (read_settings(config) if config else {}) | changes | named
+    return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 
 def learning(
-    runs: Annotated[list[Path], typer.Argument(help="one online run per algorithm and task")],
-    out: Annotated[Path, typer.Option(help="folder of curves, table and figure")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="online runs, one per algorithm and task")
+    ],
+    out: Annotated[Path, typer.Option(help="folder for curves, table and figure")],
 ) -> None:
-    """Write what online training achieved and what it cost."""
-    from swarmdata.evaluation.results.policy_names import require
+    """Report the results and the cost of online training."""
+    from swarmdata.runtime.extras import require_extra
 
-    require("torch", "torch", "reading online runs")
+    require_extra("torch", "torch", "reading online runs")
     from swarmdata.evaluation.results.online_report import write_online_report
 
     typer.echo(write_online_report(runs, out), nl=False)

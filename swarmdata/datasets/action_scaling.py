@@ -1,14 +1,12 @@
-"""How actions of a recorded environment look to policies: mapped to [-1, 1], or as its choices."""
+"""The actions of recorded environments as policies see them: mapped to [-1, 1], or as choices."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.spaces import (
-    BoxSpace,
     DictSpace,
     DiscreteSpace,
     MultiBinarySpace,
@@ -16,19 +14,19 @@ from swarmdata.specs.spaces import (
     Space,
     TupleSpace,
     bounds,
-    width,
+    is_continuous,
 )
 from swarmdata.types import Double, Float
 
-TOLERANCE = 1e-5
-"""How far outside [-1, 1] a recorded action may lie, for the rounding of its environment."""
+BOUND_TOLERANCE = 1e-5
+"""How far outside [-1, 1] a recorded action may lie, because environments round."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActionScale:
     """unit = (action - middle) / half, for each agent and column; padding is 0 on both sides.
 
-    A column that can have one value only has that as its middle, and half 1.
+    A column with a single possible value has it as its middle, and half 1.
     """
 
     middle: Double  # [N, A]
@@ -41,14 +39,15 @@ class ActionScale:
             SchemaError: an action lies outside its bounds.
         """
         unit = (actions.astype(np.float64) - self.middle) / self.half
-        beyond = np.abs(unit) > 1 + TOLERANCE
+        beyond = np.abs(unit) > 1 + BOUND_TOLERANCE
         if beyond.any():
             index = np.argwhere(beyond)[0]
             agent, column = index[-2:]
             raise SchemaError(
                 f"column {column} of an action of agent {agent} is {actions[tuple(index)]:g}, "
                 f"outside of {self.middle[agent, column]:g} ± {self.half[agent, column]:g}, the "
-                "bounds of its space. Record what the environment made of it, or clip it first."
+                "bounds of its space. Record the action that the environment executed, or clip it "
+                "first."
             )
         clipped: Float = np.clip(unit, -1, 1).astype(np.float32)
         return clipped
@@ -61,69 +60,55 @@ class ActionScale:
         return narrow
 
 
-def action_scale(spec: RecordedSpec) -> ActionScale:
-    """Returns the map of a recorded environment.
+def action_scale(spec: Spec) -> ActionScale:
+    """Returns the affine map between the bounds of an environment's actions and [-1, 1].
 
     Raises:
         SchemaError: an agent's actions are not continuous, or without a bound.
     """
     middle = np.zeros((spec.n_agents, spec.action_size))
     half = np.ones_like(middle)
-    for index, agent in enumerate(spec.agents):
-        if not is_continuous(agent.action):
+    for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
+        if not is_continuous(space):
             raise SchemaError(
-                f"actions of {agent.name} in {spec.task} are choices ({agent.action}); only "
-                "continuous ones can be scaled."
+                f"actions of {name} in {spec.task} are choices ({space}), expected "
+                "continuous ones, which alone can be scaled."
             )
-        low, high = bounds(agent.action)
+        low, high = bounds(space)
         unbounded = ~(np.isfinite(low) & np.isfinite(high))
         if unbounded.any():
             column = int(np.flatnonzero(unbounded)[0])
             raise SchemaError(
-                f"column {column} of the actions of {agent.name} in {spec.task} has the bounds "
+                f"column {column} of the actions of {name} in {spec.task} has the bounds "
                 f"{low[column]:g} and {high[column]:g}, expected finite ones: algorithms choose "
                 "in [-1, 1]. Wrap the environment so that its action space is bounded, then "
                 "record; `transitions()` and episodes have the actions as they are."
             )
-        own = slice(len(low))
-        middle[index, own] = (low + high) / 2
-        half[index, own] = np.where(high > low, (high - low) / 2, 1.0)
+        columns = slice(len(low))
+        middle[index, columns] = (low + high) / 2
+        half[index, columns] = np.where(high > low, (high - low) / 2, 1.0)
     return ActionScale(middle, half)
 
 
-def is_continuous(space: Space) -> bool:
-    """Whether a space has boxes of real numbers only."""
-    match space:
-        case BoxSpace():
-            return space.dtype.startswith("float")
-        case DictSpace():
-            return _all_continuous(list(space.spaces.values()))
-        case TupleSpace():
-            return _all_continuous(space.spaces)
-    return False
-
-
-def _all_continuous(parts: Sequence[Space]) -> bool:
-    return bool(sum(map(width, parts))) and all(map(is_continuous, parts))
-
-
-def has_choices(spec: RecordedSpec) -> tuple[str, ...]:
+def has_choices(spec: Spec) -> tuple[str, ...]:
     """Names of the agents whose actions are not continuous."""
-    return tuple(agent.name for agent in spec.agents if not is_continuous(agent.action))
+    agents = zip(spec.agent_names, spec.action_spaces, strict=True)
+    return tuple(name for name, space in agents if not is_continuous(space))
 
 
-def choices_of(spec: RecordedSpec) -> tuple[tuple[range, ...], ...]:
+def choices_of(spec: Spec) -> tuple[tuple[range, ...], ...]:
     """Returns the whole numbers that each agent chooses from, by column; empty if none chooses.
 
     Raises:
         SchemaError: some actions are choices and others are not.
     """
-    if not has_choices(spec):
+    if spec.action_kind != "choices":
         return ()
-    return tuple(_ranges(agent.action, agent.name, spec) for agent in spec.agents)
+    agents = zip(spec.agent_names, spec.action_spaces, strict=True)
+    return tuple(_ranges(space, name, spec) for name, space in agents)
 
 
-def _ranges(space: Space, name: str, spec: RecordedSpec) -> tuple[range, ...]:
+def _ranges(space: Space, name: str, spec: Spec) -> tuple[range, ...]:
     match space:
         case DiscreteSpace() | MultiDiscreteSpace() | MultiBinarySpace():
             low, high = bounds(space)
@@ -134,7 +119,7 @@ def _ranges(space: Space, name: str, spec: RecordedSpec) -> tuple[range, ...]:
             parts = (space.spaces[key] for key in sorted(space.spaces))
             return tuple(each for part in parts for each in _ranges(part, name, spec))
     raise SchemaError(
-        f"actions of {name} in {spec.task} have a part that is no choice ({space}), and others "
-        "are. Algorithms learn either continuous actions or choices: wrap the environment so that "
-        "it has one kind."
+        f"actions of {name} in {spec.task} have a continuous part ({space}) beside choices. "
+        "Algorithms learn either continuous actions or choices: wrap the environment so that it "
+        "has one kind."
     )

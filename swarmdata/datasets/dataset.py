@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import action_scale, has_choices
+from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
 from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
-from swarmdata.rollouts.metrics import Reference, normalized_score
+from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.specs.model_choice import Source, describe, with_models
-from swarmdata.specs.origins import Origin, RecordedSpec, task_of
+from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
-from swarmdata.store.reading import Verify
+from swarmdata.store.stored_dataset import Verify
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,
@@ -33,7 +33,10 @@ from swarmdata.types import (
 )
 
 if TYPE_CHECKING:
-    from swarmdata.datasets.reobservation import View
+    pass
+
+if TYPE_CHECKING:
+    from swarmdata.datasets.reobservation import Reobservation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,21 +56,21 @@ class Statistics:
 class Dataset:
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
-    Every array is a read-only view of a memory map, but for what `reobserve` computed.
+    Every array is a read-only view of a memory map, except those that `reobserve` computed.
 
     Attributes:
-        stored: the open files; of a re-observation, with what it computed in their place.
+        stored: the open files; of a reobservation, with the arrays it computed.
         selection: stored episodes of this view, int64 [n].
         references: anchors of the normalized score, if known.
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
-        seen: the re-observation that this is, if it is one.
+        reobservation: with which sensors and radios this was observed again, if it was.
     """
 
     stored: StoredDataset
     selection: Int
     references: Reference | None = None
     source: str = "folder"
-    seen: "View | None" = None
+    reobservation: "Reobservation | None" = None
 
     @classmethod
     def open(
@@ -84,7 +87,7 @@ class Dataset:
             verify: `fast` checks the fast checksum of every chunk, `full` also every SHA-256,
                 `none` neither.
             references: anchors of the normalized score.
-            source: where the files came from, for the record.
+            source: where the files came from; only kept.
 
         Raises:
             DatasetError: a subclass that names the file that cannot be used.
@@ -109,13 +112,13 @@ class Dataset:
 
     @property
     def recipe(self) -> Origin:
-        """Where the dataset comes from: a recipe makes it again."""
+        """Where the dataset comes from, such as the recipe that generates it."""
         return self.stored.recipe
 
     @property
-    def spec(self) -> TaskSpec | RecordedSpec:
-        """What was recorded; of a re-observation, the task with its models."""
-        return self.recipe.spec if self.seen is None else self.seen.spec
+    def spec(self) -> Spec:
+        """What was recorded; of a reobservation, the task with the new models."""
+        return self.recipe.spec if self.reobservation is None else self.reobservation.spec
 
     @property
     def task(self) -> TaskSpec:
@@ -124,19 +127,21 @@ class Dataset:
         Raises:
             SpecError: the dataset was recorded in another environment.
         """
-        return task_of(self.recipe, "this") if self.seen is None else self.seen.spec
+        return (
+            task_of(self.recipe, "this") if self.reobservation is None else self.reobservation.spec
+        )
 
     @property
     def view(self) -> str | None:
-        """Canonical JSON of a re-observation's two models, None for what was recorded.
+        """Canonical JSON of a reobservation's two models, None for the recorded dataset.
 
-        Together with `digest` it names the content.
+        Together with `digest` it identifies the content.
         """
-        return None if self.seen is None else self.seen.identity
+        return None if self.reobservation is None else self.reobservation.identity
 
     @property
     def card(self) -> str:
-        """Text of the dataset's card, Markdown; of a re-observation, below a note that says so.
+        """Text of the dataset's card, Markdown; of a reobservation, below a note about the models.
 
         Raises:
             MissingFileError: the dataset has no card.
@@ -148,14 +153,14 @@ class Dataset:
                 f"{self.path / CARD} is absent: this dataset has no card yet. "
                 f"`swarmdata generate {self.id}` writes one."
             ) from error
-        return text if self.seen is None else f"{self.seen.note}\n{text}"
+        return text if self.reobservation is None else f"{self.reobservation.note}\n{text}"
 
     @property
     def statistics(self) -> Statistics:
         """Normalization statistics of the train split, the same in every view."""
         entry = self.stored.manifest.statistics
         recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
-        mean, std = recorded if self.seen is None else self.seen.moments
+        mean, std = recorded if self.reobservation is None else self.reobservation.moments
         return Statistics(
             observation_mean=mean,
             observation_std=std,
@@ -183,15 +188,15 @@ class Dataset:
         return len(self.selection)
 
     def __repr__(self) -> str:
-        """Shows identity and size, and of a re-observation who saw what."""
+        """Shows identity and size, and the models of a reobservation."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
-        seen = ""
-        if self.seen is not None:
-            acted = describe(self.seen.recorded_task)
-            seen = f" seen with {describe(self.seen.spec)}; acted on {acted};"
+        models = ""
+        if self.reobservation is not None:
+            acted = describe(self.reobservation.recorded_task)
+            models = f" seen with {describe(self.reobservation.spec)}; acted on {acted};"
         return (
-            f"<Dataset {self.id}:{seen} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
+            f"<Dataset {self.id}:{models} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
         )
 
@@ -240,7 +245,7 @@ class Dataset:
         policy: str | None = None,
         split: str | None = None,
     ) -> "Dataset":
-        """Returns the view of the episodes that meet every condition given.
+        """Returns the view of the episodes that meet every given condition.
 
         Args:
             success: whether the task was solved.
@@ -267,12 +272,12 @@ class Dataset:
         *,
         progress: bool = True,
     ) -> "Dataset":
-        """Returns the same episodes as robots with other sensors and radios would have seen them.
+        """Returns the same episodes as robots with other sensors and radios would observe them.
 
-        Observations, `sent`, `delivered` and `ages` are computed anew from the recorded states, for
-        the whole dataset whatever is selected here, by what a live world runs. Rewards, states and
-        the digest stay those of the recording, and so do the actions: they came from policies that
-        saw something else, as `card` says. `statistics`, `spec` and `make_env` are the new models'.
+        Observations, `sent`, `delivered` and `ages` are computed from the recorded states by the
+        code of live worlds, for the whole dataset and not only for this selection. Rewards, states,
+        actions and the digest stay those of the recording; the policies that chose the actions had
+        other inputs, as `card` notes. `statistics`, `spec` and `make_env` follow the new models.
 
         The new arrays are held in memory: 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a
         channel only), 1.1 GB for a million states of four robots with 16 lidar rays.
@@ -280,7 +285,8 @@ class Dataset:
         Args:
             observation: the new model: a name such as `lidar`, `lidar-32+noise-0.05`, `bearing` or
                 `occupancy`, its fields, or a file; None keeps this dataset's.
-            communication: the same of a channel, such as `perfect`, `lossy-30+range-1.5` or `none`.
+            communication: the new channel, given likewise, such as `perfect`, `none` or
+                `lossy-30+range-1.5`.
             progress: whether to show a bar (on standard error, if that is a terminal).
 
         Raises:
@@ -292,20 +298,22 @@ class Dataset:
         spec = with_models(self.task, observation, communication)
         if spec == self.spec:
             return self
-        recorded = self.stored if self.seen is None else self.seen.recorded
+        recorded = self.stored if self.reobservation is None else self.reobservation.recorded
         if spec == self.recipe.spec:
-            return replace(self, stored=recorded, seen=None)
+            return replace(self, stored=recorded, reobservation=None)
         from swarmdata.datasets.reobservation import reobserve  # noqa: PLC0415  (compiled code, rarely needed)
 
-        seen = reobserve(recorded, spec, progress=progress)
-        return replace(self, stored=replace(recorded, arrays=dict(seen.arrays)), seen=seen)
+        reobserved = reobserve(recorded, spec, progress=progress)
+        return replace(
+            self, stored=replace(recorded, arrays=dict(reobserved.arrays)), reobservation=reobserved
+        )
 
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this view into memory, row-aligned.
 
-        The last transition of every episode is kept, and its `next_observations` and `next_states`
-        are what was reached, never the start of another episode. `episodes` has the index of each
-        row's episode in this view.
+        The last transition of every episode is kept; its `next_observations` and `next_states` are
+        those of its final state, never the start of another episode. `episodes` has the index of
+        each row's episode in this view.
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
@@ -333,8 +341,9 @@ class Dataset:
     ) -> Sampler:
         """Returns an endless stream of batches, uniform over the transitions of this view.
 
-        Actions are in [-1, 1], in which policies act: of a recorded environment with bounded
-        continuous actions by an affine map (`scaling`). Choices come as they were recorded.
+        Actions are in [-1, 1], the range in which policies act: bounded continuous actions of a
+        recorded environment are mapped affinely (`action_scaling`), discrete choices stay as they
+        were recorded.
 
         Args:
             batch_size: transitions or windows in a batch, B.
@@ -345,9 +354,8 @@ class Dataset:
         Raises:
             SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
         """
-        scale = None
-        if isinstance(self.spec, RecordedSpec) and not has_choices(self.spec):
-            scale = action_scale(self.spec)
+        spec = self.spec
+        scale = action_scale(spec) if spec.action_kind == "continuous" else None
         return Sampler(
             self.stored.arrays,
             self.stored.table,

@@ -1,10 +1,10 @@
 """Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed.
 
-A sampler is a pure function of its seed and of how many batches it drew, so it resumes exactly.
+A batch is a pure function of the seed and its number in the stream, so a sampler resumes exactly.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Float, Int
 
-_AHEAD = 1 << 14
+N_DRAWN_AHEAD = 1 << 14
 """Random numbers made at once; NumPy calls on single batches would cost as much as the gather."""
 
 
@@ -57,9 +57,9 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
         IndexError: an index outside the dataset.
     """
     _refuse_negative(index)
-    here = index + rows.episode.take(index)
-    last = rows.ends.take(here - index) - 1
-    return _gather(arrays, index, here, last, np.ones(index.shape, dtype=np.bool_))
+    episode = rows.episode.take(index)
+    last = rows.ends.take(episode) - 1
+    return _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
 
 
 def gather_windows(
@@ -90,26 +90,26 @@ def gather_windows(
 
 
 def _refuse_negative(index: Int) -> None:
-    """NumPy would count from the end, where rows and observations no longer match."""
+    """NumPy would count a negative index from the end, and mismatch steps and states."""
     if index.size and index.min() < 0:
         raise IndexError(f"index {index.min()} is negative, expected rows of the dataset")
 
 
 def _gather(
-    arrays: Mapping[str, NDArray[Any]], index: Int, here: Int, last: Int, mask: Bool
+    arrays: Mapping[str, NDArray[Any]], index: Int, states: Int, last: Int, mask: Bool
 ) -> Batch:
-    """Gathers steps `index`, observations `here`; the episodes' last steps are `last`."""
-    there = here + 1
+    """Gathers steps `index` from state rows `states`; the episodes' last steps are `last`."""
+    next_states = states + 1
     next_actions = arrays["actions"].take(np.minimum(index + 1, last), axis=0)
     next_actions[index == last] = 0  # nobody acts after the end
     log_probs = arrays["log_probs"]  # [T, 0] where none were recorded
     return Batch(
-        observations=arrays["observations"].take(here, axis=0),
+        observations=arrays["observations"].take(states, axis=0),
         actions=arrays["actions"].take(index, axis=0),
         rewards=arrays["rewards"].take(index, axis=0),
-        next_observations=arrays["observations"].take(there, axis=0),
-        states=arrays["states"].take(here, axis=0),
-        next_states=arrays["states"].take(there, axis=0),
+        next_observations=arrays["observations"].take(next_states, axis=0),
+        states=arrays["states"].take(states, axis=0),
+        next_states=arrays["states"].take(next_states, axis=0),
         terminations=arrays["terminations"].take(index),
         truncations=arrays["truncations"].take(index),
         mask=mask,
@@ -119,22 +119,12 @@ def _gather(
 
 
 def _clear_padding(batch: Batch, mask: Bool) -> None:
-    """Zeroes what lies behind an episode's end, in the batch's own arrays."""
+    """Zeroes the padding behind an episode's end, in the batch's own arrays."""
     padding = np.nonzero(~mask)
     if len(padding[0]):
-        for values in (
-            batch.observations,
-            batch.actions,
-            batch.rewards,
-            batch.next_observations,
-            batch.states,
-            batch.next_states,
-            batch.terminations,
-            batch.truncations,
-            batch.next_actions,
-            batch.log_probs,
-        ):
-            if values is not None:
+        for field in fields(batch):
+            values = getattr(batch, field.name)
+            if field.name != "mask" and values is not None:
                 values[padding] = 0
 
 
@@ -205,7 +195,7 @@ class Sampler:
         offset = self._n_drawn - self._first_ahead
         if not 0 <= offset < len(self._ahead):
             self._first_ahead, offset = self._n_drawn, 0
-            self._ahead = self._draw_ahead(max(1, _AHEAD // self.batch_size))
+            self._ahead = self._draw_ahead(max(1, N_DRAWN_AHEAD // self.batch_size))
         self._n_drawn += 1
         index: Int = self._ahead[offset].copy()
         return index
@@ -236,11 +226,11 @@ class Sampler:
         if self._scale is None:
             return batch
         steps, last = self._steps(index)
-        there = np.minimum(steps + 1, last)
+        next_steps = np.minimum(steps + 1, last)
         return replace(
             batch,
             actions=self._to_unit(batch.actions, steps, batch.mask),
-            next_actions=self._to_unit(batch.next_actions, there, batch.mask & (steps < last)),
+            next_actions=self._to_unit(batch.next_actions, next_steps, batch.mask & (steps < last)),
         )
 
     def _steps(self, index: Int) -> tuple[Int, Int]:
@@ -252,12 +242,12 @@ class Sampler:
         return steps, np.broadcast_to(last[..., None], steps.shape)
 
     def _to_unit(self, actions: Float, steps: Int, mask: Bool) -> Float:
-        """Scales the actions of some steps, [..., N, A]; those that nobody took become 0."""
-        assert self._scale is not None  # only called with one
+        """Scales the actions of some steps, [..., N, A]; those of absent agents become 0."""
+        assert self._scale is not None  # callers check it
         acting = mask[..., None]
         if "alive" in self._arrays:
-            here = steps + self.rows.episode.take(steps)
-            acting = acting & self._arrays["alive"].take(here, axis=0)
+            states = steps + self.rows.episode.take(steps)
+            acting = acting & self._arrays["alive"].take(states, axis=0)
         return self._scale.to_unit(np.where(acting[..., None], actions, self._scale.middle))
 
     def state_dict(self) -> dict[str, int]:

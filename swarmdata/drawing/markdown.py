@@ -1,12 +1,19 @@
-"""Small pieces of Markdown."""
+"""Markdown tables, and values of a spec as text."""
 
 import html
 from collections.abc import Sequence
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table; every cell is text, and nothing in it is HTML or ends the cell."""
-    lines = [head, ["---"] * len(head), *rows]
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: bool = False) -> str:
+    """A GitHub table whose cells stay text: no HTML, no line breaks, no end of the cell.
+
+    Args:
+        head: the first line.
+        rows: as long as the head.
+        is_numeric: whether every column but the first is aligned to the right.
+    """
+    rule = ["---", *["---:" if is_numeric else "---"] * (len(head) - 1)]
+    lines = [head, rule, *rows]
     return "".join(f"| {' | '.join(map(_cell, line))} |\n" for line in lines)
 
 

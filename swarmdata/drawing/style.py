@@ -1,18 +1,27 @@
 """The style of every figure: colors, fonts, and how a figure is made and saved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.runtime.atomic import staged
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
-"""From Okabe and Ito, "Color Universal Design", 2008; the same as of the robots."""
+"""From Okabe and Ito, "Color Universal Design", 2008; robots are drawn in the same colors."""
 
 INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"
-"""Of text and axes, of what stands back, and of grids."""
+"""Of text and axes, of the background, and of grid lines."""
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+"""Of points that share a color."""
+
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
+"""Of lines that share a color, in matplotlib's notation."""
+
+DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
+"""The mean of a dataset's own episodes, in every figure that shows it."""
 
 DPI = 160
 
@@ -38,8 +47,19 @@ def colors(n: int) -> list[str]:
     return [COLORS[k % len(COLORS)] for k in range(n)]
 
 
+def line_style(k: int) -> dict[str, Any]:
+    """Color and dashes of line k: the dashes change once the colors repeat."""
+    return {"color": COLORS[k % len(COLORS)], "ls": DASHES[(k // len(COLORS)) % len(DASHES)]}
+
+
+def draw_grid(axes: Any, axis: Literal["both", "x", "y"] = "both", width: float = 0.8) -> None:
+    """Draws a faint grid behind the data."""
+    axes.grid(axis=axis, color=FAINT, lw=width)
+    axes.set_axisbelow(True)
+
+
 def thousands(value: float, _position: int = 0) -> str:
-    """10000 as 10k, 2000000 as 2M; a formatter of ticks."""
+    """Formats ticks: 10000 as 10k, 2000000 as 2M."""
     for size, letter in ((1e6, "M"), (1e3, "k")):
         if abs(value) >= size:
             return f"{value / size:g}{letter}"
@@ -50,13 +70,13 @@ def thousands(value: float, _position: int = 0) -> str:
 def figure(
     path: Path, *, width: float, height: float, purpose: str = "drawing a figure"
 ) -> Iterator[Any]:
-    """A figure in inches, in the house style, saved at the end; pyplot's global state stays.
+    """Makes a figure in the project's style and saves it at the end; pyplot's state is unchanged.
 
     Args:
         path: where to save; the suffix is the format.
         width: inches.
         height: inches.
-        purpose: what needs matplotlib, for the error.
+        purpose: for the error message if matplotlib is missing.
 
     Raises:
         SchemaError: an unknown suffix.

@@ -171,7 +171,9 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         agents = recorded_agents(note.spec, max(widths))
         metadata = {"exported_from": note.id, "exported_digest": note.digest}
         episodes = _exported_episodes(source, found, note, agents)
-        yield ImportedData(note.spec, note.policies, episodes, note.episodes.split_codes, metadata)
+        yield ImportedData(
+            note.spec, note.policies, episodes, note.episodes.assign_splits, metadata
+        )
         return
     agents, is_team = _foreign_agents(found, choices)
     content = {

@@ -1,1 +1,1 @@
-"""Numbers that are the same bits on every machine: random streams, exact functions, geometry."""
+"""Computations with the same bits on every machine: random streams, exact functions, geometry."""

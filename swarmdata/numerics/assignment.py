@@ -1,10 +1,10 @@
-"""The assignment of least total cost, in compiled code.
+"""The assignment problem (least total cost), in compiled code.
 
 Source: Kuhn, "The Hungarian method for the assignment problem", Naval Research Logistics Quarterly
 2, 1955, as successive shortest paths with potentials: Jonker and Volgenant, "A shortest augmenting
 path algorithm for dense and sparse linear assignment problems", Computing 38, 1987.
 
-Float64 `+ -` and comparisons only, so that the bits are the same on every platform.
+It uses only `+ -` and comparisons in float64, so that the bits are the same on every platform.
 """
 
 import math
@@ -19,7 +19,7 @@ _COLUMN, _OWNER, _BEFORE = range(3)
 
 
 def assignment_work(n: int) -> tuple[Double, Int]:
-    """Scratch memory for `assign` of n rows."""
+    """Returns scratch memory for `assign` with n rows."""
     return np.zeros((4, n + 1)), np.zeros((3, n + 1), dtype=np.int64)
 
 
@@ -27,7 +27,7 @@ def assignment_work(n: int) -> tuple[Double, Int]:
 def assign(costs: Double, work: Double, places: Int) -> float:
     """Writes the column of each row in the assignment of least total cost, and returns that cost.
 
-    Which of several assignments of equal cost it is, is a function of the input.
+    Ties between assignments of equal cost are broken deterministically.
 
     Args:
         costs: finite, [n, n].
@@ -38,7 +38,7 @@ def assign(costs: Double, work: Double, places: Int) -> float:
     work[_SHIFT], work[_LIFT] = 0.0, 0.0
     places[_OWNER] = -1
     for i in range(n):
-        places[_OWNER, n] = i  # column n, which does not exist, is where the search starts
+        places[_OWNER, n] = i  # the search starts at column n, which does not exist
         free = _shortest_path(costs, work, places)
         while free != n:
             before = places[_BEFORE, free]
@@ -54,7 +54,7 @@ def assign(costs: Double, work: Double, places: Int) -> float:
 
 @kernel
 def _shortest_path(costs: Double, work: Double, places: Int) -> int:
-    """Returns the column at the end of the shortest path from column n to one without a row."""
+    """Returns the column without a row at the end of the shortest path from column n."""
     n = costs.shape[0]
     shift, lift, path, is_settled = work[_SHIFT], work[_LIFT], work[_PATH], work[_IS_SETTLED]
     owner, before = places[_OWNER], places[_BEFORE]

@@ -1,8 +1,8 @@
 """Distances between circular robots, obstacles and walls: numba kernels over plain arrays.
 
 All arithmetic is `+ - * /` and `sqrt` in float64 or float32 (the wider of the operands, as in
-NumPy; numba's `float()` does not widen), each operation correctly rounded by IEEE 754, so that the
-bits are the same on every platform. No fast-math, no library transcendental function.
+NumPy; numba's `float()` does not widen). IEEE 754 rounds each operation correctly, so the bits are
+the same on every platform. There is no fast-math and no transcendental function of a library.
 """
 
 import math
@@ -11,16 +11,16 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Column, Double, Float
 
 CIRCLE, BOX, CORNER, POCKET = 0.0, 1.0, 2.0, 3.0
-"""Shape codes, which count the bars. A corner has bars along the lower and left sides of its
-rectangle; a pocket also along the right side, so that it opens towards local +y."""
+"""Shape codes, equal to the number of bars. A corner has bars along the lower and left sides of its
+rectangle; a pocket has one along the right side too, so that it opens towards local +y."""
 
-SHAPES = (
+SHAPE_MEANINGS = (
     "circle: a disc of radius a",
     "box: the rectangle |x| <= a, |y| <= b",
     "corner: an L of two bars, |x| <= a, |y - (t - b)| <= t and |x - (t - a)| <= t, |y| <= b",
     "pocket: a U of three bars, those of a corner and |x - (a - t)| <= t, |y| <= b",
 )
-"""By code, what an obstacle consists of; x and y are in its local frame."""
+"""The points of an obstacle, by shape code; x and y are in its local frame."""
 
 OBSTACLE_COLUMNS = (
     Column("kind", "shape: an index into `shapes`", low=0, high=3),
@@ -36,6 +36,16 @@ OBSTACLE_COLUMNS = (
 
 OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
 """Names of the columns of a layout row."""
+
+
+@kernel(inline="always")
+def bar_box(kind: float, a: float, b: float, t: float, k: int) -> tuple[float, float, float, float]:
+    """Centre and half sizes of bar k in the obstacle's frame: along -y, then -x, then +x."""
+    if kind <= BOX:
+        return 0.0, 0.0, a, b
+    if k == 0:
+        return 0.0, t - b, a, t
+    return (t - a if k == 1 else a - t), 0.0, t, b
 
 
 @kernel(inline="always")
@@ -83,7 +93,7 @@ def _nearest(
 
 @kernel(error_model="numpy")
 def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, float, float]:
-    """As `nearest`, of obstacle m of a layout [M, 8]; a slice of the layout would cost more."""
+    """As `nearest`, for obstacle m of a layout [M, 8]; a slice of the layout would be slower."""
     return _nearest(
         px, py, layout[m, 0], layout[m, 1], layout[m, 2], layout[m, 3], layout[m, 4],
         layout[m, 5], layout[m, 6], layout[m, 7],
@@ -94,9 +104,9 @@ def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, floa
 def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
     """Returns the distance from a point to an obstacle's surface and the vector to it.
 
-    The distance is 0 inside an obstacle. Where two bars of a corner or pocket are equally near, the
-    vector is that to the first, and the last bits decide: one that is computed with other rounding
-    may be that to the second.
+    The distance is 0 inside an obstacle. If two bars of a corner or pocket are equally near, the
+    vector leads to the first. Rounding decides near such ties: code that rounds differently may
+    find the vector to the second bar.
 
     Args:
         px: point, m.
@@ -108,14 +118,14 @@ def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
 
 @kernel
 def bounding_radius(row: Float) -> float:
-    """Radius of the smallest circle about the obstacle's centre that holds it."""
+    """Radius of the smallest circle around the obstacle's centre that contains it."""
     a, b = float(row[5]), float(row[6])
     return a if row[0] == CIRCLE else math.sqrt(a * a + b * b)
 
 
 @kernel(inline="always")
 def outer_radius(row: Float) -> float:
-    """At least `bounding_radius`, by at most two fifths, and without a root."""
+    """An upper bound of `bounding_radius`, at most 42 % larger, computed without a square root."""
     a, b = float(row[5]), float(row[6])
     return a if row[0] == CIRCLE else 1.4143 * max(a, b)
 
@@ -128,7 +138,7 @@ def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
         px: point, m.
         py: point, m.
         half: half width and half height of the arena, [2].
-        wall: which wall.
+        wall: number of the wall.
     """
     if wall == 0:
         return half[0] - px

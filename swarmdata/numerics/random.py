@@ -1,8 +1,8 @@
 """Counter-based random numbers: every draw is a pure function of (seed, stream, counters).
 
 Nothing here has hidden state, so an episode is the same whether it runs alone or in a batch of 64.
-Only integer arithmetic and exact float operations are used, so that every platform gives the same
-bits; NumPy's distributions make no such promise.
+Only integer arithmetic and exact float operations are used, so every platform gives the same bits,
+which NumPy's distributions do not guarantee.
 
 The mixer is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
 OOPSLA 2014, figure 17).
@@ -15,7 +15,7 @@ import numpy as np
 
 from swarmdata.types import Double, Int, Seeds
 
-GOLDEN = 0x9E3779B97F4A7C15
+GOLDEN_GAMMA = 0x9E3779B97F4A7C15
 MIX_1 = 0xBF58476D1CE4E5B9
 MIX_2 = 0x94D049BB133111EB
 
@@ -26,7 +26,7 @@ STREAMS = {
 """Independent streams of one episode's seed."""
 
 EVALUATION_BASE = 1 << 62
-"""Seeds from here on are reserved for evaluation and never appear in a dataset."""
+"""The first of the seeds that are reserved for evaluation and never appear in a dataset."""
 
 NORMAL_BITS = 12
 
@@ -50,7 +50,7 @@ def derive(seeds: Seeds | np.uint64 | int, *counters: Seeds | Int | np.uint64 | 
     value = np.asarray(seeds, dtype=np.uint64)
     with np.errstate(over="ignore"):
         for counter in counters:
-            step = (np.asarray(counter, dtype=np.uint64) + np.uint64(1)) * np.uint64(GOLDEN)
+            step = (np.asarray(counter, dtype=np.uint64) + np.uint64(1)) * np.uint64(GOLDEN_GAMMA)
             value = mix(np.atleast_1d(value + step))
     return value
 

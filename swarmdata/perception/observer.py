@@ -7,7 +7,7 @@ from swarmdata.perception.comms import Channel
 from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
-from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Step
+from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Step
 
 
 class Observer:
@@ -62,7 +62,7 @@ class Observer:
             np.zeros((*shape, n, len(self.features)), dtype=np.float32),
             np.zeros((*shape, n, self.message_size), dtype=np.float32),
             np.zeros((*shape, n, self.n_senders), dtype=np.bool_),
-            np.full((*shape, n, self.n_senders), NEVER, dtype=np.uint8),
+            np.full((*shape, n, self.n_senders), NEVER_RECEIVED, dtype=np.uint8),
         )
 
 

@@ -10,8 +10,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.episode_buffer import StateRow
 from swarmdata.record.recording_description import StateSource
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.types import Bool, Counts, Float, no_messages
 
 
@@ -29,14 +28,14 @@ class EnvironmentReader:
 
     env: Any
     reader: AgentReader
-    spec: TaskSpec | RecordedSpec
+    spec: Spec
     source: StateSource
     has_masks: bool
 
     @property
     def is_own_task(self) -> bool:
         """Whether this is a task of this library, with events, messages and layouts."""
-        return isinstance(self.spec, TaskSpec)
+        return self.spec.world is not None
 
     def state(
         self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool, seen: Bool
@@ -94,7 +93,7 @@ class EnvironmentReader:
         if state.dtype.kind not in "biuf" or not np.isfinite(state).all():
             raise SchemaError(f"state() returned {state!r}, expected finite numbers")
         row: Float = state.reshape(-1).astype(np.float32)
-        if isinstance(self.spec, RecordedSpec) and len(row) != self.spec.state_size:
+        if self.spec.state_size not in (None, len(row)):
             raise SchemaError(
                 f"state() returned {len(row)} numbers, expected {self.spec.state_size} as after "
                 "the first reset"

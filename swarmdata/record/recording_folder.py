@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from filelock import FileLock, Timeout
 
-from swarmdata.cards.card import write_card
+from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
 from swarmdata.record.episode_buffer import episode_bytes
@@ -25,10 +25,10 @@ from swarmdata.store import (
     SPLITS,
     Manifest,
     assemble,
+    assign_splits,
     read_manifest,
     read_part_table,
     remove_leftovers,
-    split_codes,
     write_file,
     write_part,
 )
@@ -86,7 +86,9 @@ class RecordingFolder:
         self._unwritten: dict[int, list[Episode]] = {}
         parts = self.parts()
         self._next_part = max((number for number, _ in parts), default=-1) + 1
-        self._n_episodes = sum(len(read_part_table(part)) for part in parts.values())
+        is_published = path.exists()  # then a killed process may have removed half of a part
+        tables = [] if is_published else [read_part_table(part) for part in parts.values()]
+        self._n_episodes = sum(map(len, tables))
         self._n_bytes, self._since = 0, time.monotonic()
 
     def session(self) -> Session | None:
@@ -175,7 +177,7 @@ class RecordingFolder:
                 f"{self.path} holds another dataset than the recording {session.recording.id} in "
                 f"{self.folder}. Move one of the two."
             )
-        write_card(self.path)
+        finish(self.path)
         self._remove()
         self.release()
         return Dataset.open(self.path, source="recorded")
@@ -282,7 +284,7 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
             order.append((policy, taken.setdefault(policy, 0)))
             taken[policy] += 1
     recording = session.recording
-    if SPLITS.index("train") not in split_codes(recording, order):
+    if SPLITS.index("train") not in assign_splits(recording, order):
         splits = recording.splits or Splits()
         raise BuildError(
             f"{recording.id} has {len(order)} episodes, none of which falls into the train split "

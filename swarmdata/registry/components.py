@@ -25,7 +25,7 @@ POLICIES = {
     "learned": "swarmdata.behavior_policies.learned:Learned",
 }
 
-SCRIPTED = {
+SCRIPTED_CONTROLLERS = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_controller:CoopNavScript",
     "transport": "swarmdata.behavior_policies.transport.transport_controller:TransportScript",
     "warehouse": "swarmdata.behavior_policies.warehouse.warehouse_controller:WarehouseScript",
@@ -98,6 +98,6 @@ def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
 
 def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
     """Builds the named policy for the task that `spec` describes."""
-    table = {**POLICIES, "scripted": SCRIPTED.get(spec.task, POLICIES["scripted"])}
+    table = {**POLICIES, "scripted": SCRIPTED_CONTROLLERS.get(spec.task, POLICIES["scripted"])}
     build: Callable[..., Policy] = resolve("policy", table, name)
     return build(spec, **options)

@@ -7,16 +7,16 @@ from pathlib import Path
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.task_spec import TaskSpec
 
-FOLDER = "presets"
+PRESETS_FOLDER = "presets"
 
-SUFFIXES = (".yaml", ".yml", ".json")
+SPEC_SUFFIXES = (".yaml", ".yml", ".json")
 """Endings of a spec's file."""
 
 
 @cache
 def preset_names() -> tuple[str, ...]:
     """Names of all presets, sorted."""
-    folder = files("swarmdata.envs") / FOLDER
+    folder = files("swarmdata.envs") / PRESETS_FOLDER
     return tuple(sorted(Path(f.name).stem for f in folder.iterdir() if f.name.endswith(".yaml")))
 
 
@@ -49,7 +49,7 @@ def name_of(spec: TaskSpec) -> str:
 def _read(name: str) -> str:
     if name not in preset_names():
         raise UnknownNameError("task", name, preset_names())
-    return (files("swarmdata.envs") / FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
+    return (files("swarmdata.envs") / PRESETS_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def find_spec(name_or_path: str) -> TaskSpec:
@@ -60,7 +60,7 @@ def find_spec(name_or_path: str) -> TaskSpec:
         SpecError: the file cannot be read, or is not a spec.
     """
     path = Path(name_or_path)
-    if path.suffix not in SUFFIXES:
+    if path.suffix not in SPEC_SUFFIXES:
         return preset(name_or_path)
     try:
         return TaskSpec.from_file(path)

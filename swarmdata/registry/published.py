@@ -2,16 +2,43 @@
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
+from swarmdata.errors import SchemaError
 from swarmdata.specs.frozen import Frozen, Probability
+from swarmdata.types import Double
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Reference(NamedTuple):
+    """The two returns between which a score is measured, on the fixed evaluation seeds."""
+
+    no_skill: float  # the better of an idle and a random team
+    expert: float
+
+
+def normalized_score(returns: Double | float, reference: Reference) -> Double:
+    """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
+
+    Same shape as `returns`; neither end is clipped.
+
+    Raises:
+        SchemaError: the expert is not better than no skill.
+    """
+    span = reference.expert - reference.no_skill
+    if not span > 0:
+        raise SchemaError(
+            f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
+            "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
+        )
+    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
 
 
 class Figures(Frozen):
@@ -51,14 +78,14 @@ class TaskReferences(Frozen):
     made_with: dict[str, str]
     policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
 
-    @property
+    @cached_property
     def no_skill(self) -> float | None:
         """Mean return of the better of the idle and the random team; 0 on the score."""
         returns = [self.mean_return(name) for name in ("idle", "random")]
         known = [value for value in returns if value is not None]
         return max(known) if len(known) == len(returns) else None
 
-    @property
+    @cached_property
     def expert(self) -> float | None:
         """Mean return of the expert team; 100 on the score."""
         return self.mean_return("expert")
@@ -68,15 +95,21 @@ class TaskReferences(Frozen):
         interval = self.policies.get(policy, {}).get("return")
         return interval.value if interval else None
 
-    def score(self, team_return: float) -> float | None:
-        """100 (R - R0) / (R_expert - R0), None where a reference was not measured."""
+    @property
+    def reference(self) -> Reference | None:
+        """The ends of the score, None where one of them was not measured."""
         if self.no_skill is None or self.expert is None:
             return None
-        return 100.0 * (team_return - self.no_skill) / (self.expert - self.no_skill)
+        return Reference(self.no_skill, self.expert)
+
+    def score(self, team_return: float) -> float | None:
+        """The normalized score of a team return, None where a reference was not measured."""
+        reference = self.reference
+        return None if reference is None else float(normalized_score(team_return, reference))
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
-    """What differs from the versions and the platform that something was made with, in words."""
+    """Versions and platforms that differ from those that something was made with, in words."""
     return tuple(
         f"{name} {here.get(name, 'none')} instead of {version}"
         for name, version in sorted(made_with.items())
@@ -98,6 +131,7 @@ def references() -> Mapping[str, TaskReferences]:
     return MappingProxyType({key: TaskReferences.parse(value, key) for key, value in entries})
 
 
+@cache
 def references_of(spec_hash: str) -> TaskReferences | None:
     """The references measured on exactly this spec, None if there are none."""
     return next((entry for entry in references().values() if entry.spec_hash == spec_hash), None)

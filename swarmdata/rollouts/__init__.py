@@ -1,1 +1,1 @@
-"""Policies in worlds: rollouts, evaluation, and what is measured of an episode."""
+"""Running policies in environments: rollouts, evaluation, metrics and score statistics."""

@@ -1,21 +1,21 @@
-"""What a dataset's `log_probs` mean, and their computation.
+"""The definition and computation of a dataset's `log_probs`.
 
 The log-probability of a robot's action is the sum over its components of
 
-- the log-density of the normal N(mean, noise^2) at a component strictly inside (-1, 1);
-- the log of the normal's mass beyond a bound for a component that lies at it: noisy actions are
-  clipped to [-1, 1], so that their measure is a density inside and a point mass at either bound;
-- 0 for a component without noise that is the one chosen (probability 1), else -infinity;
+- the log-density of the normal N(mean, noise^2), for a component strictly inside (-1, 1);
+- the log of the normal's mass beyond a bound, for a component at that bound: noisy actions are
+  clipped to [-1, 1], so their distribution has a density inside and a point mass at either bound;
+- for a component without noise, 0 if it is the one chosen (probability 1), else -infinity;
 - -log 2 for a uniform draw from [-1, 1].
 
 So the exponential of the difference of two policies' values is an importance weight wherever both
-have a density or both have a mass. Everything is computed from the stored, float32 action, whether
-it is at a bound included, so that anybody can compute it again from the dataset and the policy. The
-noise of `seeding.normal` takes 4,096 equally likely values; the density is that of the normal they
-stand for.
+have a density or both have a mass. Everything, including whether a component is at a bound, is
+computed from the stored float32 action, so that anyone can compute it again from the dataset and
+the policy. The noise of `random.normal` takes 4,096 equally likely values; the density is that of
+the normal distribution that they approximate.
 
-All values are elementwise float64 (`exact_math`), rounded once to float32: the same bits on every
-platform and in every batch.
+All values are computed elementwise in float64 (`exact_math`) and rounded once to float32, so they
+have the same bits on every platform and in every batch.
 """
 
 import numpy as np
@@ -31,10 +31,10 @@ def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
     """Returns the log-probability of each robot's action, [E, N].
 
     Args:
-        means: what the policy would do without noise, not rounded, [E, N, C]. Actions have A >= C
-            components; those without a mean (messages that the policy never sends) are zeros for
-            certain.
-        actions: what it did, clipped to [-1, 1], [E, N, A].
+        means: the policy's actions without noise, not rounded, [E, N, C]. Actions have A >= C
+            components; those without a mean (messages that the policy never sends) are zero with
+            certainty.
+        actions: the actions taken, clipped to [-1, 1], [E, N, A].
         noise: standard deviation of the Gaussian noise; 0 for a deterministic policy.
     """
     size = means.shape[-1]
@@ -47,11 +47,11 @@ def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
 
 
 def certain_log_probs(chosen: Float, actions: Float) -> Float:
-    """Returns the log-probability of each robot's action where a policy has no noise, [E, N].
+    """Returns the log-probability of each robot's action under a policy without noise, [E, N].
 
     Args:
-        chosen: what it does for certain, [E, N, C]; choices may lie outside [-1, 1].
-        actions: what was done, [E, N, A], A >= C; components beyond C are zeros for certain.
+        chosen: the policy's actions, [E, N, C]; choices may lie outside [-1, 1].
+        actions: the actions taken, [E, N, A], A >= C; components beyond C are zero with certainty.
     """
     size = chosen.shape[-1]
     beyond = _certain(np.float32(0.0), actions[..., size:])
@@ -81,7 +81,7 @@ def _certain(chosen: Float | np.float32, actions: Float) -> Double:
 
 
 def _joint(parts: Double) -> Float:
-    """Sums over components one after the other, then rounds once."""
+    """Sums over components in order, then rounds once."""
     total = np.zeros(parts.shape[:-1])
     for component in range(parts.shape[-1]):
         total = total + parts[..., component]
@@ -89,10 +89,10 @@ def _joint(parts: Double) -> Float:
 
 
 class LastMeans:
-    """What a policy meant to do in the step that it acted on last, known by the step's identity.
+    """A policy's noiseless actions on the step it acted on last, identified by the step object.
 
-    It saves the second run of a network, and lets a policy with memory, which cannot act on a step
-    twice, say what its action was.
+    They save a second run of a network, and let a policy with memory, which cannot act on a step
+    twice, compute the log-probability of its action.
     """
 
     def __init__(self) -> None:
@@ -100,24 +100,24 @@ class LastMeans:
         self._means: Double = np.empty(0)
 
     def keep(self, step: Step, means: Double) -> Double:
-        """Remembers the means, [E, N, C], of a step, and returns them."""
+        """Stores the means of a step, [E, N, C], and returns them."""
         self._step, self._means = step, means
         return means
 
     def recall(self, step: Step) -> Double | None:
-        """Returns the means of `step` if it is the last one kept."""
+        """Returns the means of `step` if it is the last one stored, else None."""
         return self._means if step is self._step else None
 
     def require(self, step: Step) -> Double:
         """Returns the means of `step`, [E, N, C].
 
         Raises:
-            SchemaError: it is not the last one kept.
+            SchemaError: `step` is not the last one stored.
         """
         if step is not self._step:
             raise SchemaError(
-                "log_probs got another step than act got last, expected the same object: a policy "
-                "with memory cannot act on a step twice. Call act(step), then "
+                "log_probs got another step than the last call of act, expected the same object: a "
+                "policy with memory cannot act on a step twice. Call act(step), then "
                 "log_probs(step, actions), in the order of the episode."
             )
         return self._means

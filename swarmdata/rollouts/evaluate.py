@@ -1,4 +1,4 @@
-"""Evaluates a policy on the reserved seeds; `result_files` keeps what it returns."""
+"""Evaluates a policy on the reserved seeds; `result_files` stores the result."""
 
 from collections.abc import Sequence
 
@@ -26,15 +26,16 @@ def evaluate(
 ) -> EvalResult:
     """Runs a policy on the first `n_episodes` evaluation seeds, the same for everybody.
 
-    Episodes are measured as they finish and not kept. The result does not depend on `n_copies`.
+    Episodes are measured as they finish, and are not kept. The result does not depend on
+    `n_copies`.
 
     Args:
         policy: acts in every copy.
         spec: the problem to solve.
-        name: of the policy, for tables.
-        n_episodes: how many of the reserved seeds to use.
-        n_copies: how many episodes run at the same time.
-        progress: whether to show a bar (on standard error, if that is a terminal).
+        name: the policy's name in tables.
+        n_episodes: number of reserved seeds to use.
+        n_copies: number of episodes that run at the same time.
+        progress: whether to show a progress bar (on standard error, if that is a terminal).
 
     Raises:
         SchemaError: `n_episodes` is not positive, or the policy's actions are malformed.
@@ -44,7 +45,7 @@ def evaluate(
     seeds = evaluation_seeds(n_episodes)
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes))
-    hidden = None if progress else True  # None: hidden where there is no terminal
+    hidden = None if progress else True  # None: hidden unless standard error is a terminal
     with tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden) as bar:
         for row, episode in enumerate(rollout(env, policy, seeds, progress=bar.update)):
             for metric, value in episode_metrics(episode, env.task).items():
@@ -53,7 +54,7 @@ def evaluate(
 
 
 def check_comparable(results: Sequence[EvalResult]) -> None:
-    """Raises unless all results are of one spec on the same seeds.
+    """Checks that all results were measured on one spec and the same seeds.
 
     Raises:
         SchemaError: there is no result, or two differ in spec or seeds.

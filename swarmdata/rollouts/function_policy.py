@@ -1,4 +1,4 @@
-"""FunctionPolicy: any function of observations as a policy that can be evaluated and recorded."""
+"""FunctionPolicy turns any function of observations into a policy to evaluate and record."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +10,8 @@ from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.types import Double, Float, Int, Step
 
 Function = Callable[[Float], Any]
-"""Observations, float32 [E, N, O], to actions [E, N, A]: NumPy, or what NumPy reads without a copy,
-such as a tensor on the CPU that needs no gradient."""
+"""Maps observations, float32 [E, N, O], to actions, [E, N, A]: a NumPy array, or anything that
+NumPy reads without a copy, such as a CPU tensor without gradient."""
 
 
 class FunctionPolicy:
@@ -19,12 +19,12 @@ class FunctionPolicy:
 
         policy = FunctionPolicy(lambda observations: network(torch.from_numpy(observations)))
 
-    An episode is the same in any batch only if the function answers each copy alike in any batch.
-    Products in float32 do so but for the last bits; in float64, what remains is lost when actions
-    are rounded to float32.
+    Episodes do not depend on the batch only if the function returns the same actions for a copy in
+    any batch. Matrix products in float32 differ in the last bits; with float64 products, that
+    difference vanishes when actions are rounded to float32.
 
     Args:
-        function: what the robots do.
+        function: maps observations to actions.
     """
 
     uses_state = False
@@ -46,10 +46,10 @@ class FunctionPolicy:
         return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
 
     def _means(self, step: Step) -> Double:
-        """The function's actions, clipped and as float32 keeps them, [E, N, A].
+        """Returns the function's actions, clipped and rounded to float32, [E, N, A].
 
         Raises:
-            SchemaError: they are not one finite row for each robot.
+            SchemaError: the actions are not one finite row for each robot.
         """
         n_copies, n_agents = step.observations.shape[:2]
         actions = np.asarray(self._function(step.observations), dtype=np.float64)

@@ -1,18 +1,10 @@
-"""What is measured of an episode, and how many episodes, runs and tasks become one number.
+"""The metrics of an episode, and its score relative to the references of a task."""
 
-All functions are pure. Aggregates take `scores[..., runs, tasks]` and reduce the last two axes, so
-that a bootstrap is one call on a leading axis of resamples. The definitions follow Agarwal et al.,
-"Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021.
-"""
-
-from collections.abc import Callable, Mapping
-from statistics import NormalDist
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import TASKS, resolve
 from swarmdata.specs.state_layout import Y, robots_of
@@ -20,9 +12,6 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Double, Episode, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
-CHUNK = 1 << 22
-"""Resampled scores held at once."""
-
 
 EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
     {
@@ -56,19 +45,19 @@ EPISODE_METRICS: Mapping[str, Metric] = MappingProxyType(
 
 
 def metrics_of(task: str) -> Mapping[str, Metric]:
-    """Every per-episode metric of a task: those of all tasks, then its own.
+    """Returns every per-episode metric of a task: those of all tasks, then its own.
 
     Raises:
-        UnknownNameError: no such task.
+        UnknownNameError: no task has this name.
     """
     return {**EPISODE_METRICS, **resolve("task", TASKS, task).metrics}
 
 
 def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
-    """Returns one value per name of `metrics_of` the task.
+    """Returns one value for each metric in `metrics_of` the task.
 
     Raises:
-        SchemaError: the episode's states are not those of this task's team.
+        SchemaError: the episode's states do not fit this task's team.
     """
     spec = task.spec
     positions = robots_of(episode.states, spec.n_agents)[..., : Y + 1].astype(np.float64)
@@ -107,163 +96,16 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
     return float(gaps.min())
 
 
-class Reference(NamedTuple):
-    """The two returns between which a score is measured, on the fixed evaluation seeds."""
+def censored_times(times: Double, limit: float) -> Double:
+    """Returns min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
 
-    no_skill: float  # the better of an idle and a random team
-    expert: float
-
-
-def normalized_score(returns: Double | float, reference: Reference) -> Double:
-    """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
-
-    Same shape as `returns`; neither end is clipped.
-
-    Raises:
-        SchemaError: the expert is not better than no skill.
-    """
-    span = reference.expert - reference.no_skill
-    if not span > 0:
-        raise SchemaError(
-            f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
-            "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
-        )
-    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
-
-
-def restricted_mean_time(times: Double, limit: float) -> float:
-    """Mean of min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
-
-    This is the restricted mean survival time, the area under the Kaplan-Meier curve up to `limit`
-    (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013): nothing is censored before
-    the limit, so the curve is the empirical one. The mean over successes alone would reward a
-    policy for failing on the long episodes.
+    Their mean is the restricted mean survival time, the area under the Kaplan-Meier curve up to
+    `limit` (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013): nothing is censored
+    before the limit, so the curve is the empirical one. The mean over successes alone would reward
+    a policy for failing on the long episodes.
 
     Args:
         times: time to goal of each episode, s, [n_episodes].
         limit: the horizon, s.
     """
-    return float(censored_times(times, limit).mean())
-
-
-def censored_times(times: Double, limit: float) -> Double:
-    """Returns min(time, limit) with NaN as `limit`: the terms of `restricted_mean_time`."""
     return np.asarray(np.fmin(times, limit))  # fmin ignores NaN
-
-
-def mean(scores: Double) -> Double:
-    """Mean over runs and tasks; `scores[..., runs, tasks] -> [...]`."""
-    return np.asarray(scores.mean(axis=(-2, -1)))
-
-
-def iqm(scores: Double) -> Double:
-    """Interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
-
-    The mean of what is left of the n = runs * tasks scores when the floor(n / 4) smallest and as
-    many largest are dropped (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
-    """
-    flat = scores.reshape(*scores.shape[:-2], -1)
-    n = flat.shape[-1]
-    cut = n // 4
-    middle = np.partition(flat, (cut, n - cut - 1), axis=-1)[..., cut : n - cut]
-    return np.asarray(middle.mean(axis=-1))
-
-
-def optimality_gap(scores: Double, target: float = 100.0) -> Double:
-    """How far runs stay below `target`, on average; `scores[..., runs, tasks] -> [...]`.
-
-    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
-    """
-    return np.asarray(target - np.minimum(scores, target).mean(axis=(-2, -1)))
-
-
-def probability_of_improvement(x: Double, y: Double) -> Double:
-    """Probability that a run of X beats a run of Y on a random task, ties counting one half.
-
-    The mean over tasks of the Mann-Whitney statistic U / (runs_x runs_y) (Agarwal et al. 2021,
-    section 4.3 and appendix). `x[..., runs_x, tasks], y[..., runs_y, tasks] -> [...]`.
-    """
-    a, b = x[..., :, None, :], y[..., None, :, :]
-    wins: Double = (a > b) + 0.5 * (a == b)
-    return np.asarray(wins.mean(axis=(-3, -2, -1)))
-
-
-class Estimate(NamedTuple):
-    """A value and the ends of its confidence interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def bootstrap(
-    statistic: Callable[..., Double],
-    *scores: Double,
-    generator: np.random.Generator,
-    n_resamples: int = 2000,
-    level: float = 0.95,
-) -> Estimate:
-    """Stratified percentile bootstrap of a statistic of one or more score tables.
-
-    A resample draws, in every table and independently for every task, as many runs as there are,
-    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The ends are the
-    (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
-    interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
-
-    Args:
-        statistic: maps tables [..., runs, tasks] to [...]; for example `iqm`.
-        scores: finite tables [runs, tasks]; episodes of one policy are runs of one task.
-        generator: source of the resamples.
-        n_resamples: how many.
-        level: probability that the interval is to cover, in (0, 1).
-
-    Raises:
-        SchemaError: a table is not a finite, non-empty [runs, tasks].
-    """
-    for table in scores:
-        if table.ndim != 2 or not table.size or not np.isfinite(table).all():
-            raise SchemaError(
-                f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
-                "that are not finite, expected finite [runs, tasks] with at least one of each."
-            )
-    size = max(1, CHUNK // sum(table.size for table in scores))
-    chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
-    draws = [statistic(*(resample(t, generator, n) for t in scores)) for n in chunks]
-    tail = (1.0 - level) / 2.0
-    low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
-    return Estimate(float(statistic(*scores)), float(low), float(high))
-
-
-def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
-    """`n` tables whose runs are drawn with replacement within each task, [n, runs, tasks].
-
-    The strata are the tasks, which are not drawn (Agarwal et al. 2021, section 4.1).
-    """
-    n_runs, n_tasks = table.shape
-    rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
-    return table[rows, np.arange(n_tasks)]
-
-
-def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> Estimate:
-    """Success rate with the Wilson score interval, which is also right near 0 and 1.
-
-    (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
-    Binomial Proportion", Statistical Science 16:2, 2001.)
-
-    Raises:
-        SchemaError: not 0 <= n_successes <= n_episodes with at least one episode.
-    """
-    if not 0 <= n_successes <= n_episodes or n_episodes == 0:
-        raise SchemaError(
-            f"{n_successes} successes in {n_episodes} episodes, "
-            "expected 0 <= successes <= episodes and at least one episode."
-        )
-    z = NormalDist().inv_cdf((1.0 + level) / 2.0)
-    rate, shrink = n_successes / n_episodes, z * z / n_episodes
-    center = (rate + shrink / 2.0) / (1.0 + shrink)
-    margin = (z / (1.0 + shrink)) * np.sqrt(
-        rate * (1.0 - rate) / n_episodes + shrink / (4.0 * n_episodes)
-    )
-    low = 0.0 if n_successes == 0 else float(center - margin)  # exact, without rounding noise
-    high = 1.0 if n_successes == n_episodes else float(center + margin)
-    return Estimate(rate, low, high)

@@ -1,4 +1,4 @@
-"""The episodes of a recipe: their seeds, and the policies that act in them."""
+"""The seeds of a recipe's episodes, and the policies that act in them."""
 
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,19 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds
 
 SIMULATED_COPIES = 64
-"""Copies of a task that are stepped together; episodes are the same for any number."""
+"""Copies of a task that are stepped together; the episodes do not depend on this number."""
 
 
 def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> Seeds:
     """Returns the seeds of consecutive episodes in a policy's stream, [n_episodes].
 
-    The top two bits are clear, so they never meet the reserved evaluation seeds.
+    Their top two bits are zero, so they never coincide with the reserved evaluation seeds.
     """
     return stream_seeds(recipe, policy, np.arange(first, first + n_episodes, dtype=np.int64))
 
 
 def stream_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
-    """The same of any episodes of the stream, by their index in it, [n]."""
+    """Returns the seeds of any episodes in a policy's stream, by their index in it, [n]."""
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 
@@ -33,9 +33,9 @@ def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None
     """Builds a behavior policy as the recipe states it, noise included.
 
     Args:
-        source: of the recipe.
+        source: one of the recipe's policies.
         spec: the task.
-        folder: of the dataset, which may have checkpoints of its own; None: only the package's.
+        folder: the dataset's folder, which may contain checkpoints; None: only the package's.
     """
     options: dict[str, Any] = {"checkpoint": source.checkpoint, "sha256": source.sha256}
     if source.checkpoint is not None:

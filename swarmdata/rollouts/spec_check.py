@@ -1,4 +1,4 @@
-"""Whether the world that a spec describes can be built, drawn and driven in."""
+"""Checks that the world that a spec describes can be built, drawn and simulated."""
 
 from collections.abc import Iterator
 
@@ -9,24 +9,23 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Step
 
 N_LAYOUTS = 8
-"""Reserved episodes that are begun."""
+"""Evaluation episodes that are begun."""
 
 N_STEPS = 20
-"""Control steps that are driven at random in the last of them."""
+"""Control steps with random actions in the last of these episodes."""
 
 
 def probe(spec: TaskSpec) -> VecEnv:
-    """Builds a copy of the world, begins episodes and drives for some steps.
+    """Builds one copy of the world, begins some episodes, and takes some random steps.
 
     Returns:
-        The world.
+        The environment.
 
     Raises:
-        SpecError: the spec contradicts itself, layouts cannot be drawn, or a number of the world is
-            not finite; all of what was found.
+        SpecError: the spec contradicts itself, layouts cannot be drawn, or a number in the world is
+            not finite; the message lists all problems.
     """
     env = make_env(spec)
     problems = list(_problems(env))
@@ -44,15 +43,12 @@ def _problems(env: VecEnv) -> Iterator[str]:
             failures.append(str(error))
     if failures:
         yield f"{len(failures)} of {N_LAYOUTS} layouts could not be drawn, the first: {failures[0]}"
-    if step is not None:
-        yield from _drive(env, step)
-
-
-def _drive(env: VecEnv, step: Step) -> Iterator[str]:
+    if step is None:
+        return
     numbers = np.random.default_rng(0)
     for _ in range(min(N_STEPS, env.spec.horizon)):
         shape = (1, env.spec.n_agents, env.action_size)
         step = env.step(numbers.uniform(-1, 1, shape).astype(np.float32))
     for name in ("states", "observations", "rewards", "sent"):
         if not np.isfinite(getattr(step, name)).all():
-            yield f"{name} have values that are not finite, expected numbers"
+            yield f"{name} have values that are not finite, expected finite numbers"

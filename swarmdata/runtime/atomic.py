@@ -22,16 +22,16 @@ from tqdm import tqdm
 
 from swarmdata.errors import DiskFullError, ProgramError, SwarmdataError
 
-TEMPORARY = ".tmp-"
+TEMPORARY_PREFIX = ".tmp-"
 """Prefix of what is not published yet."""
 
-_LEFTOVER = re.compile(rf"{re.escape(TEMPORARY)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
+_LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
 """Names of temporary folders, with the name of what was written."""
 
-MARKER = ".swarmdata-temporary"
+MARKER_FILE = ".swarmdata-temporary"
 """File in a temporary folder of ours; locked while its writer lives."""
 
-LITTLE = 1 << 20
+LOW_SPACE_BYTES = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
 
 
@@ -185,10 +185,10 @@ def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
 def _marked(path: Path) -> tuple[Path, int]:
     """Makes a temporary folder with a locked marker; returns it and what holds the lock."""
     while True:
-        scratch = path.parent / f"{TEMPORARY}{path.name}-{uuid.uuid4().hex}"
+        scratch = path.parent / f"{TEMPORARY_PREFIX}{path.name}-{uuid.uuid4().hex}"
         scratch.mkdir()
         try:
-            lock = os.open(scratch / MARKER, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            lock = os.open(scratch / MARKER_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         except BaseException:
             scratch.rmdir()
             raise
@@ -203,7 +203,7 @@ def _marked(path: Path) -> tuple[Path, int]:
 def _taken_over(leftover: Path) -> Iterator[bool]:
     """Whether a folder is a temporary one of ours whose writer is dead; it is locked meanwhile."""
     try:
-        lock = os.open(leftover / MARKER, os.O_RDWR | os.O_NOFOLLOW)
+        lock = os.open(leftover / MARKER_FILE, os.O_RDWR | os.O_NOFOLLOW)
     except OSError:  # no marker, no folder, or not ours to write in
         yield False
         return
@@ -235,7 +235,7 @@ def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
     free = found.f_bavail * found.f_frsize
     lacks_inodes = found.f_files > 0 and found.f_favail == 0
     said = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-    if not said and free > LITTLE and not lacks_inodes:
+    if not said and free > LOW_SPACE_BYTES and not lacks_inodes:
         return
     files = [path] if scratch is None else list(scratch.rglob("*"))
     written = sum(file.stat().st_size for file in files if file.is_file())

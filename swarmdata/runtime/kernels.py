@@ -23,7 +23,7 @@ from numba.core import config, event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE_FOLDER = Path(__file__).parents[1]
 
 _IMPORT = re.compile(rb"^\s*(?:from|import) (swarmdata[\w.]*)", re.MULTILINE)
 
@@ -191,7 +191,7 @@ def _imports_of(module: str) -> frozenset[str]:
 @cache
 def _source_of(module: str) -> bytes:
     """Source of a module of this package; nothing for other names, and where there is no file."""
-    path = PACKAGE.joinpath(*module.split(".")[1:])
+    path = PACKAGE_FOLDER.joinpath(*module.split(".")[1:])
     files = (path.with_suffix(".py"), path / "__init__.py")
     return next((file.read_bytes() for file in files if file.is_file()), b"")
 

@@ -21,7 +21,7 @@ from typing import Any, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
 
-ATTEMPTS = 3
+MAX_ATTEMPTS = 3
 """How often a job is begun at most, when its workers are killed."""
 
 Report = Callable[[int], None]
@@ -117,7 +117,7 @@ class Crew:
             progress: called with what handlers report; negative when a killed job starts again.
 
         Raises:
-            BuildError: a job raised an error, or its workers were killed `ATTEMPTS` times.
+            BuildError: a job raised an error, or its workers were killed `MAX_ATTEMPTS` times.
         """
         queue, attempts = deque(jobs), Counter[str]()
         while queue or any(worker.job for worker in self._workers):
@@ -131,7 +131,7 @@ class Crew:
                 if lost is None:
                     continue
                 attempts[lost.name] += 1
-                if attempts[lost.name] == ATTEMPTS:
+                if attempts[lost.name] == MAX_ATTEMPTS:
                     raise _killed(lost, worker.process.returncode)
                 queue.appendleft(lost)
 
@@ -193,9 +193,9 @@ def _start(entry: str) -> "subprocess.Popen[bytes]":
 def _killed(job: Job, code: int) -> BuildError:
     name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     return BuildError(
-        f"{job.name} failed: the worker process that did it ended {ATTEMPTS} times, last by {name}."
-        " If memory ran out, use fewer workers. What is finished is kept: run the same again to go "
-        "on."
+        f"{job.name} failed: its worker process ended {MAX_ATTEMPTS} times, last by {name}. If "
+        "memory ran out, use fewer workers. What is finished is kept: run the same command again "
+        "to continue."
     )
 
 

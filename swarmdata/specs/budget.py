@@ -31,20 +31,22 @@ if TYPE_CHECKING:
 
 MAX_ROBOTS = 1_024
 MAX_OBSTACLES = 1_024
-MAX_FRAMES = 256  # of a stack
-MAX_DELAY = 1_000  # control steps, of a sensor or of the radio
-MAX_HORIZON = 1_000_000  # control steps
+MAX_STACKED_FRAMES = 256  # of a stack
+MAX_DELAY_STEPS = 1_000  # control steps, of a sensor or of the radio
+MAX_HORIZON_STEPS = 1_000_000  # control steps
 MAX_SUBSTEPS = 1_000  # physics steps in a control step
-MAX_PLACES = 65_536  # where goods are picked or delivered in a warehouse
-MAX_OBSERVATION = 524_288  # numbers that one robot observes in a step
+MAX_WAREHOUSE_PLACES = 65_536  # where goods are picked or delivered in a warehouse
+MAX_OBSERVATION_SIZE = 524_288  # numbers that one robot observes in a step
 MAX_COPY_BYTES = 1 << 29  # of one copy of a world
 MAX_EPISODE_BYTES = 1 << 32  # of one recorded episode in memory
 MAX_STEP_SECONDS = 1.0  # of one copy's control step
 MAX_DRAW_SECONDS = 5.0  # of giving up to draw one copy's layout
 MAX_TOTAL_BYTES = 1 << 36  # of all copies together
 
-_TRIES = 64  # draws of one place, as in `envs.spawn`
-_STRIDE = 4  # control steps between the places of a path looked at, as in `envs.formation_spawn`
+N_DRAWS_OF_A_PLACE = 64  # draws of one place, as in `envs.spawn`
+PATH_CHECK_STEPS = (
+    4  # control steps between the places of a path looked at, as in `envs.formation_spawn`
+)
 
 
 class Size(NamedTuple):
@@ -78,15 +80,18 @@ def excesses(spec: "TaskSpec") -> Iterator[str]:
     counts = {
         "team: {} robots (the sum of each count)": (size.robots, MAX_ROBOTS),
         "obstacles: {} of them, shelves included": (size.obstacles, MAX_OBSTACLES),
-        "rules: {} places (2 x aisles x blocks x bays + stations)": (size.places, MAX_PLACES),
-        "observation.stack: {} frames": (spec.observation.stack, MAX_FRAMES),
-        "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY),
-        "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY),
-        "horizon: {} steps": (size.horizon, MAX_HORIZON),
+        "rules: {} places (2 x aisles x blocks x bays + stations)": (
+            size.places,
+            MAX_WAREHOUSE_PLACES,
+        ),
+        "observation.stack: {} frames": (spec.observation.stack, MAX_STACKED_FRAMES),
+        "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY_STEPS),
+        "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY_STEPS),
+        "horizon: {} steps": (size.horizon, MAX_HORIZON_STEPS),
         "physics_dt: {} physics steps in control_dt": (substeps, MAX_SUBSTEPS),
         "observation: {} numbers for each robot (all frames, and messages)": (
             size.observation,
-            MAX_OBSERVATION,
+            MAX_OBSERVATION_SIZE,
         ),
     }
     for what, (got, most) in counts.items():
@@ -267,10 +272,10 @@ def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
     if isinstance(rules, NavigationRules) and not isinstance(rules.arrangement, RandomArrangement):
         return 0.0
     one = 1.0 * n + 6.0 * m
-    attempt = 2.0 * ((2 * n + m) * one) + _TRIES * one
+    attempt = 2.0 * ((2 * n + m) * one) + N_DRAWS_OF_A_PLACE * one
     if isinstance(rules, FormationRules):
         steps = max(float(spec.horizon), rules.segment_time / spec.control_dt)
-        looks = steps / _STRIDE + 1.0
+        looks = steps / PATH_CHECK_STEPS + 1.0
         attempt += looks * (100.0 + 6.0 * n * m + 10.0 * m)
     return attempt
 

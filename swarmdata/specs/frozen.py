@@ -5,7 +5,7 @@ import json
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -78,12 +78,12 @@ class Frozen(BaseModel):
         return cls.parse(read_document(Path(path)), str(path))
 
 
-M = TypeVar("M", bound=Frozen)
+TaggedModel = TypeVar("TaggedModel", bound=Frozen)
 
 
 def read_tagged(
-    source: Mapping[str, Any] | str | Path, kinds: Mapping[str, type[M]], what: str
-) -> M:
+    source: Mapping[str, Any] | str | Path, kinds: Mapping[str, type[TaggedModel]], what: str
+) -> TaggedModel:
     """Builds the model of a union whose `kind` says which.
 
     Args:
@@ -122,10 +122,12 @@ def is_inline(source: str) -> bool:
     return any(mark in source for mark in ":{[\n")
 
 
-def _kind_of(data: Any, kinds: Mapping[str, type[M]], what: str, where: str) -> type[M]:
+def _kind_of(
+    data: Any, kinds: Mapping[str, type[TaggedModel]], what: str, where: str
+) -> type[TaggedModel]:
     if not isinstance(data, Mapping) or "kind" not in data:
         raise SpecError(
-            f"{where}: got {_SHORT.repr(data)}, expected a mapping with a key 'kind' "
+            f"{where}: got {SHORT_REPR.repr(data)}, expected a mapping with a key 'kind' "
             f"({', '.join(kinds)}) and the fields of that model"
         )
     if str(data["kind"]) not in kinds:
@@ -133,14 +135,14 @@ def _kind_of(data: Any, kinds: Mapping[str, type[M]], what: str, where: str) -> 
     return kinds[str(data["kind"])]
 
 
-MAX_PROBLEMS = 20
+MAX_LISTED_PROBLEMS = 20
 """That one message lists."""
 
-MAX_LISTED = 2_000
+MAX_LISTED_CHARACTERS = 2_000
 """Characters after which a message lists no further problem."""
 
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
+SHORT_REPR = reprlib.Repr()
+SHORT_REPR.maxstring = SHORT_REPR.maxother = SHORT_REPR.maxlong = 100
 
 
 def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
@@ -150,7 +152,7 @@ def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
     found = [each for each in every if each["type"] != "too_short" or each["loc"] not in wrong]
     listed = ""
     for n, problem in enumerate(found):
-        if n == MAX_PROBLEMS or len(listed) > MAX_LISTED:
+        if n == MAX_LISTED_PROBLEMS or len(listed) > MAX_LISTED_CHARACTERS:
             return f"{listed}; and {len(found) - n} more"
         listed += ("; " if listed else "") + _explain(model, problem)
     return listed
@@ -167,9 +169,9 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
         known = [tag.strip("'") for tag in tags.split(", ")]
         tag = str(problem["ctx"]["tag"])
         hint = did_you_mean(tag, known)
-        return f"{path}.{told}: unknown {_SHORT.repr(tag)}.{hint} Known: {', '.join(known)}"
+        return f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {', '.join(known)}"
     is_shown = path and problem["type"] not in ("missing", "value_error")
-    got = f" (got {_SHORT.repr(problem['input'])})" if is_shown else ""
+    got = f" (got {SHORT_REPR.repr(problem['input'])})" if is_shown else ""
     return f"{path or model.__name__}: {problem['msg'].removeprefix('Value error, ')}{got}"
 
 
@@ -177,7 +179,7 @@ def _key(part: Any) -> str:
     """A key or index as a part of a path; strange ones are quoted and shortened."""
     text = str(part)
     is_plain = text.isascii() and text.isprintable() and 0 < len(text) <= 100
-    return text if is_plain else _SHORT.repr(text)
+    return text if is_plain else SHORT_REPR.repr(text)
 
 
 def _known_keys(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
@@ -204,7 +206,15 @@ def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _nested_models(inner)
 
 
-def differences(one: Frozen, other: Frozen) -> Iterator[tuple[str, Any, Any]]:
+class Dumps(Protocol):
+    """What can be written as plain data: every `Frozen`, and the protocols that they keep."""
+
+    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
+        """The fields as plain data."""
+        ...
+
+
+def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     """Yields (path, value in one, value in the other) of every field in which two models differ."""
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
 

@@ -3,7 +3,7 @@
 Two equal recipes give the same dataset.
 """
 
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -59,6 +59,13 @@ class Splits(Frozen):
         return self
 
 
+class SplitRule(NamedTuple):
+    """How the episodes of a dataset are split: the sizes of the splits and the seed of the draw."""
+
+    splits: Splits
+    seed: int
+
+
 class Recipe(Frozen):
     """Everything needed to make a dataset again, bit for bit.
 
@@ -67,6 +74,15 @@ class Recipe(Frozen):
     episode of the policy that lags most behind its share of the steps, until there are at least
     `n_steps` joint steps. So a recipe with fewer steps makes a prefix of the same dataset.
     """
+
+    kind: ClassVar[str] = "recipe"  # in no JSON: recipes are older than other origins
+    source: ClassVar[str] = "this recipe"
+    source_sha256: ClassVar[None] = None
+    parents: ClassVar[tuple[()]] = ()
+    metadata: ClassVar[None] = None
+    about_tier: ClassVar[None] = None
+    license: ClassVar[str] = "cc-by-4.0"
+    has_world_seeds: ClassVar[bool] = True
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
     tier: Label
@@ -82,3 +98,13 @@ class Recipe(Frozen):
         if problem := part_excess(self.spec, self.part_episodes):
             raise ValueError(problem)
         return self
+
+    @property
+    def recipe(self) -> "Recipe":
+        """Itself."""
+        return self
+
+    @property
+    def split_rule(self) -> SplitRule:
+        """The rule that splits its episodes."""
+        return SplitRule(self.splits, self.seed)

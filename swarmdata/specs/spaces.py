@@ -72,7 +72,7 @@ Space = Annotated[
     Field(discriminator="kind"),
 ]
 
-LARGEST_WHOLE = 1 << 24
+LARGEST_EXACT_INTEGER = 1 << 24
 """Whole numbers up to this are exact in float32."""
 
 
@@ -88,6 +88,15 @@ def width(space: Space) -> int:
         case MultiBinarySpace():
             return space.n
     return sum(map(width, _parts(space)))
+
+
+def is_continuous(space: Space) -> bool:
+    """Whether a space has boxes of real numbers only, and at least one number."""
+    if isinstance(space, BoxSpace):
+        return space.dtype.startswith("float")
+    if isinstance(space, DictSpace | TupleSpace):
+        return width(space) > 0 and all(map(is_continuous, _parts(space)))
+    return False
 
 
 def flatten(space: Space, value: Any, where: str) -> Float:
@@ -121,8 +130,8 @@ def flatten(space: Space, value: Any, where: str) -> Float:
     row: Float = array.reshape(-1).astype(np.float32)
     if not np.isfinite(row).all():
         raise SchemaError(f"{where} is not finite: {value}")
-    if array.dtype.kind in "iu" and array.size and np.abs(row).max() > LARGEST_WHOLE:
-        raise SchemaError(f"{where} has whole numbers above {LARGEST_WHOLE}: {value}")
+    if array.dtype.kind in "iu" and array.size and np.abs(row).max() > LARGEST_EXACT_INTEGER:
+        raise SchemaError(f"{where} has whole numbers above {LARGEST_EXACT_INTEGER}: {value}")
     return row
 
 

@@ -3,7 +3,7 @@
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,7 @@ from swarmdata.specs.sensing_models import (
     NoCommunication,
     StateModel,
 )
+from swarmdata.specs.spaces import BoxSpace, Space
 
 
 class Robot(Frozen):
@@ -93,6 +94,15 @@ class Spawn(Frozen):
 class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication."""
 
+    kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
+    library: ClassVar[str] = "swarmdata"
+    action_kind: ClassVar[Literal["unit"]] = "unit"
+    observation_size: ClassVar[None] = None  # the task's code has the features
+    state_size: ClassVar[None] = None  # the same
+    state_meaning: ClassVar[str] = "The robots, the targets and the task's own columns."
+    facts: ClassVar[tuple[()]] = ()
+    limits: ClassVar[tuple[()]] = ()
+
     rules: Rules = NavigationRules()
     version: CountOrNone = 0
     team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
@@ -126,9 +136,19 @@ class TaskSpec(Frozen):
         return self
 
     @property
+    def world(self) -> "TaskSpec":
+        """Itself: it has all that a simulation needs."""
+        return self
+
+    @property
     def task(self) -> str:
         """Name of the task."""
         return self.rules.task
+
+    @property
+    def time_step(self) -> float:
+        """Duration of a joint step, s."""
+        return self.control_dt
 
     @property
     def action_size(self) -> int:
@@ -137,6 +157,16 @@ class TaskSpec(Frozen):
         if isinstance(channel, Broadcast) and channel.payload == "learned":
             return 2 + channel.message_size
         return 2
+
+    @property
+    def action_spaces(self) -> tuple[Space, ...]:
+        """Commands in [-1, 1] of each robot, N long."""
+        space = BoxSpace(shape=(self.action_size,), dtype="float32", low=-1.0, high=1.0)
+        return (space,) * self.n_agents
+
+    def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
+        """Unbounded numbers, `n_columns` of each robot, N long."""
+        return (BoxSpace(shape=(n_columns,), dtype="float32"),) * self.n_agents
 
     @property
     def n_agents(self) -> int:

@@ -6,12 +6,13 @@ same bits.
 
 from swarmdata.runtime.atomic import remove_leftovers, write_file
 from swarmdata.store.assembly import assemble, write_dataset
+from swarmdata.store.episode_order import MergeOrder, merge_order
 from swarmdata.store.episode_selection import Piece, Selection
 from swarmdata.store.integrity.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
-from swarmdata.store.merging import MergeOrder, merge_order, split_codes
 from swarmdata.store.parts import read_part_table, write_part
-from swarmdata.store.reading import StoredDataset, open_store
+from swarmdata.store.split_rule import assign_splits
+from swarmdata.store.stored_dataset import StoredDataset, open_store
 from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
 
 __all__ = [
@@ -25,13 +26,13 @@ __all__ = [
     "Selection",
     "StoredDataset",
     "assemble",
+    "assign_splits",
     "find_damage",
     "merge_order",
     "open_store",
     "read_manifest",
     "read_part_table",
     "remove_leftovers",
-    "split_codes",
     "write_dataset",
     "write_file",
     "write_part",

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import new_folder
-from swarmdata.specs.origins import Origin, split_rule
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Origin
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     FIELDS,
@@ -29,13 +28,13 @@ from swarmdata.store.arrays.layout import (
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
-from swarmdata.store.merging import split_codes
 from swarmdata.store.parts import (
     episode_slices,
     optional_fields,
     read_part_layouts,
     read_part_table,
 )
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Bool, Counts
 
@@ -212,8 +211,8 @@ def _episode_table(
 
 
 def _splits(recipe: Origin, order: Order, splits: Counts | None) -> Counts:
-    if splits is None and split_rule(recipe) is not None:
-        return split_codes(recipe, order)
+    if splits is None and recipe.split_rule is not None:
+        return assign_splits(recipe, order)
     if splits is None or len(splits) != len(order) or (splits >= len(SPLITS)).any():
         raise SchemaError(
             f"splits of {recipe.id} are {splits}, expected {len(order)} codes below {len(SPLITS)}"
@@ -301,7 +300,7 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
         "id": recipe.id,
         "recipe_hash": recipe.hash(),  # so that arrays and recipe are held together twice
         "splits": list(SPLITS),
-        "end_reasons": list(TASK_END_REASONS if isinstance(recipe, Recipe) else END_REASONS),
+        "end_reasons": list(TASK_END_REASONS if recipe.recipe else END_REASONS),
         "events": list(EVENTS),
         "policies": [policy.label for policy in recipe.policies],
         "time_arrays": list(TIME_FIELDS),

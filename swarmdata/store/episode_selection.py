@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
 from swarmdata.store.arrays.layout import ALL_FIELDS
-from swarmdata.store.reading import StoredDataset
+from swarmdata.store.stored_dataset import StoredDataset
 from swarmdata.store.table import EpisodeTable, table_columns
 from swarmdata.types import Counts, Int
 

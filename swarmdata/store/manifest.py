@@ -7,6 +7,7 @@ written as zeros. So any changed byte of the file shows, and no second file can 
 import hashlib
 import json
 import re
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,11 +19,20 @@ from swarmdata.errors import (
     FormatVersionError,
     ManifestError,
     MissingManifestError,
+    RecipeConflictError,
 )
-from swarmdata.store.arrays.layout import FORMAT_VERSION, MANIFEST, DType, Shard
+from swarmdata.specs.recipe import Recipe
+from swarmdata.store.arrays.layout import (
+    FORMAT_VERSION,
+    MANIFEST,
+    ArrayPlan,
+    DType,
+    Shard,
+    plan_arrays,
+)
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 
-MAX_BYTES = 64 << 20
+MAX_MANIFEST_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
 
 _CHECKSUM = re.compile(rb'"checksum": "([0-9a-f]{64})"')
@@ -89,6 +99,13 @@ class Manifest(_Section):
     statistics: StatisticsEntry
     provenance: dict[str, str]  # versions and platform; in no digest
 
+    @cached_property
+    def plan(self) -> dict[str, ArrayPlan]:
+        """Where each array lies, and what its file and its Zarr metadata must be."""
+        return plan_arrays(
+            {name: (each.dtype, each.shape, each.chunk_rows) for name, each in self.arrays.items()}
+        )
+
     @property
     def transport_digest(self) -> str:
         """SHA-256 over the lines `<sha256>  <path>` of all `files`, sorted by path, as hex.
@@ -145,7 +162,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST
     try:
-        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
+        content = path.read_bytes() if path.stat().st_size <= MAX_MANIFEST_BYTES else None
     except (FileNotFoundError, NotADirectoryError) as error:
         if not is_dataset(folder):
             raise DatasetNotFoundError(no_dataset(folder)) from error
@@ -156,7 +173,9 @@ def read_manifest(folder: Path) -> Manifest:
     except OSError as error:  # such as a folder of this name
         raise ManifestError(f"{path} cannot be read: {error.strerror}.") from error
     if content is None:
-        raise ManifestError(f"{path} has more than {MAX_BYTES} bytes. {rebuild_hint(folder)}")
+        raise ManifestError(
+            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {rebuild_hint(folder)}"
+        )
     return parse_manifest(content, path)
 
 
@@ -190,6 +209,29 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
             f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
         )
         raise ManifestError(f"{path} is malformed: {problems}. {rebuild_hint(folder)}") from error
+
+
+@lru_cache(maxsize=256)
+def recipe_hash(recipe: Recipe) -> str:
+    """The hash of a recipe, computed once for all equal ones."""
+    return recipe.hash()
+
+
+def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
+    """Checks that a dataset was made from a recipe.
+
+    Raises:
+        RecipeConflictError: it was made from another one.
+    """
+    if manifest.recipe_hash == recipe_hash(recipe):
+        return
+    expected = recipe.hash()  # of equal recipes, another one where a zero has another sign
+    if manifest.recipe_hash != expected:
+        raise RecipeConflictError(
+            f"{folder} holds {manifest.id} made from another recipe "
+            f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
+            "Delete it or choose another folder."
+        )
 
 
 def _changed(path: Path) -> ChecksumError:

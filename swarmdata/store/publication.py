@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from swarmdata.registry.published import Figures, Published
-from swarmdata.store.reading import StoredDataset
+from swarmdata.store.stored_dataset import StoredDataset
 from swarmdata.store.table import EpisodeTable, clean_successes
 
 

@@ -5,7 +5,7 @@ import os
 import shutil
 from pathlib import Path
 
-PREFIX = ".swarmdata-"
+SCRATCH_PREFIX = ".swarmdata-"
 """Of the names of scratch folders."""
 
 
@@ -23,7 +23,7 @@ def scratch_folder(path: Path, purpose: str) -> Path:
     whole = path.resolve()  # `.` and `..` have no name of their own
     name = f"{whole.name}.{purpose}"
     mark = hashlib.sha256(b"scratch folder of swarmdata: " + os.fsencode(name)).hexdigest()[:16]
-    return whole.parent / f"{PREFIX}{name.removeprefix(PREFIX)}-{mark}"
+    return whole.parent / f"{SCRATCH_PREFIX}{name.removeprefix(SCRATCH_PREFIX)}-{mark}"
 
 
 def remove_scratch(folder: Path) -> None:

@@ -22,7 +22,7 @@ Build = Callable[[Sequence[int]], Algorithm]
 Draw = Callable[[Sequence[int], int], Batch]
 """Returns the tensors [K, B, ...] that some seeds see in update number i; a pure function."""
 
-SEEDS = (3, 1, 4)
+STACKED_SEEDS = (3, 1, 4)
 
 
 def check_algorithm(
@@ -50,7 +50,7 @@ def check_algorithm(
 
 def check_losses(build: Build, draw: Draw) -> None:
     """Losses are finite, one per seed, and updating does not write to the batch."""
-    algorithm, batch = build(SEEDS), draw(SEEDS, 0)
+    algorithm, batch = build(STACKED_SEEDS), draw(STACKED_SEEDS, 0)
     given = {f.name: getattr(batch, f.name) for f in fields(batch)}
     before = {k: values_of(v).copy() for k, v in given.items() if v is not None}
     for _ in range(3):
@@ -58,7 +58,7 @@ def check_losses(build: Build, draw: Draw) -> None:
         assert losses, "update returned no losses"
         for name, loss in losses.items():
             values = values_of(loss)
-            assert values.shape == (len(SEEDS),), f"loss {name!r} has shape {values.shape}"
+            assert values.shape == (len(STACKED_SEEDS),), f"loss {name!r} has shape {values.shape}"
             assert np.isfinite(values).all(), f"loss {name!r} is {values}"
             assert not loss.requires_grad, f"loss {name!r} keeps the graph alive"
     for name, old in before.items():
@@ -68,7 +68,7 @@ def check_losses(build: Build, draw: Draw) -> None:
 
 def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
     """Policies act in [-1, 1], copy by copy, and are snapshots."""
-    algorithm = build(SEEDS)
+    algorithm = build(STACKED_SEEDS)
     policy = algorithm.policy(0)
     actions = act_on(policy, step)
     n_copies, n_agents = step.observations.shape[:2]
@@ -84,7 +84,7 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
     other = act_on(algorithm.policy(1), step)
     assert not np.array_equal(other, actions), "seeds 0 and 1 begin with the same policy"
     for index in range(4):
-        algorithm.update(draw(SEEDS, index))
+        algorithm.update(draw(STACKED_SEEDS, index))
     assert np.array_equal(act_on(policy, step), actions), "training changed a policy handed out"
     after = act_on(algorithm.policy(0), step)
     assert not np.array_equal(after, actions), "training did not change the policy"
@@ -92,16 +92,16 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
 
 def check_resume(build: Build, draw: Draw) -> None:
     """A state restored into a fresh algorithm continues bit for bit; a state is a snapshot."""
-    original = build(SEEDS)
+    original = build(STACKED_SEEDS)
     for index in range(5):
-        original.update(draw(SEEDS, index))
+        original.update(draw(STACKED_SEEDS, index))
     saved = original.state_dict()
     copies = {name: values_of(value).copy() for name, value in saved.items()}
-    resumed = build([seed + 100 for seed in SEEDS])
+    resumed = build([seed + 100 for seed in STACKED_SEEDS])
     resumed.load_state_dict(saved)
     for algorithm in (original, resumed):
         for index in range(5, 10):
-            algorithm.update(draw(SEEDS, index))
+            algorithm.update(draw(STACKED_SEEDS, index))
     assert_equal_states(saved, copies, "training wrote to a saved state")
     ours, theirs = original.state_dict(), resumed.state_dict()
     assert_equal_states(ours, theirs, "a resumed algorithm went another way")
@@ -109,10 +109,10 @@ def check_resume(build: Build, draw: Draw) -> None:
 
 def check_stacking(build: Build, draw: Draw, step: Step, n_updates: int, tolerance: float) -> None:
     """K stacked seeds end with the policies that K separate runs end with."""
-    stacked = build(SEEDS)
+    stacked = build(STACKED_SEEDS)
     for index in range(n_updates):
-        stacked.update(draw(SEEDS, index))
-    for position, seed in enumerate(SEEDS):
+        stacked.update(draw(STACKED_SEEDS, index))
+    for position, seed in enumerate(STACKED_SEEDS):
         alone = build([seed])
         for index in range(n_updates):
             alone.update(draw([seed], index))

@@ -8,8 +8,7 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.specs.origins import split_rule
-from swarmdata.store import SPLITS, EpisodeTable, split_codes
+from swarmdata.store import SPLITS, EpisodeTable, assign_splits
 from swarmdata.store.table import measure
 from swarmdata.types import END_REASONS, Episode
 
@@ -42,8 +41,8 @@ def check_table(dataset: Dataset) -> None:
     for policy in set(table.policy.tolist()):
         stream = table.policy_episode[table.policy == policy]
         _require(bool((np.diff(stream) > 0).all()), f"episodes of policy {policy} are not in order")
-    if split_rule(dataset.recipe) is not None:
-        expected = split_codes(dataset.recipe, order)
+    if dataset.recipe.split_rule is not None:
+        expected = assign_splits(dataset.recipe, order)
         _require(np.array_equal(table.split, expected), "splits are not those of the rule")
     views = [dataset.filter(split=name).selection for name in SPLITS]
     _require(

@@ -20,7 +20,7 @@ from swarmdata.types import Step
 Build = Callable[[Sequence[int], Path], OnlineAlgorithm]
 """Makes the algorithm for some seeds in a folder; everything else is fixed."""
 
-SEEDS = (3, 1)
+STACKED_SEEDS = (3, 1)
 
 
 def check_online_algorithm(
@@ -48,7 +48,7 @@ def check_online_algorithm(
 
 def check_losses(build: Build, folder: Path, n_rounds: int) -> None:
     """Losses have the promised names, one value per seed, and are finite once learning began."""
-    run = build(SEEDS, folder)
+    run = build(STACKED_SEEDS, folder)
     promised = set(type(run).LOSSES)  # type: ignore[attr-defined]
     frames = [run.frames]
     for _ in range(n_rounds):
@@ -57,7 +57,7 @@ def check_losses(build: Build, folder: Path, n_rounds: int) -> None:
         assert set(losses) == promised, f"losses are {sorted(losses)}, not {sorted(promised)}"
         for name, loss in losses.items():
             shape = values_of(loss).shape
-            assert shape == (len(SEEDS),), f"loss {name!r} has shape {shape}"
+            assert shape == (len(STACKED_SEEDS),), f"loss {name!r} has shape {shape}"
             assert not getattr(loss, "requires_grad", False), f"loss {name!r} keeps the graph alive"
     for name, loss in losses.items():
         assert np.isfinite(values_of(loss)).all(), f"loss {name!r} is {loss}"
@@ -68,7 +68,7 @@ def check_losses(build: Build, folder: Path, n_rounds: int) -> None:
 
 def check_policies(build: Build, step: Step, folder: Path, n_rounds: int) -> None:
     """Policies act in [-1, 1], copy by copy, always the same, and are snapshots."""
-    run = build(SEEDS, folder)
+    run = build(STACKED_SEEDS, folder)
     policy = run.policy(0)
     actions = act_on(policy, step)
     shape = step.observations.shape[:2]
@@ -89,14 +89,14 @@ def check_policies(build: Build, step: Step, folder: Path, n_rounds: int) -> Non
 
 def check_resume(build: Build, folder: Path, n_rounds: int) -> None:
     """A run that was killed after a checkpoint, and resumed from it, goes the same way again."""
-    killed = build(SEEDS, folder)
+    killed = build(STACKED_SEEDS, folder)
     for _ in range(n_rounds):
         killed.update()
     saved = killed.state_dict()
     copies = {name: values_of(value).copy() for name, value in saved.items()}
     killed.restart_worlds()
     ours = _train(killed, n_rounds)
-    resumed = build(SEEDS, folder)
+    resumed = build(STACKED_SEEDS, folder)
     resumed.load_state_dict(saved)
     assert resumed.frames * 2 == killed.frames, f"resumed at {resumed.frames} frames"
     theirs = _train(resumed, n_rounds)
@@ -106,9 +106,9 @@ def check_resume(build: Build, folder: Path, n_rounds: int) -> None:
 
 def check_stacking(build: Build, step: Step, folder: Path, n_rounds: int, tolerance: float) -> None:
     """K stacked seeds end with the policies that K separate runs end with."""
-    stacked = build(SEEDS, folder / "stacked")
+    stacked = build(STACKED_SEEDS, folder / "stacked")
     _train(stacked, n_rounds)
-    for position, seed in enumerate(SEEDS):
+    for position, seed in enumerate(STACKED_SEEDS):
         alone = build([seed], folder / str(seed))
         _train(alone, n_rounds)
         ours, theirs = (act_on(p, step) for p in (stacked.policy(position), alone.policy(0)))

@@ -20,7 +20,7 @@ SPEC = TaskSpec(
 )
 """A small task, whose shapes the episodes have."""
 
-N, S, A, M = 2, 16, 2, 4
+N_AGENTS, STATE_SIZE, ACTION_SIZE, N_OBSTACLES = 2, 16, 2, 4
 N_FEATURES, N_VALUES = 15, 4
 
 
@@ -28,10 +28,10 @@ def make_episode(
     length: int,
     seed: int,
     policy: int = 0,
-    n_obstacles: int = M,
-    n_agents: int = N,
+    n_obstacles: int = N_OBSTACLES,
+    n_agents: int = N_AGENTS,
     n_features: int = N_FEATURES,
-    n_states: int = S,
+    n_states: int = STATE_SIZE,
     n_values: int = N_VALUES,
 ) -> Episode:
     """Feature 0 is the seed, feature 1 the time, feature 2 the agent; the rest is noise.
@@ -52,7 +52,7 @@ def make_episode(
     return Episode(
         observations=observations,
         states=states,
-        actions=rng.uniform(-1, 1, size=(length, n_agents, A)).astype(np.float32),
+        actions=rng.uniform(-1, 1, size=(length, n_agents, ACTION_SIZE)).astype(np.float32),
         log_probs=rng.standard_normal((length, n_agents), dtype=np.float32),
         rewards=rng.standard_normal((length, n_agents), dtype=np.float32),
         terminations=ends & (not horizon),

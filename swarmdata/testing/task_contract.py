@@ -20,7 +20,7 @@ MakeEnv = Callable[[TaskSpec, int], VecEnv]
 SPEED_TOLERANCE = 1e-3
 """m/s: what rounding may add to the speed limit."""
 
-PENETRATION = 0.03
+MAX_PENETRATION = 0.03
 """m: overlap with walls and obstacles that a push at top speed may reach for one step."""
 
 
@@ -144,7 +144,7 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
         for layout, team in zip(step.layouts, robots, strict=True):
             for radius, robot in zip(radii, team, strict=True):
                 gap = clearance(robot[X], robot[Y], layout, half) - radius
-                assert gap >= -PENETRATION, f"a robot is {-gap:.3f} m deep in something solid"
+                assert gap >= -MAX_PENETRATION, f"a robot is {-gap:.3f} m deep in something solid"
 
 
 def _check_slots(steps: list[Step], env: VecEnv) -> None:

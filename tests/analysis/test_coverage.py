@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.coverage import (
-    FEWEST,
+    ENTROPY_RESOLUTION,
+    MIN_STEPS,
     N_PAIR_ROWS,
-    RESOLUTION,
     coverage,
     dependence,
     sample_steps,
@@ -45,7 +45,7 @@ def test_random_covers_more_than_idle(stored: StoredDataset) -> None:
     assert random.actions is not None
     assert random.actions.robot == pytest.approx(2 * np.log(2), abs=0.25)  # uniform in a square
     assert idle.actions is not None
-    assert idle.actions.robot == pytest.approx(2 * np.log(RESOLUTION), abs=0.25)  # at rest
+    assert idle.actions.robot == pytest.approx(2 * np.log(ENTROPY_RESOLUTION), abs=0.25)  # at rest
     assert random.distinct == 1.0
     assert set(random.passings) == {0}
     assert set(idle.passings) == {1}
@@ -66,7 +66,7 @@ def test_copied_commands_are_dependent() -> None:
     assert found.information > 3.0
     assert found.correlation == pytest.approx(1.0)
     assert dependence(one) is None, "a single robot"
-    assert dependence(np.repeat(one[: FEWEST - 1], 2, axis=1)) is None
+    assert dependence(np.repeat(one[: MIN_STEPS - 1], 2, axis=1)) is None
 
 
 def test_same_data_same_figures(stored: StoredDataset) -> None:

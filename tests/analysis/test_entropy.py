@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.entropy import (
-    EULER,
+    EULER_GAMMA,
     at_bounds,
     correlation,
     digamma,
@@ -152,7 +152,7 @@ def test_independent_noise_shares_nothing() -> None:
 
 def test_digamma_is_that_of_the_tables() -> None:
     psi = digamma(10)
-    assert psi[1:4] == pytest.approx([-EULER, 1 - EULER, 1.5 - EULER])
+    assert psi[1:4] == pytest.approx([-EULER_GAMMA, 1 - EULER_GAMMA, 1.5 - EULER_GAMMA])
     assert psi[10] == pytest.approx(2.2517525890667212)
     assert digamma(1).shape == (2,)
 

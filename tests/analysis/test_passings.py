@@ -89,9 +89,7 @@ def test_all_pairs_of_a_team_count() -> None:
     assert total([Passings(1, 1), Passings(2, 0)]) == Passings(3, 1)
 
 
-def test_shares() -> None:
-    assert Passings(3, 1).right_share == 0.75
-    assert Passings(0, 0).right_share is None
+def test_a_single_robot_passes_nobody() -> None:
     assert passings(states=meeting(0.3)[:, :N_COLUMNS], spec=TaskSpec(team=(Role(count=1),))).n == 0
 
 

@@ -25,7 +25,7 @@ from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.envs.physics import fast_backend
 from swarmdata.envs.physics.backend import Plan
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.envs.physics.public_backend import ITERATIONS, build_space
+from swarmdata.envs.physics.public_backend import SOLVER_ITERATIONS, build_space
 from swarmdata.envs.transport.payload import place_row, shape_of
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
@@ -80,7 +80,7 @@ class Variant(NamedTuple):
 
     name: str
     division: int = 1  # of the physics step
-    iterations: int = ITERATIONS
+    iterations: int = SOLVER_ITERATIONS
     bias: float | None = None  # part of an overlap that is left after a second; None: Munk2D's own
 
 

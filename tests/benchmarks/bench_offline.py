@@ -21,10 +21,11 @@ import numpy as np
 import torch
 
 from swarmdata import load
-from swarmdata.learn.networks.compilation import fused, unfused
+from swarmdata.learn.networks.compilation import compiling, uncompiled
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
@@ -69,9 +70,9 @@ def ours(data: Any, statistics: Statistics, hidden: int, n_seeds: int, device: s
     samplers = [data.sampler(256, seed=seed) for seed in range(n_seeds)]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     config = MADDPGBCConfig(
-        actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), warm_start=0
+        actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), bc_warmup_updates=0
     )
-    algorithm = MADDPGBC(sizes, range(n_seeds), config, statistics=statistics, device=device)
+    algorithm = MADDPGBC(Setup(sizes, range(n_seeds), statistics, device), config)
 
     def update() -> object:
         index = np.stack([sampler.draw() for sampler in samplers])
@@ -82,22 +83,25 @@ def ours(data: Any, statistics: Statistics, hidden: int, n_seeds: int, device: s
 
 def compiled(update: Update) -> Update:
     """The same with kernels, which are made here; says what that took."""
-    with fused() as fusion:
+    with compiling() as compilation:
         begin = time.perf_counter()
         update(), update()
-        print(f"  {fusion}; first two updates {time.perf_counter() - begin:.0f} s", flush=True)
+        print(f"  {compilation}; first two updates {time.perf_counter() - begin:.0f} s", flush=True)
     return update
 
 
 def measure(
-    runs: Mapping[str, Update], is_fused: Sequence[str], seconds: float, clock: Callable[[], float]
+    runs: Mapping[str, Update],
+    is_compiled: Sequence[str],
+    seconds: float,
+    clock: Callable[[], float],
 ) -> dict[str, list[float]]:
     """Updates a second of each run in each round; every other update moves the actors."""
     rates: dict[str, list[float]] = {name: [] for name in runs}
-    with fused() if is_fused else nullcontext():
+    with compiling() if is_compiled else nullcontext():
         for turn in range(ROUNDS + 1):
             for name, update in runs.items():
-                with nullcontext() if name in is_fused else unfused():
+                with nullcontext() if name in is_compiled else uncompiled():
                     rate = _rate(update, seconds, clock)
                 if turn:  # the first warms up
                     rates[name].append(rate)
@@ -140,8 +144,8 @@ def networks_table(
     if arguments.og_marl is not None and hidden == HIDDEN[0]:
         for name in SYSTEMS:
             runs[f"OG-MARL `{name}`"] = og_marl(arguments.og_marl, name, whole)
-    is_fused = [name for name in (ONE_COMPILED, STACK_COMPILED) if name in runs]
-    rates = measure(runs, is_fused, arguments.seconds, time.process_time)
+    is_compiled = [name for name in (ONE_COMPILED, STACK_COMPILED) if name in runs]
+    rates = measure(runs, is_compiled, arguments.seconds, time.process_time)
     n_seeds = {name: N_SEEDS if name in (STACK, STACK_COMPILED) else 1 for name in runs}
     rows = rows_of(rates, n_seeds, PLAIN)
     own = [row[2] for row in rows_of(rates, n_seeds, ONE)]

@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from swarmdata.datasets.reobservation import Tracks, observe_tracks
+from swarmdata.datasets.reobservation import RecordedEpisodes, observe_episodes
 from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
@@ -37,14 +37,14 @@ PAIRS = (
 )
 
 
-def make_tracks(n_steps: int) -> Tracks:
+def make_episodes(n_steps: int) -> RecordedEpisodes:
     """Episodes of at least `n_steps` joint steps."""
     spec = preset("coop_nav")
     seeds = np.arange(512, dtype=np.uint64)
     episodes = list(rollout(make_env(spec, 256), make_policy("scripted", spec), seeds))
     n_repeats = -(-n_steps // sum(map(len, episodes)))
     lengths = np.tile([len(episode) for episode in episodes], n_repeats)
-    return Tracks(
+    return RecordedEpisodes(
         states=np.tile(np.concatenate([e.states for e in episodes]), (n_repeats, 1)),
         actions=np.tile(np.concatenate([e.actions for e in episodes]), (n_repeats, 1, 1)),
         starts=np.cumsum(lengths) - lengths,
@@ -56,19 +56,19 @@ def make_tracks(n_steps: int) -> Tracks:
 
 def main(n_steps: int) -> None:
     """Prints one line per pair of models."""
-    tracks = make_tracks(n_steps)
-    n = int(tracks.lengths.sum())
-    small = Tracks(tracks.states, tracks.actions, *(
-        getattr(tracks, name)[:8] for name in ("starts", "lengths", "seeds", "layouts")
+    episodes = make_episodes(n_steps)
+    n = int(episodes.lengths.sum())
+    small = RecordedEpisodes(episodes.states, episodes.actions, *(
+        getattr(episodes, name)[:8] for name in ("starts", "lengths", "seeds", "layouts")
     ))  # fmt: skip
-    print(f"python {platform.python_version()}, {n:,} steps, {len(tracks.lengths):,} episodes")
+    print(f"python {platform.python_version()}, {n:,} steps, {len(episodes.lengths):,} episodes")
     for observation, communication in PAIRS:
         task = make_task(with_models(preset("coop_nav"), observation, communication))
-        observe_tracks(task, small, progress=False)  # compiles
+        observe_episodes(task, small, progress=False)  # compiles
         times = []
         for _ in range(REPEATS):
             start = time.perf_counter()
-            arrays = observe_tracks(task, tracks, progress=False)
+            arrays = observe_episodes(task, episodes, progress=False)
             times.append((time.perf_counter() - start) * 1e6 / n)
             size = sum(array.nbytes for array in arrays.values()) / n * 1e6
             del arrays

@@ -18,7 +18,7 @@ from swarmdata.envs.physics.fast_backend import (
     GET_VELOCITY,
     SET_FORCE,
     STEP,
-    MunkBackend,
+    FastBackend,
     call_p_v,
     call_pd,
     call_pv,
@@ -119,7 +119,7 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     task = make_task(spec)
     env = make_env(spec, n_copies)
     step = env.reset(np.arange(n_copies, dtype=np.uint64))
-    backend = MunkBackend(Plan(spec, task.kinds, task.movables), n_copies, calls)
+    backend = FastBackend(Plan(spec, task.kinds, task.movables), n_copies, calls)
     robots = step.states[:, : 8 * spec.n_agents].reshape(n_copies, spec.n_agents, 8)
     bodies = step.states[:, 8 * spec.n_agents :][:, : 7 * len(task.movables)]
     backend.reset(

@@ -252,7 +252,7 @@ def test_an_edit_that_does_not_fit_its_parents_is_refused(source: Dataset, tmp_p
 def test_subsample_to_a_size_a_range_and_a_distribution(source: Dataset, tmp_path: Path) -> None:
     small = subsample_dataset(source, tmp_path / "small", id="coop_nav-small-v0", n_steps=20)
     assert 20 <= small.n_steps < 20 + 9
-    assert small.recipe.operation == "subsample(n_steps=20, seed=0)"  # type: ignore[union-attr]
+    assert small.recipe.operation == "subsample(n_steps=20, seed=0)"  # type: ignore[attr-defined]
     ranged = subsample_dataset(
         source, tmp_path / "ranged", id="coop_nav-ranged-v0", min_return=-2.0, max_return=2.0
     )
@@ -260,7 +260,7 @@ def test_subsample_to_a_size_a_range_and_a_distribution(source: Dataset, tmp_pat
     np.testing.assert_array_equal(ranged.episodes.seeds, view.episodes.seeds)
     target = source.filter(policy="tag-0")
     like = subsample_dataset(source, tmp_path / "like", id="coop_nav-like-v0", like=target, bins=2)
-    assert f"like={source.id} ({len(target)} episodes, digest" in like.recipe.operation  # type: ignore[union-attr]
+    assert f"like={source.id} ({len(target)} episodes, digest" in like.recipe.operation  # type: ignore[attr-defined]
     with pytest.raises(SchemaError, match="asked for nothing"):
         subsample_dataset(source, tmp_path / "no", id="coop_nav-no-v0")
 
@@ -269,7 +269,7 @@ def test_reobservations_are_refused(tmp_path: Path, record: Callable[..., Path])
     spec = preset("coop_nav").with_updates(horizon=5)
     source = Dataset.open(record(tmp_path / "source", spec, ("random",)))
     view = source.reobserve("lidar", progress=False)
-    with pytest.raises(SpecError, match="re-observation"):
+    with pytest.raises(SpecError, match="reobservation"):
         combine_datasets([view], tmp_path / "out", id="coop_nav-seen-v0")
 
 

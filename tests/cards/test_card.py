@@ -12,9 +12,9 @@ from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
 from swarmdata.analysis.passings import Passings
 from swarmdata.analysis.visits import Occupancy
 from swarmdata.cards.card import check, render
-from swarmdata.cards.sections.card_data import Facts
+from swarmdata.cards.sections.card_data import CardData
 from swarmdata.cards.sections.fields import observation_rows
-from swarmdata.cards.sections.measured_content import Findings, LogProbabilities
+from swarmdata.cards.sections.measured_content import LogProbabilities, MeasuredContent
 from swarmdata.cards.sections.statistics import histogram
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
@@ -54,9 +54,9 @@ def make_table(**changes: object) -> EpisodeTable:
     return EpisodeTable(**{**columns, **changes})  # type: ignore[arg-type]
 
 
-def make_facts(
+def make_card_data(
     table: EpisodeTable | None = None, recipe: Recipe | None = None, n_features: int = 53
-) -> Facts:
+) -> CardData:
     table = table if table is not None else make_table()
     recipe = recipe or Recipe(
         id="coop_nav-golden-v0",
@@ -102,10 +102,10 @@ def make_facts(
         ),
         provenance={"numpy": "2.4.6", "platform": "Linux"},
     )
-    return Facts(manifest, recipe, table, make_findings(), make_references())
+    return CardData(manifest, recipe, table, make_measured(), make_references())
 
 
-def make_findings() -> Findings:
+def make_measured() -> MeasuredContent:
     visits = np.zeros((4, 4), np.int64)
     visits[1:3, 1] = (6, 2)
     free = np.zeros((4, 4), np.bool_)
@@ -123,7 +123,7 @@ def make_findings() -> Findings:
     )
     likely = LogProbabilities(n=5600, undefined=0.0, mean=1.75, quantiles=(-3.5, 2.25, 2.75))
     unknown = LogProbabilities(n=9200, undefined=1.0, mean=np.nan, quantiles=(np.nan,) * 3)
-    return Findings(covered, log_probs={0: unknown, 1: likely})
+    return MeasuredContent(covered, log_probs={0: unknown, 1: likely})
 
 
 def make_references() -> TaskReferences:
@@ -142,7 +142,7 @@ def make_references() -> TaskReferences:
 
 
 def test_golden(update_golden: bool) -> None:
-    text = render(make_facts())
+    text = render(make_card_data())
     if update_golden:
         GOLDEN.write_text(text, encoding="utf-8")
 
@@ -151,9 +151,9 @@ def test_golden(update_golden: bool) -> None:
 
 def test_the_card_states_the_whole_reward() -> None:
     """Row 45: the shared terms were "what all tasks share", and contacts were not explained."""
-    facts = make_facts()
-    text = render(facts)
-    for name, weight in facts.recipe.spec.rules.rewards:  # type: ignore[union-attr]
+    data = make_card_data()
+    text = render(data)
+    for name, weight in data.origin.spec.rules.rewards:  # type: ignore[attr-defined]
         if name != "team_share":
             assert f"| {name} | {weight:g} | " in text, name
     assert "| -weight * min(max(1 - gap / 0.1, 0), 1) |" in text
@@ -165,13 +165,13 @@ def test_the_card_states_the_whole_reward() -> None:
 
 def test_a_collision_that_fails_is_stated() -> None:
     spec = TaskSpec(on_collision="fail")
-    recipe = make_facts().recipe.model_copy(update={"spec": spec})
+    recipe = make_card_data().origin.model_copy(update={"spec": spec})
     assert isinstance(recipe, Recipe)
-    assert "A contact that begins fails the episode" in render(make_facts(recipe=recipe))
+    assert "A contact that begins fails the episode" in render(make_card_data(recipe=recipe))
 
 
 def test_front_matter_is_yaml_for_the_hub() -> None:
-    _, front, _ = render(make_facts()).split("---\n", 2)
+    _, front, _ = render(make_card_data()).split("---\n", 2)
     content = yaml.safe_load(front)
 
     assert content["license"] == "cc-by-4.0"
@@ -181,17 +181,19 @@ def test_front_matter_is_yaml_for_the_hub() -> None:
 
 def test_numbers_are_those_of_the_table() -> None:
     table = make_table()
-    text = render(make_facts(table))
+    text = render(make_card_data(table))
 
     assert f"| return, mean | {table.team_return.mean():.3f} |" in text
     assert "| success | 75.0 % |" in text
     assert "| train | 36 |" in text
     score = 100 * (table.team_return.mean() + 4.0) / 10.0
-    assert f"mean return scores {score:.1f}." in text
+    assert f"of this dataset scores {score:.1f}." in text
 
 
 def test_without_references_the_card_says_so() -> None:
-    assert "None measured for this spec." in render(replace(make_facts(), references=None))
+    assert "No reference policies were measured" in render(
+        replace(make_card_data(), references=None)
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,7 +202,7 @@ def test_without_references_the_card_says_so() -> None:
         ("seeds", lambda v: v + np.uint64(EVALUATION_BASE), "reserved evaluation seed"),
         ("seeds", lambda v: v // np.uint64(2), "occurs twice"),
         ("lengths", lambda v: v + 1, "longer than the horizon"),
-        ("end_reason", lambda v: np.full_like(v, 2), "horizon's length"),
+        ("end_reason", lambda v: np.full_like(v, 2), "length of the horizon"),
         ("team_return", lambda v: v * np.nan, "finite"),
         ("lengths", lambda v: v // 10, "steps of its recipe"),
     ],
@@ -210,14 +212,14 @@ def test_dataset_that_fails_a_check_gets_no_card(
 ) -> None:
     table = make_table(**{column: spoil(getattr(make_table(), column))})
 
-    assert len(check(make_facts())) == 6
+    assert len(check(make_card_data())) == 6
     with pytest.raises(SchemaError, match=claim):
-        check(make_facts(table))
+        check(make_card_data(table))
 
 
 def test_features_without_description_are_an_error() -> None:
     with pytest.raises(SchemaError, match="observation features: the arrays have 54"):
-        render(make_facts(n_features=54))
+        render(make_card_data(n_features=54))
 
 
 OBSERVATIONS = ("state", "lidar+stack-2", "bearing", "occupancy")
@@ -245,47 +247,47 @@ def test_a_feature_without_description_is_an_error() -> None:
 
 def test_policy_without_episodes_is_an_error() -> None:
     with pytest.raises(SchemaError, match="'expert-0' made no episode"):
-        render(make_facts(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
+        render(make_card_data(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
 
 
 def test_policies_have_their_own_figures() -> None:
     table = make_table()
     returns = table.team_return[table.policy == 1]
-    (row,) = [line for line in render(make_facts(table)).splitlines() if "`expert-0" in line]
+    (row,) = [line for line in render(make_card_data(table)).splitlines() if "`expert-0" in line]
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[4:7] == ["20", "1,400", f"{returns.mean():.2f} ± {returns.std():.2f}"]
     assert cells[7:] == ["100.0 %", "65.0 %", "0.350", "0.000", "70.0"]
 
 
 def test_coverage_and_sides_are_read_from_the_findings() -> None:
-    text = render(make_facts())
+    text = render(make_card_data())
     assert "| places visited | 50.0 % | of the 4 free cells of 1 m |" in text
     assert "| expert-0 | 10 | 90 % [60, 98] |" in text
     assert "| random | 0 |" not in text, "a policy without passings has no side"
-    facts = make_facts()
-    covered = replace(facts.findings.coverage, passings={0: Passings(0, 0)}, dependence=None)
-    text = render(replace(facts, findings=Findings(covered, None)))
-    assert "No two robots passed each other head on" in text
+    data = make_card_data()
+    covered = replace(data.measured.coverage, passings={0: Passings(0, 0)}, dependence=None)
+    text = render(replace(data, measured=MeasuredContent(covered, None)))
+    assert "No two robots passed each other head-on" in text
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
 
 
 def test_undefined_log_probabilities_are_named() -> None:
-    text = render(make_facts())
+    text = render(make_card_data())
     assert "| random | none | none | none | none | 100.0 % |" in text
     assert "| expert-0 | 1.75 | -3.50 | 2.25 | 2.75 | 0.0 % |" in text
 
 
 def test_too_short_for_entropies() -> None:
-    facts = make_facts()
-    covered = replace(facts.findings.coverage, states=None, actions=None)
-    text = render(replace(facts, findings=Findings(covered, None)))
+    data = make_card_data()
+    covered = replace(data.measured.coverage, states=None, actions=None)
+    text = render(replace(data, measured=MeasuredContent(covered, None)))
     assert text.count("| unknown | needs 6 joint steps |") == 2
 
 
 def test_a_picture_takes_the_place_of_the_histogram() -> None:
-    assert "█" in render(make_facts())
-    text = render(make_facts(), picture="coop_nav-golden-v0.png")
+    assert "█" in render(make_card_data())
+    text = render(make_card_data(), picture="coop_nav-golden-v0.png")
     assert "](coop_nav-golden-v0.png)" in text
     assert "█" not in text
 

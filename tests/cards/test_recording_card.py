@@ -11,7 +11,7 @@ import yaml
 from swarmdata.cards.card import card_of, checked
 from swarmdata.cards.publish import publish_card
 from swarmdata.cards.recording_card import describe, render_recorded
-from swarmdata.cards.sections.card_data import facts_of
+from swarmdata.cards.sections.card_data import card_data_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder
@@ -82,7 +82,7 @@ def test_a_recording_says_what_it_is(recorded: Dataset) -> None:
         "| `big` | box of 3 in [-∞, ∞] | 3 | box of 2 in [(-2, 0), (2, 4)] | 2 |",
         "| success | 100.0 % |",
         "| a | external | 20 | 80 |",
-        "`alive` says who acts next",
+        "`alive` marks the agents that act next",
         "| train | 36 | 144 |",
     ):
         assert line in card, line
@@ -94,10 +94,10 @@ def test_what_the_environment_does_not_say_is_not_guessed(tmp_path: Path) -> Non
     with Recorder(Choosing("info"), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 10)
     card = recorder.close().card
-    assert "| success | not told |" in card
-    assert "did not say whether its task was solved" in card
+    assert "| success | not reported |" in card
+    assert "does not report whether its task was solved" in card
     assert "The version of the environment's library is not known" in card
-    assert "`action_masks` says which choices were allowed" in card
+    assert "`action_masks` marks the choices that were allowed" in card
     assert "license: unknown" in card
     assert "| `one` | near: box of 2 x 2 in [0, 255]; phase: discrete, 0 to 4 | 5 |" in card
 
@@ -106,7 +106,7 @@ def test_an_edit_of_a_recording_names_its_parents(recorded: Dataset, tmp_path: P
     card = card_of(edit_of(recorded, tmp_path / "ds", [0, 1, 2, 5]))
     assert "filter --policy a" in card
     assert f"| `{recorded.id}` | `{recorded.digest}` | 4 | 0, 1, 2, 5 |" in card
-    assert "Every episode has the split that it had in its parent" in card
+    assert "Every episode keeps the split it had in its parent dataset" in card
     assert "## About" not in card
 
 
@@ -119,7 +119,7 @@ def test_an_edit_of_a_task_has_the_usual_card(tmp_path: Path, record: Callable[.
         assert f"## {title}" in card
     assert "## Rebuild" not in card
     assert "| idle |" not in card, "none of its episodes are left"
-    assert "license: cc-by-4.0" in card
+    assert "license: unknown" in card
 
 
 def test_a_check_that_fails_is_a_known_limit_of_a_recording(
@@ -130,13 +130,13 @@ def test_a_check_that_fails_is_a_known_limit_of_a_recording(
     recipe = stored.recipe
     origin = Recording(id=recipe.id, spec=recipe.spec, policies=recipe.policies, source="recorder")
     twice = replace(stored.table, seeds=np.zeros_like(stored.table.seeds))
-    facts = replace(facts_of(stored), recipe=origin, table=twice)
-    assert checked(facts)[1] == ("No seed occurs twice.",)
-    assert "No seed occurs twice." not in checked(facts)[0]
-    with pytest.raises(SpecError, match="has a card of its own kind"):
+    data = replace(card_data_of(stored), origin=origin, table=twice)
+    assert checked(data)[1] == ("No seed occurs twice.",)
+    assert "No seed occurs twice." not in checked(data)[0]
+    with pytest.raises(SpecError, match="`card_of` renders its card"):
         render_recorded(stored)
     with pytest.raises(SpecError, match="a card of a task needs a task"):
-        facts_of(replace(stored, recipe=origin.model_copy(update={"spec": foreign()})))
+        card_data_of(replace(stored, recipe=origin.model_copy(update={"spec": foreign()})))
 
 
 def foreign() -> RecordedSpec:

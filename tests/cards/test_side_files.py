@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.side_files import damage_of, write_missing
+from swarmdata.cards.side_files import damage_of, finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.registry.presets import preset
@@ -48,7 +48,7 @@ def test_a_release_without_references_gets_them(folder: Path) -> None:
     content = (folder / REFERENCES).read_bytes()
     (folder / REFERENCES).unlink()
     (folder / CARD).write_text("as its publisher wrote it")
-    write_missing(folder)
+    finish(folder)
     assert (folder / REFERENCES).read_bytes() == content
     assert (folder / CARD).read_text() == "as its publisher wrote it"
     assert [damage.file for damage in damage_of(folder)] == [CARD]
@@ -62,10 +62,10 @@ def test_a_task_without_references_has_no_such_file(
     assert not (folder / REFERENCES).exists()
     assert examine(folder) == ()
     (folder / CARD).unlink()
-    write_missing(folder)
+    finish(folder)
     assert (folder / CARD).exists()
     assert not (folder / REFERENCES).exists()
 
 
 def test_what_the_card_says_is_in_the_references(made: Path) -> None:
-    assert f"`{REFERENCES}` beside this card has all digits" in Dataset.open(made).card
+    assert f"`{REFERENCES}` beside this card has all metrics" in Dataset.open(made).card

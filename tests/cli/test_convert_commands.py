@@ -39,9 +39,9 @@ def test_there_and_back(record: Callable[..., Path], tmp_path: Path) -> None:
         back.transitions()["observations"], ours.transitions()["observations"]
     )
     assert "| license | mit |" in back.card
-    assert "the split that it had in the source" in back.card
+    assert "keeps the split it had in the source" in back.card
     assert audit(back.path, progress=False).problems == ()
-    assert back.recipe.metadata["license"] == "mit"  # type: ignore[union-attr]
+    assert back.recipe.metadata["license"] == "mit"  # type: ignore[index]
 
 
 def test_a_split_only(folder: Path, tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_answers_are_passed_on(tmp_path: Path) -> None:
     dataset = Dataset.open(tmp_path / "out")
     assert dataset.episodes.lengths.tolist() == [2] * 20
     assert dataset.spec.n_agents == 2
-    assert dataset.spec.agents[0].action.high == 1.0  # type: ignore[union-attr]
+    assert dataset.spec.agents[0].action.high == 1.0  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_answers_are_passed_on(tmp_path: Path) -> None:
     [
         ([], "either --to"),
         (["--to", "d4rl", "--from", "d4rl"], "either --to"),
-        (["--from", "d4rl"], "needed with --from"),
+        (["--from", "d4rl"], "required with --from"),
         (["--from", "d4rl", "--id", "a-b-v0", "--action-bounds", "1"], "expected two numbers"),
         (["--from", "d4rl", "--id", "a-b-v0", "--note", "x"], "expected KEY=TEXT"),
     ],

@@ -53,7 +53,7 @@ def test_version_and_list() -> None:
 def test_info_shows_the_recipe_and_builds_nothing(cache_folder: Path) -> None:
     output = run("info", "coop_nav-random-mini")
 
-    assert "not built yet" in output
+    assert "not in the cache" in output
     assert "n_steps: 50000" in output
     assert not list(cache_folder.iterdir())
 
@@ -84,7 +84,7 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     output = run("generate", recipe_file, "--out", out, "--workers", "1", "--steps", "500")
 
     assert "520 joint steps" in output
-    assert "every file is as it was written" in run("verify", out)
+    assert "all files match the manifest" in run("verify", out)
     assert run("card", out) == (out / "card.md").read_text()
     cards = tmp_path / "cards"
     assert run("card", out, "--out", cards, "--no-pictures") == f"{cards}/coop_nav-tiny-v0.md\n"
@@ -98,11 +98,11 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     output = run("verify", out, code=1)
     assert f"{data}: was changed: 1 of 1 chunks are bad, the first is chunk 0 (rows 0 to" in output
     assert f"{out}/data.zarr/states/zarr.json: is absent" in output
-    assert f"2 broken; run `swarmdata verify {out} --repair`" in output
+    assert f"2 broken files; `swarmdata verify {out} --repair` replaces them" in output
     output = run("verify", out, "--repair", "--replay", "2", "--workers", "1")
     assert f"{data}: made again from the recipe" in output
-    assert "simulated again, 2 episodes have the same bits" in output
-    assert run("verify", out).startswith(f"{out}: every file is as it was written")
+    assert "simulated 2 episodes again: all bits are equal" in output
+    assert run("verify", out).startswith(f"{out}: all files match the manifest")
 
 
 def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
     files, out = sorted(tmp_path.glob("*/*.csv")), tmp_path / "curves.svg"
     run("curves", *files, "--by", "algorithm/task", "--out", out)
     assert "<!-- vdn (1 run) -->" in out.read_text()
-    assert "does not end as" in run(
+    assert "does not match the pattern" in run(
         "curves", *files, "--by", "task-algorithm", "--out", out, code=1
     )
 
@@ -129,7 +129,7 @@ def test_evaluate_and_report(tmp_path: Path) -> None:
     assert names == {f"{who}--{spec}-0.json" for who in ("idle", "random", "coop_nav-random")}
     assert "idle" in table
     assert "already" not in table
-    assert "3 of 3 were in" in run(*command)
+    assert "3 of 3 results were already in" in run(*command)
     assert "already" not in run(*command, "--again")
     assert "4 episodes of coop_nav" in run("report", results, "--out", out, "--figures", "svg")
     tables = {f"table{ending}" for ending in (".md", ".csv", ".tex", ".svg")}
@@ -278,7 +278,7 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
     _, stderr = process.communicate(timeout=60)
 
     assert process.returncode == 130
-    assert stderr.endswith("Stopped. Run the same command again to go on from here.\n")
+    assert stderr.endswith("Stopped. Run the same command again to resume.\n")
     assert "Traceback" not in stderr
 
 

@@ -43,7 +43,7 @@ def test_other_commands_take_the_folder(
     pytest.importorskip("torch")
     run("record", "recover", str(unfinished))
     assert "## Environment" in run("card", str(unfinished))
-    assert "every file is as it was written" in run("verify", str(unfinished))
+    assert "all files match the manifest" in run("verify", str(unfinished))
     options = ("--updates", "3", "--seeds", "1", "--set", "batch_size=8")
     out = str(tmp_path / "run")
     run("train", "bc", str(unfinished), "--out", out, *options)

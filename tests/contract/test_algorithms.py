@@ -10,6 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
 from swarmdata.types import Batch, Step, no_messages  # noqa: E402
@@ -20,7 +21,7 @@ BATCH = 16
 ACTOR_CRITIC: dict[str, Any] = {
     "actor_hidden": (32, 32),
     "critic_hidden": (32, 32),
-    "warm_start": 2,
+    "bc_warmup_updates": 2,
     "n_updates": 200,
 }
 SMALL: dict[str, dict[str, Any]] = {
@@ -98,7 +99,7 @@ def test_the_algorithm_keeps_the_contract(name: str) -> None:
     config = kind.Config(**SMALL.get(name, {}))
 
     def build(seeds: Sequence[int]) -> Any:
-        return kind(SIZES, seeds, config, statistics=statistics())
+        return kind(Setup(SIZES, seeds, statistics()), config)
 
     check_algorithm(build, draw, step())
 
@@ -106,7 +107,7 @@ def test_the_algorithm_keeps_the_contract(name: str) -> None:
 def test_own_joint_gradient_keeps_the_contract() -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
     config = kind.Config(**SMALL["maddpg_bc"], joint_gradient="own")
-    check_algorithm(lambda seeds: kind(SIZES, seeds, config, statistics=statistics()), draw, step())
+    check_algorithm(lambda seeds: kind(Setup(SIZES, seeds, statistics()), config), draw, step())
 
 
 @pytest.mark.parametrize(
@@ -122,6 +123,6 @@ def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, A
     config = kind.Config(**SMALL[name], **changes)
 
     def build(seeds: Sequence[int]) -> Any:
-        return kind(SIZES, seeds, config, statistics=statistics())
+        return kind(Setup(SIZES, seeds, statistics()), config)
 
     check_algorithm(build, draw, step(), n_updates=20)

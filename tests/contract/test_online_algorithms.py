@@ -10,19 +10,20 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.online_contract import check_online_algorithm
 
 SPEC = TaskSpec.parse({"horizon": 12, "team": [{"count": 3}]})
 
-SHORT: dict[str, Any] = {"n_frames": 2_000, "n_copies": 4, "n_steps": 10}
+SHORT: dict[str, Any] = {"n_steps": 2_000, "n_copies": 4, "rollout_steps": 10}
 
 REPLAY: dict[str, Any] = {
     "batch_size": 32,
     "capacity": 100,  # rows are overwritten in the second round
     "margin": 160,
-    "warm_up": 24,
+    "warmup_transitions": 24,
 }
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -34,9 +35,9 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
             "hidden": 16,
             "minibatch": 64,
             "frame": "world",
-            "contact_ramp": (-1.0, 0.0),
-            "keep_right": 0.3,
-            "rewards": ("proximity=2",),
+            "shaping": ShapingConfig(
+                contact_ramp=(-1.0, 0.0), keep_right=0.3, reward_weights=("proximity=2",)
+            ),
         },
     ),
     "maddpg": ("maddpg", {"actor_hidden": (16,), "critic_hidden": (16,)}),
@@ -82,13 +83,14 @@ def test_a_run_that_began_with_a_clone_keeps_the_contract(
     from swarmdata.online_algos.ppo import initial_weights
     from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 
-    short = partial(CloneConfig, n_steps=6, n_passes=1, final_passes=1, minibatch=32)
+    short = partial(CloneConfig, rollout_steps=6, n_passes=1, final_passes=1, minibatch=32)
     monkeypatch.setattr(initial_weights, "CloneConfig", short)
-    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, teacher="scripted", clone_rounds=2)
+    start = initial_weights.StartConfig(teacher="scripted", clone_rounds=2)
+    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64, start=start)
 
     def build(seeds: Sequence[int], folder: Path) -> Any:
         run = MAPPO(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)
-        run.warm_start()
+        run.prepare()
         return run
 
     step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))

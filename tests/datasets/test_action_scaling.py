@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.datasets.action_scaling import action_scale, choices_of, has_choices, is_continuous
+from swarmdata.datasets.action_scaling import action_scale, choices_of, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
@@ -16,6 +16,7 @@ from swarmdata.specs.spaces import (
     MultiDiscreteSpace,
     Space,
     TupleSpace,
+    is_continuous,
 )
 
 SEEN = BoxSpace(shape=(1,), dtype="float32")
@@ -83,5 +84,5 @@ def test_choices_are_whole_numbers_by_column() -> None:
 
 @pytest.mark.parametrize("mixed", [box(0, 1), TupleSpace(spaces=(DiscreteSpace(n=2), box(0, 1)))])
 def test_choices_beside_numbers_are_refused(mixed: Space) -> None:
-    with pytest.raises(SchemaError, match="actions of a1 in t have a part that is no choice"):
+    with pytest.raises(SchemaError, match="actions of a1 in t have a continuous part"):
         choices_of(spec_of(DiscreteSpace(n=2), mixed))

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
-from swarmdata.rollouts.metrics import Reference
+from swarmdata.registry.published import Reference
 from swarmdata.store import SPLITS
 from swarmdata.testing import dataset_contract as contract
-from swarmdata.testing.synthetic import N_FEATURES, M, N, S, make_dataset
+from swarmdata.testing.synthetic import N_AGENTS, N_FEATURES, N_OBSTACLES, STATE_SIZE, make_dataset
 from swarmdata.types import Episode
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
@@ -58,7 +58,7 @@ def test_nothing_is_copied_and_nothing_can_be_written(dataset: Dataset) -> None:
 
 def test_identity(dataset: Dataset) -> None:
     assert dataset.id == "coop_nav-synthetic-v0"
-    assert dataset.spec.n_agents == N
+    assert dataset.spec.n_agents == N_AGENTS
     assert len(dataset.digest) == 64
     assert dataset.source == "folder"
     text = repr(dataset.filter(policy="tag-1"))
@@ -144,9 +144,9 @@ def test_transitions_are_aligned_and_complete(dataset: Dataset) -> None:
 
 def test_shapes(dataset: Dataset) -> None:
     batch = next(dataset.sampler(batch_size=7))
-    assert batch.observations.shape == batch.next_observations.shape == (7, N, N_FEATURES)
-    assert batch.states.shape == (7, S)
-    assert dataset.episodes.layouts.shape == (len(dataset), M, 8)
+    assert batch.observations.shape == batch.next_observations.shape == (7, N_AGENTS, N_FEATURES)
+    assert batch.states.shape == (7, STATE_SIZE)
+    assert dataset.episodes.layouts.shape == (len(dataset), N_OBSTACLES, 8)
     assert len(batch) == 7
 
 

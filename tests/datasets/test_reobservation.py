@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import (
-    OBSERVED,
-    Tracks,
+    OBSERVED_ARRAYS,
+    RecordedEpisodes,
     attempted_links,
-    observe_tracks,
+    observe_episodes,
     reobserve_episode,
-    seen_again,
+    reobserved_episode,
 )
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.rollouts.metrics import Reference
+from swarmdata.registry.published import Reference
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
@@ -65,9 +65,9 @@ def play(spec: TaskSpec, n: int = 6, policy: str = "random", first: int = 0) -> 
     return list(rollout(make_env(spec, 4), make_policy(policy, spec), seeds))
 
 
-def tracks_of(episodes: list[Episode]) -> Tracks:
+def recorded_of(episodes: list[Episode]) -> RecordedEpisodes:
     lengths = np.array([len(episode) for episode in episodes])
-    return Tracks(
+    return RecordedEpisodes(
         states=np.concatenate([e.states for e in episodes]),
         actions=np.concatenate([e.actions for e in episodes]),
         starts=np.cumsum(lengths) - lengths,
@@ -117,8 +117,8 @@ def test_the_recorded_models_give_the_recorded_bits(
 ) -> None:
     spec = short(world, observation, communication)
     episodes = play(spec)
-    arrays = observe_tracks(make_task(spec), tracks_of(episodes), n_copies=4, progress=False)
-    for name in OBSERVED:
+    arrays = observe_episodes(make_task(spec), recorded_of(episodes), n_copies=4, progress=False)
+    for name in OBSERVED_ARRAYS:
         recorded = np.concatenate([getattr(episode, name) for episode in episodes])
         assert arrays[name].dtype == recorded.dtype
         assert arrays[name].tobytes() == recorded.tobytes(), name
@@ -137,10 +137,10 @@ def test_neither_batches_nor_order_matter(
     episodes = play(short("coop_nav"))
     assert len({len(episode) for episode in episodes}) > 1
     task = make_task(short("coop_nav", observation, communication))
-    shuffled = tracks_of([episodes[k] for k in order])
-    together = observe_tracks(task, shuffled, n_copies=n_copies, progress=False)
+    shuffled = recorded_of([episodes[k] for k in order])
+    together = observe_episodes(task, shuffled, n_copies=n_copies, progress=False)
     alone = [reobserve_episode(episodes[k], task) for k in order]
-    for name in OBSERVED:
+    for name in OBSERVED_ARRAYS:
         np.testing.assert_array_equal(together[name], np.concatenate([a[name] for a in alone]))
 
 
@@ -150,7 +150,7 @@ def test_a_view_is_what_a_live_world_shows_for_the_same_actions(view: Dataset) -
         step = env.reset(np.array([episode.seed], dtype=np.uint64))
         for t in range(len(episode) + 1):
             np.testing.assert_array_equal(step.states[0], episode.states[t])
-            for name in OBSERVED:
+            for name in OBSERVED_ARRAYS:
                 np.testing.assert_array_equal(getattr(step, name)[0], getattr(episode, name)[t])
             if t < len(episode):
                 step = env.step(episode.actions[t][None])
@@ -181,7 +181,7 @@ def test_a_view_selects_samples_and_iterates(dataset: Dataset, view: Dataset) ->
 
 def test_a_view_copies_only_what_is_seen_and_heard(dataset: Dataset, view: Dataset) -> None:
     for name, values in dataset.stored.arrays.items():
-        assert np.shares_memory(view.stored.arrays[name], values) == (name not in OBSERVED)
+        assert np.shares_memory(view.stored.arrays[name], values) == (name not in OBSERVED_ARRAYS)
 
 
 def test_a_view_says_what_it_is(dataset: Dataset, view: Dataset) -> None:
@@ -264,7 +264,7 @@ def test_lost_messages_are_those_that_a_clear_channel_delivers() -> None:
 
 
 def test_one_episode_seen_again_is_that_of_the_view(dataset: Dataset, view: Dataset) -> None:
-    got = seen_again(dataset[2], dataset.task, view.task)
-    for name in OBSERVED:
+    got = reobserved_episode(dataset[2], dataset.task, view.task)
+    for name in OBSERVED_ARRAYS:
         np.testing.assert_array_equal(getattr(got, name), getattr(view[2], name))
     assert got.states is dataset[2].states or np.shares_memory(got.states, dataset[2].states)

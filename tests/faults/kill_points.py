@@ -22,11 +22,12 @@ from typing import Any
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build_folder, finish
+from swarmdata.building.build import build_folder, build_under_lock
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.catalog.repair import repair
-from swarmdata.hub.catalog.sources import obtain
+from swarmdata.hub.catalog.request import request_of_recipe
+from swarmdata.hub.catalog.sources import Remotes, obtain
 from swarmdata.interop.export import export_dataset
 from swarmdata.store import open_store
 from tests.support.one_process import use_one_process
@@ -157,7 +158,9 @@ def operations(root: Path) -> dict[str, Operation]:
     return {
         "export": Operation(Path.mkdir, export, exported_or_absent),
         "publish": Operation(
-            with_parts, lambda place: finish(TINY, place / TINY.id, progress=False), whole_or_absent
+            with_parts,
+            lambda place: build_under_lock(TINY, place / TINY.id, progress=False),
+            whole_or_absent,
         ),
         "repair": Operation(
             damaged,
@@ -167,7 +170,10 @@ def operations(root: Path) -> dict[str, Operation]:
         "fetch": Operation(
             Path.mkdir,
             lambda place: _ignore(
-                obtain(TINY, place / TINY.id, remotes=[shelf.address], progress=False)
+                obtain(
+                    request_of_recipe(TINY, place / TINY.id),
+                    Remotes([shelf.address], progress=False),
+                )
             ),
             whole_or_absent,
         ),

@@ -15,7 +15,7 @@ import pytest
 
 import swarmdata
 from swarmdata.building import build as build_module
-from swarmdata.hub.catalog import catalog
+from swarmdata.hub.catalog import request
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest
 from tests.support.one_process import use_one_process
@@ -36,7 +36,7 @@ def main() -> None:
     patch = pytest.MonkeyPatch()
     use_one_process(patch)
     patch.setattr(build_module, "_make", noted)
-    patch.setattr(catalog, "find_recipe", lambda name: TINY)
+    patch.setattr(request, "find_recipe", lambda name: TINY)
     dataset = swarmdata.load("coop_nav-tiny")
     print(dataset.digest, dataset.source)
 

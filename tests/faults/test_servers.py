@@ -12,10 +12,10 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
+from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
@@ -209,7 +209,7 @@ def test_a_silent_hub_is_left(
     on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 22: so is one that takes a question and says nothing."""
-    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT", 2.0)
+    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT_SECONDS", 2.0)
     server, _, release = on_a_hub
     server.faults = [Fault("GET .*/revision/", stall=9.0, times=1)]
     assert HubRemote("hf://org", backoff=backoff).find(ID) == release

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import HubError
-from swarmdata.hub.catalog.sources import RemoteSkippedWarning, obtain
+from swarmdata.hub.catalog.request import request_of_recipe
+from swarmdata.hub.catalog.sources import Remotes, RemoteSkippedWarning, obtain
 from swarmdata.hub.remotes.hosts.buckets import BucketRemote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
@@ -109,7 +110,8 @@ def test_the_next_source_is_asked(
         slow.faults = [slow_body(f"GET .*{ARRAY}")]
         with pytest.warns(RemoteSkippedWarning, match="fewer than the least rate"):
             found = obtain(
-                TINY, tmp_path / "d" / TINY.id, remotes=[slow.url, good.url], progress=False
+                request_of_recipe(TINY, tmp_path / "d" / TINY.id),
+                Remotes([slow.url, good.url], progress=False),
             )
     assert found.source == f"{good.url}/{TINY.id}"
 

@@ -17,7 +17,8 @@ from swarmdata.cli.main import app
 from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.repair import examine, repair
-from swarmdata.hub.catalog.sources import obtain, obtain_release
+from swarmdata.hub.catalog.request import request_of_recipe
+from swarmdata.hub.catalog.sources import Remotes, obtain, obtain_release
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.record.recording_folder import unfinished_folder
 from swarmdata.runtime.atomic import remove_leftovers
@@ -168,7 +169,8 @@ def test_folders_beside_a_dataset_are_the_users(dataset: Path, shelf: Shelf) -> 
     repair(dataset, remotes=[], progress=False)
     (dataset / "card.md").unlink()
     build(TINY, dataset, progress=False)
-    obtain(TINY, folder / "new", remotes=[shelf.address], progress=False)
+    remotes = Remotes([shelf.address], progress=False)
+    obtain(request_of_recipe(TINY, folder / "new"), remotes)
     release = shelf.find(TINY.id)
     assert release is not None
     pull(shelf, release, folder / "newer", progress=False)
@@ -295,7 +297,8 @@ def test_every_file_of_the_user_is_there_afterwards(
             elif use == 1:
                 load(folder)
             elif use == 2:
-                obtain(TINY, folder, remotes=[shelf.address], progress=False)
+                remotes = Remotes([shelf.address], progress=False)
+                obtain(request_of_recipe(TINY, folder), remotes)
             else:
                 release = shelf.find(TINY.id)
                 assert release is not None

@@ -85,7 +85,7 @@ def test_theirs_is_read_aligned(tmp_path: Path) -> None:
     source = write_theirs(tmp_path / "maze", made)
     dataset = import_dataset(source, tmp_path / "out", format="minari", id="maze-theirs-v0")
     assert dataset.episodes.lengths.tolist() == lengths
-    assert dataset.spec.agents[0].action.start == 1  # type: ignore[union-attr]
+    assert dataset.spec.agents[0].action.start == 1  # type: ignore[attr-defined]
     for number, episode in enumerate(dataset):
         t = np.arange(len(episode))
         np.testing.assert_array_equal(episode.observations[:, 0, 2], np.arange(len(t) + 1))

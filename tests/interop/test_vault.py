@@ -96,7 +96,7 @@ def test_theirs_is_cut_at_ends_of_all_agents(tmp_path: Path) -> None:
     dataset = take_in(path, final="cut")
     kept = [n - is_cut for n, is_cut in zip(lengths, cut, strict=True)]
     assert dataset.episodes.lengths.tolist() == kept * 2, "both timelines, one after the other"
-    assert dataset.spec.agents[0].action.n == 6  # type: ignore[union-attr]
+    assert dataset.spec.agents[0].action.n == 6  # type: ignore[attr-defined]
     for index, episode in enumerate(dataset):
         t = np.arange(len(episode))
         timeline, number = divmod(index, len(lengths))

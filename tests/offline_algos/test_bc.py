@@ -10,6 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
@@ -21,7 +22,7 @@ def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list
     config = BCConfig(**{"hidden": (32, 32), "n_updates": 400, "batch_size": 64, **changes})
     drawn = list(islice(batches(dataset, config.batch_size, range(n_seeds)), config.n_updates))
     statistics = Statistics.measure(dataset, config.discount)
-    return BC(Sizes.of(drawn[0]), range(n_seeds), config, statistics=statistics), drawn
+    return BC(Setup(Sizes.of(drawn[0]), range(n_seeds), statistics), config), drawn
 
 
 @pytest.mark.parametrize("output", ["tanh", "clip"])
@@ -45,13 +46,13 @@ def test_it_follows_the_cosine_and_stands_still_at_its_end(good_only: MemoryData
         before = bc.actor.network.flat.clone()
         bc.update(batch)
         moved.append((bc.actor.network.flat - before).abs().max().item())
-    assert moved[0] == pytest.approx(BCConfig().step_size, rel=0.01)
+    assert moved[0] == pytest.approx(BCConfig().learning_rate, rel=0.01)
     assert 0 < moved[9] < 0.1 * moved[0]
     assert moved[10] == 0
 
 
-def test_a_constant_step_size_is_possible(good_only: MemoryDataset) -> None:
-    bc, batches = made(good_only, 1, n_updates=10, final_step_size=1.0)
+def test_a_constant_learning_rate_is_possible(good_only: MemoryDataset) -> None:
+    bc, batches = made(good_only, 1, n_updates=10, final_learning_rate_factor=1.0)
     for batch in batches:
         bc.update(batch)
     before = bc.actor.network.flat.clone()

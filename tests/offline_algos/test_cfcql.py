@@ -14,7 +14,7 @@ from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
 
 def test_only_one_agent_leaves_the_data(monkeypatch: pytest.MonkeyPatch) -> None:
     algorithm, batch = made(CFCQL), random_batch()
-    critics, seen = algorithm.parts.critics, []
+    critics, seen = algorithm.critics, []
     true = critics.sampled_q
 
     def record(x: Tensor, actions: Tensor) -> Tensor:
@@ -22,7 +22,7 @@ def test_only_one_agent_leaves_the_data(monkeypatch: pytest.MonkeyPatch) -> None
         return true(x, actions)
 
     monkeypatch.setattr(critics, "sampled_q", record)
-    x = algorithm.parts.information(batch.states, batch.observations)
+    x = algorithm.normalizer.information(batch.states, batch.observations)
     algorithm.gap(batch, x, critics.q(x, batch.actions)[..., 0])
     left = (seen[0] != batch.actions[:, :, None]).any(-1)  # [K, B, M, N]
     assert (left.sum(3) == 1).all()
@@ -33,10 +33,10 @@ def test_only_one_agent_leaves_the_data(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_flat_critic_pays_the_volume_of_one_agents_actions() -> None:
     """tau log integral exp(c / tau) db = c + tau log 4 on [-1, 1]^2, however many agents."""
     algorithm, batch = made(CFCQL, temperature=0.2), random_batch()
-    critics = algorithm.parts.critics
+    critics = algorithm.critics
     for row in (0, 1):
         set_bias(critics.online, row, 3.0 + row)
-    x = algorithm.parts.information(batch.states, batch.observations)
+    x = algorithm.normalizer.information(batch.states, batch.observations)
     gap = algorithm.gap(batch, x, critics.q(x, batch.actions)[..., 0])
     torch.testing.assert_close(gap, torch.full((1, 2), 0.2 * math.log(4.0)))
 
@@ -45,16 +45,15 @@ def test_a_drawn_agent_estimates_the_mean_over_agents() -> None:
     """Against the same penalty with every agent, enumerated, both with many samples."""
     algorithm = made(CFCQL, n_samples=400, temperature=0.5)
     batch = random_batch(1, 300)
-    parts = algorithm.parts
     with torch.no_grad():
-        parts.critics.online.layers[0].weight.mul_(5.0)  # values that depend on actions
-        x = parts.information(batch.states, batch.observations)
-        q = parts.critics.q(x, batch.actions)[..., 0]
+        algorithm.critics.online.layers[0].weight.mul_(5.0)  # values that depend on actions
+        x = algorithm.normalizer.information(batch.states, batch.observations)
+        q = algorithm.critics.q(x, batch.actions)[..., 0]
         terms = []
         for agent in range(2):
             samples = batch.actions[:, :, None].repeat(1, 1, 400, 1, 1)
             samples[:, :, :, agent] = torch.rand(samples[:, :, :, agent].shape) * 2 - 1
-            values = parts.critics.sampled_q(x, samples)[..., 0]
+            values = algorithm.critics.sampled_q(x, samples)[..., 0]
             mean = (values / 0.5).logsumexp(-1) - math.log(400)
             terms.append((0.5 * (mean + math.log(4.0)) - q).mean(2))
         expected = torch.stack(terms).mean(0)

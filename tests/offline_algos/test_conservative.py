@@ -35,7 +35,7 @@ def test_targets_of_two_episodes_are_exact(kind: Any, monkeypatch: pytest.Monkey
         v = 100 * x[..., :1] + 10 * x[..., 1:2]
         return torch.stack([v, v + 1], 1)  # the smaller twin counts
 
-    monkeypatch.setattr(algorithm.parts.critics, "target_q", value)
+    monkeypatch.setattr(algorithm.critics, "target_q", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
     y = algorithm.targets(batch)
     # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
@@ -51,7 +51,7 @@ def test_targets_have_the_reward_scale_and_the_bound(kind: Any) -> None:
             kind, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9, clip_target=clip
         )
         for row in (0, 1):
-            set_bias(algorithm.parts.critics.target, row, 5.0 + row)
+            set_bias(algorithm.critics.target, row, 5.0 + row)
         expected = team / 2 + 0.9 * worth * ~batch.terminations
         torch.testing.assert_close(algorithm.targets(batch), expected)
 
@@ -60,13 +60,12 @@ def test_targets_have_the_reward_scale_and_the_bound(kind: Any) -> None:
 def test_each_critic_is_penalized_for_its_own_values(kind: Any) -> None:
     """og-marl's second critic was penalized for the first one's samples."""
     algorithm, batch = made(kind), random_batch()
-    parts = algorithm.parts
-    x = parts.information(batch.states, batch.observations)
+    x = algorithm.normalizer.information(batch.states, batch.observations)
     for critic in range(2):
-        gap = algorithm.gap(batch, x, parts.critics.q(x, batch.actions)[..., 0])
+        gap = algorithm.gap(batch, x, algorithm.critics.q(x, batch.actions)[..., 0])
         assert gap.shape == (1, 2)
-        parts.critics.online.backward(gap[0, critic])
-        moved = parts.critics.online.gradient.abs().sum(1)
+        algorithm.critics.online.backward(gap[0, critic])
+        moved = algorithm.critics.online.gradient.abs().sum(1)
         assert moved[critic] > 0
         assert moved[1 - critic] == 0
 
@@ -74,7 +73,7 @@ def test_each_critic_is_penalized_for_its_own_values(kind: Any) -> None:
 @each
 def test_twins_begin_apart_and_both_learn(kind: Any) -> None:
     algorithm = made(kind, 2)
-    critics = algorithm.parts.critics.online
+    critics = algorithm.critics.online
     before = critics.flat.clone()
     assert not torch.equal(before[0], before[1])
     algorithm.update(random_batch(2))
@@ -88,9 +87,11 @@ def test_twins_begin_apart_and_both_learn(kind: Any) -> None:
 def test_the_actors_step_leaves_the_critics_alone(kind: Any, joint_gradient: str) -> None:
     algorithm, batch = made(kind, joint_gradient=joint_gradient), random_batch()
     algorithm.update(batch)
-    critics, actor = algorithm.parts.critics.online, algorithm.parts.actor.online.network
+    critics, actor = algorithm.critics.online, algorithm.actor.online.network
     parameters, gradient, old = critics.flat.clone(), critics.gradient.clone(), actor.flat.clone()
-    algorithm._improve(batch, algorithm.parts.information(batch.states, batch.observations), 1.0)
+    pi = algorithm.actor(batch.observations)
+    loss = algorithm.actor_loss(batch, algorithm.critic_inputs(batch), pi, torch.zeros(1))
+    algorithm.actor.step(loss.total)
     assert torch.equal(critics.flat, parameters)
     assert torch.equal(critics.gradient, gradient)
     assert not torch.equal(actor.flat, old)
@@ -99,10 +100,10 @@ def test_the_actors_step_leaves_the_critics_alone(kind: Any, joint_gradient: str
 @each
 def test_the_penalty_does_not_move_the_actors(kind: Any) -> None:
     algorithm, batch = made(kind, policy_delay=2), random_batch()
-    actor = algorithm.parts.actor.online.network.flat.clone()
+    actor = algorithm.actor.online.network.flat.clone()
     losses = algorithm.update(batch)
     assert set(losses) == {"critic_loss", "gap", "q"}
-    assert torch.equal(algorithm.parts.actor.online.network.flat, actor)
+    assert torch.equal(algorithm.actor.online.network.flat, actor)
 
 
 @each
@@ -114,23 +115,21 @@ def test_the_penalty_prefers_the_data(kind: Any) -> None:
     batch.rewards[...] = 0.0
     batch.terminations[...] = True
 
-    def preference(alpha: float) -> float:
-        algorithm = made(kind, alpha=alpha, critic_step_size=1e-2, warm_start=1000)
+    def preference(cql_weight: float) -> float:
+        settings: dict[str, Any] = {"critic_learning_rate": 1e-2, "bc_warmup_updates": 1000}
+        algorithm = made(kind, cql_weight=cql_weight, **settings)
         for _ in range(60):
             algorithm.update(batch)
-        parts = algorithm.parts
-        x = parts.information(batch.states, batch.observations)
-        q = [
-            parts.critics.q(x, actions).mean().item() for actions in (batch.actions, -batch.actions)
-        ]
-        return q[0] - q[1]
+        x = algorithm.normalizer.information(batch.states, batch.observations)
+        data, opposite = (algorithm.critics.q(x, a).mean() for a in (batch.actions, -batch.actions))
+        return (data - opposite).item()
 
     assert preference(1.0) > preference(0.0) + 0.1
 
 
 @each
-def test_the_warm_start_clones_and_then_the_delay_counts(kind: Any) -> None:
-    algorithm, batch = made(kind, warm_start=2, policy_delay=2), random_batch()
+def test_the_warmup_clones_and_then_the_delay_counts(kind: Any) -> None:
+    algorithm, batch = made(kind, bc_warmup_updates=2, policy_delay=2), random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "gap", "q"} for _ in range(4)]
     assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q"}]
 
@@ -140,7 +139,7 @@ def test_a_weight_on_imitation_holds_the_policy(kind: Any) -> None:
     distances = []
     for weight in (0.0, 100.0):
         algorithm, batch = (
-            made(kind, bc_weight=weight, warm_start=10, step_size=1e-2),
+            made(kind, bc_weight=weight, bc_warmup_updates=10, actor_learning_rate=1e-2),
             random_batch(),
         )
         for _ in range(40):
@@ -160,8 +159,8 @@ def test_it_beats_its_data(kind: Any, mixture: MemoryDataset) -> None:
         kind,
         mixture,
         800,
-        critic_step_size=1e-3,
-        warm_start=200,
+        critic_learning_rate=1e-3,
+        bc_warmup_updates=200,
         n_samples=4,
         bc_weight=0.0,  # the papers'
     )

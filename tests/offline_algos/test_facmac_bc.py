@@ -50,7 +50,7 @@ def test_targets_have_the_reward_scale_and_the_bound(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("mixer", MIXERS)
 def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     """Every agent's action is the policy's; lambda is a constant; the critics do not move."""
-    algorithm = made(FACMACBC, mixer=mixer, alpha=2.5, max_gradient_norm=None)
+    algorithm = made(FACMACBC, mixer=mixer, rl_weight=2.5, max_grad_norm=None)
     batch, critics = random_batch(), algorithm.critics
     with torch.no_grad():
         critics.utilities.layers[-1].weight.mul_(200.0)
@@ -62,9 +62,12 @@ def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     network = algorithm.actor.online.network
     network.backward(loss)
     expected = network.gradient.clone()
-    losses = algorithm._update_actor(batch, 2.5, 1.0)
+    pi = algorithm.actor(batch.observations)
+    bc_loss = algorithm.bc_loss(pi, batch.actions)
+    total, reported = algorithm.actor_loss(batch, algorithm.critic_inputs(batch), pi, bc_loss)
+    algorithm.actor.step(total)
     torch.testing.assert_close(network.gradient, expected, rtol=1e-4, atol=1e-6)
-    assert losses["lambda"].item() == pytest.approx(weight, rel=1e-5)
+    assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
     for name, tensor in critics.state_dict().items():
         assert torch.equal(tensor, before[name]), name
 
@@ -77,8 +80,8 @@ def test_the_policy_gradient_reaches_each_agent_through_the_mixer() -> None:
     assert slope.abs().amax((0, 1, 3)).min() > 0
 
 
-def test_warm_start_delay_and_slow_copies() -> None:
-    algorithm, batch = made(FACMACBC, warm_start=2, policy_delay=2, polyak=0.5), random_batch()
+def test_warmup_delay_and_slow_copies() -> None:
+    algorithm, batch = made(FACMACBC, bc_warmup_updates=2, policy_delay=2, tau=0.5), random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
     assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q", "lambda"}, set()]
     target = algorithm.critics.target_utilities.flat.clone()
@@ -103,8 +106,8 @@ def test_it_improves_on_a_mixture(
         mixture,
         1500,
         batch_size=256,
-        warm_start=300,
-        alpha=2.5,  # the paper's: half of these data are worth leaving
+        bc_warmup_updates=300,
+        rl_weight=2.5,  # the paper's: half of these data are worth leaving
         mixer=mixer,
     )
     observations = mixture.transitions["observations"]

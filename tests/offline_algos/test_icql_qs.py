@@ -28,7 +28,7 @@ def targets_actions(algorithm: Any, batch: Batch) -> Tensor:
         return torch.zeros(*x.shape[:1], 2, x.shape[1], 1)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(algorithm.parts.critics, "target_q", record)
+        patch.setattr(algorithm.critics, "target_q", record)
         algorithm.targets(batch)
     return seen[0]
 
@@ -36,12 +36,12 @@ def targets_actions(algorithm: Any, batch: Batch) -> Tensor:
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 1000))
 def test_one_agent_leaves_the_data_and_after_a_cut_all_do(seed: int) -> None:
-    algorithm, batch = made(ICQLQS, 2, noise=0.0), random_batch(2, 40)
-    algorithm.parts.generators[0].manual_seed(seed)
+    algorithm, batch = made(ICQLQS, 2, smoothing=0.0), random_batch(2, 40)
+    algorithm.generators[0].manual_seed(seed)
     cut = torch.rand(2, 40, generator=torch.Generator().manual_seed(seed)) < 0.3
     batch = replace(batch, truncations=cut)
     chosen = targets_actions(algorithm, batch)
-    pi = algorithm.parts.actor(batch.next_observations)
+    pi = algorithm.actor(batch.next_observations)
     ours = (chosen == pi).all(-1)  # [K, B, N]
     theirs = (chosen == batch.next_actions).all(-1)
     assert (ours != theirs).all()
@@ -49,7 +49,7 @@ def test_one_agent_leaves_the_data_and_after_a_cut_all_do(seed: int) -> None:
 
 
 def test_every_agent_leaves_equally_often() -> None:
-    algorithm, batch = made(ICQLQS, noise=0.0), random_batch(1, 2000)
+    algorithm, batch = made(ICQLQS, smoothing=0.0), random_batch(1, 2000)
     batch = replace(batch, truncations=torch.zeros_like(batch.truncations))
     stays = (targets_actions(algorithm, batch) == batch.next_actions).all(-1)
     assert stays.float().mean(1)[0].tolist() == pytest.approx([0.5, 0.5], abs=0.05)
@@ -63,9 +63,9 @@ def test_next_actions_are_those_of_the_same_episode() -> None:
         for k, e in enumerate(two_episodes().episodes, start=1)
     ]
     batch = MemoryDataset(episodes).sampler().gather(np.arange(4)[None]).to_torch()
-    algorithm = made(ICQLQS, noise=0.0)
+    algorithm = made(ICQLQS, smoothing=0.0)
     chosen = targets_actions(algorithm, batch)
-    pi = algorithm.parts.actor(batch.next_observations)
+    pi = algorithm.actor(batch.next_observations)
     for row, following in ((0, 0.15), (2, 0.25)):  # the first step of each episode
         left = (chosen[0, row] == pi[0, row]).all(-1)
         assert left.sum() == 1

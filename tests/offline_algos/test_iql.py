@@ -48,7 +48,7 @@ def test_no_policy_enters_the_critics() -> None:
 
 def test_the_weight_of_a_joint_action_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Minimum of the twins, advantage, exponential, clip; one weight for all agents of a row."""
-    algorithm = made(IQL, beta=2.0, max_weight=5.0, max_gradient_norm=None)
+    algorithm = made(IQL, inverse_temperature=2.0, max_weight=5.0, max_grad_norm=None)
     batch = random_batch(size=3)
     q = torch.tensor([[[0.5, 1.0, 3.0], [1.5, 0.0, 4.0]]])[..., None]  # [K, J, B, 1]
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: q)
@@ -74,7 +74,7 @@ def test_twin_critics_differ_and_both_learn() -> None:
 
 
 def test_a_large_beta_does_not_overflow() -> None:
-    algorithm, batch = made(IQL, beta=1e6), random_batch()
+    algorithm, batch = made(IQL, inverse_temperature=1e6), random_batch()
     losses = algorithm.update(replace(batch, rewards=1e3 * batch.rewards))
     assert all(torch.isfinite(loss).all() for loss in losses.values())
 

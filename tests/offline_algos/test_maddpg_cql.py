@@ -12,9 +12,9 @@ from tests.offline_algos.toys import made, random_batch  # noqa: E402
 
 def test_samples_are_from_anywhere_and_near_both_policies() -> None:
     algorithm, batch = made(MADDPGCQL, 2, n_samples=7, sample_noise=1e-3), random_batch(2)
-    samples = algorithm._samples(batch)
+    samples = algorithm.samples(batch)
     anywhere, now, later = samples.actions.split(7, 2)  # type: ignore[no-untyped-call]
-    actor = algorithm.parts.actor
+    actor = algorithm.actor
     for near, observations in ((now, batch.observations), (later, batch.next_observations)):
         centers = actor(observations)[:, :, None].expand_as(near)
         torch.testing.assert_close(near, centers, rtol=0, atol=0.01)
@@ -27,5 +27,5 @@ def test_samples_are_from_anywhere_and_near_both_policies() -> None:
 
 
 def test_all_agents_leave_the_data_at_once() -> None:
-    samples = made(MADDPGCQL)._samples(batch := random_batch()).actions
+    samples = made(MADDPGCQL).samples(batch := random_batch()).actions
     assert (samples != batch.actions[:, :, None]).all(-1).all()

@@ -1,5 +1,7 @@
 """OMAR: critics of one agent each, the search for the best action, and that it beats its data."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ from tests.offline_algos.toys import (  # noqa: E402
 
 def test_a_critic_sees_one_agents_observation_and_number() -> None:
     algorithm, batch = made(OMAR), random_batch(1, 4)
-    x = algorithm.seen(batch.observations)
+    x = algorithm.inputs_of(batch.observations)
     assert x.shape == (1, 8, 3 + 2)
     torch.testing.assert_close(x[0, 3, :3], batch.observations[0, 1, 1])
     assert x[0, 3, 3:].tolist() == [0, 1]
@@ -66,7 +68,7 @@ def test_the_search_finds_a_peak_whatever_the_scale_of_values(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(algorithm.critics, "first_sampled_q", height)
         patch.setattr(algorithm.critics, "first_q", height)
-        x = algorithm.seen(batch.observations)
+        x = algorithm.inputs_of(batch.observations)
         far = torch.full((1, 64, 1, 2), 1.0)
         found = algorithm.search(x, far)
         assert (found - peak).norm(dim=-1).mean() < 0.3
@@ -78,7 +80,7 @@ def test_values_without_a_spread_do_no_harm() -> None:
     algorithm, batch = made(OMAR), random_batch()
     set_bias(algorithm.critics.online, 0, 1.0)
     pi = by_agent(algorithm.actor(batch.observations))
-    found = algorithm.search(algorithm.seen(batch.observations), pi)
+    found = algorithm.search(algorithm.inputs_of(batch.observations), pi)
     assert found.isfinite().all()
     assert found.abs().max() <= 1
     assert not found.requires_grad
@@ -86,7 +88,7 @@ def test_values_without_a_spread_do_no_harm() -> None:
 
 def test_each_critic_is_penalized_for_its_own_values() -> None:
     algorithm, batch = made(OMAR, n_samples=5), random_batch()
-    x, actions = algorithm.seen(batch.observations), by_agent(batch.actions)
+    x, actions = algorithm.inputs_of(batch.observations), by_agent(batch.actions)
     for critic in range(2):
         gap = algorithm.gap(x, actions, algorithm.critics.q(x, actions)[..., 0])
         algorithm.critics.online.backward(gap[0, critic])
@@ -102,9 +104,10 @@ def test_twins_begin_apart_and_the_actors_step_leaves_them_alone() -> None:
     algorithm.update(batch)
     assert critics.gradient.norm(dim=1).min() > 0
     parameters, gradient = critics.flat.clone(), critics.gradient.clone()
-    pi = by_agent(algorithm.actor(batch.observations))
-    losses = algorithm._improve(algorithm.seen(batch.observations), pi, torch.zeros(2), 1.0)
-    assert set(losses) == {"policy_q", "search_loss"}
+    pi = algorithm.actor(batch.observations)
+    loss = algorithm.actor_loss(batch, algorithm.critic_inputs(batch), pi, torch.zeros(1))
+    algorithm.actor.step(loss.total)
+    assert set(loss.reported) == {"policy_q", "search_loss"}
     assert torch.equal(critics.flat, parameters)
     assert torch.equal(critics.gradient, gradient)
 
@@ -112,7 +115,12 @@ def test_twins_begin_apart_and_the_actors_step_leaves_them_alone() -> None:
 @pytest.mark.learns
 def test_it_beats_its_data(mixture: MemoryDataset) -> None:
     """As the other conservative algorithms: 0 is the data's progress, 0.045 that of a clone."""
-    algorithm, _ = trained(OMAR, mixture, 800, critic_step_size=1e-3, warm_start=200, n_samples=4)
+    settings: dict[str, Any] = {
+        "critic_learning_rate": 1e-3,
+        "bc_warmup_updates": 200,
+        "n_samples": 4,
+    }
+    algorithm, _ = trained(OMAR, mixture, 800, n_samples=4, **settings)
     observations = mixture.transitions["observations"]
     for index in range(2):
         learned = progress_of(algorithm.policy(index).actions(observations), observations)

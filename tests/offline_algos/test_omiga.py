@@ -37,7 +37,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_the_value_loss_by_hand() -> None:
     """One agent's z and loss, from slow copies of Q and w and the value network itself."""
-    algorithm, batch = made(OMIGA, alpha=0.5), random_batch()
+    algorithm, batch = made(OMIGA, temperature=0.5), random_batch()
     critics = algorithm.critics
     with torch.no_grad():  # the slow copies count
         critics.target_utilities.flat.mul_(1.5)
@@ -67,7 +67,7 @@ def test_only_the_value_networks_take_the_value_loss() -> None:
 
 def test_values_find_the_soft_maximum_of_constant_critics() -> None:
     """With Q_i of a known spread, training V_i alone brings the mean of exp(z) to 1."""
-    algorithm, batch = made(OMIGA, alpha=0.1), random_batch(size=256)
+    algorithm, batch = made(OMIGA, temperature=0.1), random_batch(size=256)
     s, o, a = batch.states, batch.observations, batch.actions
     for _ in range(400):
         loss, z = algorithm.value_loss(s, o, a)
@@ -104,7 +104,7 @@ def test_agents_of_a_joint_action_have_weights_of_their_own(
 
 
 def test_large_rewards_do_not_overflow() -> None:
-    algorithm, batch = made(OMIGA, alpha=1e-3), random_batch()
+    algorithm, batch = made(OMIGA, temperature=1e-3), random_batch()
     for _ in range(3):
         losses = algorithm.update(replace(batch, rewards=1e4 * batch.rewards))
     assert all(torch.isfinite(loss).all() for loss in losses.values())

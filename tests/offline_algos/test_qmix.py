@@ -12,10 +12,10 @@ from tests.offline_algos.toys import progress_of, trained  # noqa: E402
 def test_the_state_weighs_the_robots(mixture: MemoryDataset) -> None:
     algorithm, _ = trained(QMIX, mixture, 1, hidden=(8,))
     values, states = torch.randn(2, 2, 5, 2), torch.randn(2, 5, 8)
-    mixed = algorithm.values.mix(values, states)
+    mixed = algorithm.mix(values, states)
     assert mixed.shape == (2, 2, 5)
-    assert (algorithm.values.mix(values + 1, states) >= mixed).all()
-    assert not torch.allclose(algorithm.values.mix(values, states + 1), mixed)
+    assert (algorithm.mix(values + 1, states) >= mixed).all()
+    assert not torch.allclose(algorithm.mix(values, states + 1), mixed)
     assert {"networks.mixer", "networks.target_mixer"} <= algorithm.state_dict().keys()
 
 

@@ -11,6 +11,7 @@ import torch
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, no_messages
 
@@ -20,7 +21,7 @@ SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 TINY = {
     "actor_hidden": (16,),
     "critic_hidden": (16,),
-    "warm_start": 0,
+    "bc_warmup_updates": 0,
     "policy_delay": 1,
     "n_samples": 3,
 }
@@ -33,7 +34,8 @@ SMALL = {
     "critic_hidden": (32, 32),
     "discount": 0.9,
     "batch_size": 128,
-    "step_size": 3e-3,
+    "learning_rate": 3e-3,
+    "actor_learning_rate": 3e-3,
     "temperature": 0.1,
     "threshold": 0.3,
 }
@@ -50,7 +52,7 @@ def made(
     """Returns an untrained algorithm of `SIZES`, with `changes` to its statistics."""
     build: Any = kind
     settings = configured(build, TINY, config)
-    return build(SIZES, range(n_seeds), settings, statistics=statistics(**(changes or {})))
+    return build(Setup(SIZES, range(n_seeds), statistics(**(changes or {}))), settings)
 
 
 def trained(
@@ -66,7 +68,7 @@ def trained(
     settings = configured(build, SMALL, {"n_updates": n_updates, **config})
     stream = batches(data, settings.batch_size, seeds)
     measured = Statistics.measure(data, settings.discount)
-    algorithm = build(Sizes.of(next(stream)), seeds, settings, statistics=measured)
+    algorithm = build(Setup(Sizes.of(next(stream)), seeds, measured), settings)
     losses = [
         {name: loss.mean().item() for name, loss in algorithm.update(batch).items()}
         for batch in islice(stream, n_updates)

@@ -80,7 +80,7 @@ def easy_success(tmp_path: Path) -> Callable[[Any, Any], float]:
 
     def train(kind: Any, config: Any) -> float:
         run = kind(make_env(preset(EASY), config.n_copies), [0], config, tmp_path)
-        while run.frames < config.n_frames:
+        while run.frames < config.n_steps:
             run.update()
         env = make_env(preset(EASY), N_EPISODES)
         episodes = rollout(env, run.policy(0), evaluation_seeds(N_EPISODES))

@@ -9,11 +9,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.learn.networks.critics import information  # noqa: E402
+from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.collection.maddpg_learner import Learner, MADDPGConfig  # noqa: E402
-from swarmdata.online_algos.maddpg import MADDPG  # noqa: E402
+from swarmdata.online_algos.maddpg import MADDPG, Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
@@ -21,7 +20,7 @@ SMALL: dict[str, Any] = {
     "actor_hidden": (16,),
     "critic_hidden": (16,),
     "policy_delay": 1,
-    "max_gradient_norm": None,
+    "max_grad_norm": None,
 }
 
 
@@ -127,7 +126,7 @@ def test_the_policy_gradient_by_hand(joint_gradient: Any) -> None:
 
 
 def test_actors_and_targets_move_every_other_update() -> None:
-    learner, batch = made(policy_delay=2, polyak=0.5), random_batch()
+    learner, batch = made(policy_delay=2, tau=0.5), random_batch()
     actors, target = learner.actors.network.flat.clone(), learner.critics.target.flat.clone()
     assert set(learner.update(batch)) == {"critic_loss", "q"}
     assert torch.equal(learner.actors.network.flat, actors)
@@ -159,8 +158,9 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     """As in the test of VDN: rewards 1, 2, 3; even copies end after the 3, odd ones are cut."""
     config = MADDPGConfig(
         **{**SMALL, "critic_hidden": (32,)},
-        n_frames=800, n_copies=4, n_steps=10, n_gradient_steps=12, batch_size=64, capacity=200,
-        margin=80, warm_up=0, frame="world", discount=0.5, critic_step_size=1e-2, polyak=0.1,
+        n_steps=800, n_copies=4, rollout_steps=10, n_gradient_steps=12, batch_size=64, capacity=200,
+        margin=80, warmup_transitions=0, frame="world", discount=0.5, critic_learning_rate=1e-2,
+        tau=0.1,
     )  # fmt: skip
     run = MADDPG(two_episodes, [3], config, tmp_path)
     for _ in range(8):
@@ -182,5 +182,5 @@ def test_it_learns_to_reach_goals(
     easy_success: Callable[[Any, Any], float], corrections: Any
 ) -> None:
     """Within 15 s of one core."""
-    config = MADDPGConfig(n_frames=60_000, corrections=corrections)
+    config = MADDPGConfig(n_steps=60_000, corrections=corrections)
     assert easy_success(MADDPG, config) > 0.7

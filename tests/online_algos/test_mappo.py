@@ -1,5 +1,6 @@
-"""MAPPO: what its rewards, frames and parameters do, and learning."""
+"""MAPPO: advantages and the clipped objective by hand, noise, parameters, and learning."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,47 +10,67 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from dataclasses import replace
 
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.distributions import Normal
+
 from swarmdata.errors import SpecError
-from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.mappo import (
+    MAPPO,
+    MAPPOConfig,
+    clipped_losses,
+    generalized_advantages,
+    normalized,
+)
+from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
-SMALL = MAPPOConfig(n_frames=1024, n_copies=4, n_steps=16, hidden=16, minibatch=64)
+STD, CLIP = 0.4, 0.2
+SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=16, hidden=16, minibatch=64)
 
 
 def build(seeds: Sequence[int] = (0,), config: MAPPOConfig = SMALL) -> MAPPO:
     return MAPPO(make_env(TaskSpec(), config.n_copies * len(seeds)), seeds, config)
 
 
-def test_contact_costs_ramp_up_and_lower_only_touching_robots() -> None:
-    run = build()
-    step = run.worlds.env.step(np.zeros((4, 4, 2)))
-    step = step._replace(events=np.zeros_like(step.events))
-    step.events[0, 1] = (1, 0, 1, 0)
-    before = run.rewards(step, step)[0]
-    run.frames = SMALL.n_frames
-    after = run.rewards(step, step)[0]
-    assert after[0, 1] < before[0, 1]
-    np.testing.assert_array_equal(after[1:], before[1:])
+def test_contact_costs_grow_with_the_progress_of_the_run() -> None:
+    """Of the rewards that are trained on; the task's own stay as they are."""
+    run = build(config=replace(SMALL, shaping=ShapingConfig(contact_ramp=(0.0, 0.5))))
+    progress = []
+    for _ in range(3):
+        run.update()
+        progress.append(run.env.progress)
+    each = SMALL.rollout_steps * SMALL.n_copies / SMALL.n_steps
+    np.testing.assert_allclose(progress, [0.0, each, 2 * each])
 
 
 def test_training_rewards_may_differ_from_the_task() -> None:
-    run = build(config=replace(SMALL, rewards=("proximity=2", "time=0")))
+    shaping = ShapingConfig(reward_weights=("proximity=2", "time=0"))
+    run = build(config=replace(SMALL, shaping=shaping))
     weights = run.worlds.env.spec.rules.rewards
     assert (weights.proximity, weights.time) == (2.0, 0.0)
     assert weights.success == TaskSpec().rules.rewards.success
 
 
+def current_means(run: MAPPO) -> torch.Tensor:
+    observations = run.worlds.observations(run.worlds.current_step)
+    return run.actors.means(run.actors.inputs(observations))
+
+
 def played_noise(memory: float, horizon: int) -> Float:
     """Noise of standard deviation 0.3 in the actions of one rollout, [T, N A E]."""
-    config = replace(SMALL, n_copies=32, n_steps=40, std=0.3, final_std=0.3, noise_memory=memory)
+    config = replace(
+        SMALL, n_copies=32, rollout_steps=40, std=0.3, final_std=0.3, noise_correlation=memory
+    )
     run = MAPPO(make_env(TaskSpec(horizon=horizon), 32), (0,), config)
     advance, played = run.worlds.advance, []
 
     def spy(actions: Float) -> Step:
-        means = run.means(run.inputs(run.worlds.seen(run.worlds.present)))
+        means = current_means(run)
         played.append((actions - means.numpy()).ravel())
         return advance(actions)
 
@@ -68,7 +89,7 @@ def test_noise_remembers_as_much_as_is_said(memory: float) -> None:
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_what_acted_has_the_probability_that_is_learned_from(memory: float) -> None:
-    config = replace(SMALL, noise_memory=memory, n_epochs=1, minibatch=1 << 20)
+    config = replace(SMALL, noise_correlation=memory, n_epochs=1, minibatch=1 << 20)
     run = build(config=config)
     run.update()  # of the critic only
     losses = run.update()  # one step, whose losses are of the actors that acted
@@ -78,8 +99,8 @@ def test_what_acted_has_the_probability_that_is_learned_from(memory: float) -> N
 
 @pytest.mark.parametrize("memory", [1.0, -0.1, float("nan")])
 def test_noise_cannot_remember_everything(memory: float) -> None:
-    with pytest.raises(SpecError, match=r"noise_memory is .* below 1"):
-        build(config=replace(SMALL, noise_memory=memory))
+    with pytest.raises(SpecError, match=r"noise_correlation is .* below 1"):
+        replace(SMALL, noise_correlation=memory)
 
 
 def test_no_noise_is_remembered_beyond_an_episode() -> None:
@@ -90,30 +111,30 @@ def test_no_noise_is_remembered_beyond_an_episode() -> None:
 
 
 def test_the_critic_alone_learns_during_its_warm_up() -> None:
-    run = build(config=replace(SMALL, critic_warmup=0.5))
-    actor, critic = run.actor.flat.clone(), run.critic.flat.clone()
+    run = build(config=replace(SMALL, critic_warmup_fraction=0.5))
+    actor, critic = run.actors.network.flat.clone(), run.critic.network.flat.clone()
     losses = run.update()
-    assert (run.actor.flat == actor).all()
-    assert not (run.critic.flat == critic).all()
+    assert (run.actors.network.flat == actor).all()
+    assert not (run.critic.network.flat == critic).all()
     assert losses["policy"].isnan().all()
     for _ in range(9):
         losses = run.update()
-    assert not (run.actor.flat == actor).all()
+    assert not (run.actors.network.flat == actor).all()
     assert losses["policy"].isfinite().all()
 
 
 def test_separate_parameters_give_each_robot_an_actor_of_its_own() -> None:
     run = build((0, 1), replace(SMALL, parameters="separate"))
-    assert len(run.actor.flat) == 8
-    own = run.inputs(run.worlds.seen(run.worlds.present))
-    before = run.means(own)
-    run.actor.flat[5] = 0.0  # seed 1, robot 1
-    after = run.means(own)
+    assert len(run.actors.network.flat) == 8
+    own = run.actors.inputs(run.worlds.observations(run.worlds.current_step))
+    before = run.actors.means(own)
+    run.actors.network.flat[5] = 0.0  # seed 1, robot 1
+    after = run.actors.means(own)
     changed = (before != after).any(-1).any(1)
     np.testing.assert_array_equal(changed, [[False] * 4, [False, True, False, False]])
     policy = run.policy(1)
-    step = run.worlds.present
-    seen = run.means(own)[1].numpy().clip(-1, 1)
+    step = run.worlds.current_step
+    seen = run.actors.means(own)[1].numpy().clip(-1, 1)
     frame = run.worlds.frame
     assert frame is not None
     group = step.observations[4:]
@@ -125,17 +146,98 @@ def test_separate_parameters_give_each_robot_an_actor_of_its_own() -> None:
 def test_seeds_have_generators_and_parameters_of_their_own() -> None:
     run = build((3, 3, 4))
     run.update()
-    assert (run.actor.flat[0] == run.actor.flat[1]).all()
-    assert not (run.actor.flat[0] == run.actor.flat[2]).all()
+    assert (run.actors.network.flat[0] == run.actors.network.flat[1]).all()
+    assert not (run.actors.network.flat[0] == run.actors.network.flat[2]).all()
+
+
+def advantages_of(terminated: bool, cut: bool) -> np.ndarray:
+    """Two steps of one copy and one robot; the first step may end an episode."""
+    rewards = np.array([1.0, 2.0], np.float32).reshape(2, 1, 1)
+    values = np.array([10.0, 20.0], np.float32).reshape(2, 1, 1)
+    next_values = np.array([7.0, 30.0], np.float32).reshape(2, 1, 1)  # 7: the episode's last state
+    terminations = np.array([[terminated], [False]])
+    ended = np.array([[terminated or cut], [False]])
+    found = generalized_advantages(rewards, values, next_values, terminations, ended, 0.5, 0.5)
+    return found[:, 0, 0]
+
+
+def test_advantages_flow_inside_an_episode() -> None:
+    second = 2 + 0.5 * 30 - 20
+    wanted = [1 + 0.5 * 7 - 10 + 0.25 * second, second]
+    np.testing.assert_allclose(advantages_of(False, False), wanted)
+
+
+def test_truncation_bootstraps_but_nothing_crosses_the_end() -> None:
+    np.testing.assert_allclose(advantages_of(False, True), [1 + 0.5 * 7 - 10, -3.0])
+
+
+def test_termination_stops_the_bootstrap() -> None:
+    np.testing.assert_allclose(advantages_of(True, False), [1 - 10, -3.0])
+
+
+def test_advantages_are_normalized_for_each_seed() -> None:
+    values = np.random.default_rng(0).normal(size=(5, 2, 3, 4)).astype(np.float32)
+    values[:, 1] = 7 * values[:, 1] + 3
+    found = normalized(values)
+    np.testing.assert_allclose(found.mean((0, 2, 3)), 0, atol=1e-6)
+    np.testing.assert_allclose(found.std((0, 2, 3)), 1, atol=1e-5)
+
+
+def log_probs(means: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+    """Without the constant, as `clipped_losses` takes them."""
+    full: torch.Tensor = Normal(means, STD).log_prob(actions).sum(-1)  # type: ignore[no-untyped-call]
+    return full + actions.shape[-1] * 0.5 * math.log(2 * math.pi)
+
+
+def clip_samples(seed: int) -> tuple[torch.Tensor, ...]:
+    """Means, actions, old log-probabilities and advantages of 3 networks."""
+    g = torch.Generator().manual_seed(seed)
+    old = torch.randn(3, 64, 2, generator=g, dtype=torch.float64)
+    actions = old + STD * torch.randn(old.shape, generator=g, dtype=torch.float64)
+    means = old + 0.1 * torch.randn(old.shape, generator=g, dtype=torch.float64)
+    advantages = torch.randn(3, 64, generator=g, dtype=torch.float64)
+    return means.requires_grad_(), actions, log_probs(old, actions), advantages
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 10_000))
+def test_it_is_the_equation(seed: int) -> None:
+    means, actions, old, advantages = clip_samples(seed)
+    losses, kl = clipped_losses(means, actions, old, advantages, std=STD, clip=CLIP)
+    ratio = (log_probs(means, actions) - old).exp()
+    plain, bounded = ratio * advantages, ratio.clamp(1 - CLIP, 1 + CLIP) * advantages
+    torch.testing.assert_close(losses, -torch.minimum(plain, bounded))
+    assert (kl >= 0).all()
+    assert not kl.requires_grad
+
+
+def test_what_has_moved_far_enough_moves_no_more() -> None:
+    means, actions, old, advantages = clip_samples(0)
+    losses, _ = clipped_losses(means, actions, old, advantages, std=STD, clip=CLIP)
+    (gradient,) = torch.autograd.grad(losses.sum(), [means])
+    moves = (gradient != 0).any(-1)
+    ratio = (log_probs(means, actions) - old).exp()
+    done = (ratio > 1 + CLIP) & (advantages > 0) | (ratio < 1 - CLIP) & (advantages < 0)
+    assert done.any()
+    assert not done.all()
+    assert torch.equal(moves, ~done)
+
+
+def test_the_policy_that_acted_has_no_divergence() -> None:
+    means, actions, _, advantages = clip_samples(1)
+    own = log_probs(means, actions).detach()
+    losses, kl = clipped_losses(means, actions, own, advantages, std=STD, clip=CLIP)
+    torch.testing.assert_close(losses, -advantages)
+    torch.testing.assert_close(kl, torch.zeros_like(kl))
 
 
 @pytest.mark.learns
 def test_two_robots_learn_to_reach_their_goals() -> None:
     nothing = {"circles": 1, "boxes": 0, "corners": 0, "pockets": 0}
     spec = TaskSpec.parse({"obstacles": nothing, "team": [{"count": 2}]})
-    config = MAPPOConfig(n_frames=400_000, hidden=32)
+    config = MAPPOConfig(n_steps=400_000, hidden=32)
     run = MAPPO(make_env(spec, 128), (0, 1), config)
-    while run.frames < config.n_frames:
+    while run.frames < config.n_steps:
         run.update()
     for seed in range(2):
         result = evaluate(run.policy(seed), spec, name="mappo", n_episodes=64, progress=False)

@@ -9,28 +9,27 @@ import pytest
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.qmix import QMIX, QMIXConfig, make_mixer  # noqa: E402
+from swarmdata.online_algos.qmix import QMIX, QMIXConfig, QMIXLearner  # noqa: E402
 
 SMALL: dict[str, Any] = {
-    "n_frames": 800,
+    "n_steps": 800,
     "n_copies": 4,
-    "n_steps": 10,
+    "rollout_steps": 10,
     "batch_size": 64,
     "capacity": 200,
     "margin": 80,
-    "warm_up": 0,
+    "warmup_transitions": 0,
     "hidden": (16,),
     "mixer_hidden": 16,
     "mixer_embedding": 8,
     "frame": "world",
-    "n_choices": 3,
+    "n_bins": 3,
 }
 
 
 def test_the_mixer_has_the_sizes_of_the_config() -> None:
     sizes = Sizes(n_agents=3, observation=5, action=2, state=7)
-    mixer = make_mixer(sizes, [1, 2], QMIXConfig(mixer_embedding=4, mixer_hidden=6))
-    assert mixer.network is not None
+    mixer = QMIXLearner(sizes, [1, 2], QMIXConfig(mixer_embedding=4, mixer_hidden=6)).mixer
     assert len(mixer.network.flat) == 2
     assert (mixer.network.shape.inputs, mixer.network.shape.hidden) == (7, (6,))
     assert mixer(torch.zeros(2, 9, 3), torch.zeros(2, 9, 7)).shape == (2, 9)
@@ -47,13 +46,13 @@ def test_a_round_trains_utilities_and_mixer(two_episodes: Any, tmp_path: Path) -
 
 def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: Path) -> None:
     """As in the test of VDN: rewards 1, 2, 3; even copies end after the 3, odd ones are cut."""
-    changes = {"discount": 0.5, "step_size": 1e-2, "polyak": 0.1, "n_gradient_steps": 12}
+    changes = {"discount": 0.5, "learning_rate": 1e-2, "tau": 0.1, "n_gradient_steps": 12}
     run = QMIX(two_episodes, [3], QMIXConfig(**{**SMALL, **changes}), tmp_path)
     for _ in range(8):
         run.update()
-    collector = run._loop.collector
+    collector = run.collector
     batch = collector._draw()
-    q = run._loop.learner.value(batch.observations, batch.states, batch.actions.long()).detach()
+    q = run.learner.value(batch.observations, batch.states, batch.actions.long()).detach()
     mean, std = (torch.from_numpy(m[0]) for m in collector.moments[2:])
     raw = (batch.states * std + mean).round()
     time, even = raw[..., 1], raw[..., 2]
@@ -65,4 +64,4 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
 @pytest.mark.learns
 def test_it_learns_to_reach_goals(easy_success: Callable[[Any, Any], float]) -> None:
     """Within 15 s of one core."""
-    assert easy_success(QMIX, QMIXConfig(n_frames=130_000)) > 0.7
+    assert easy_success(QMIX, QMIXConfig(n_steps=130_000)) > 0.7

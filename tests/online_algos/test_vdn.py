@@ -12,48 +12,47 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.collection.value_learning import Choosing, make_learner  # noqa: E402
-from swarmdata.online_algos.vdn import VDN, VDNConfig  # noqa: E402
+from swarmdata.online_algos.collection.value_learning import explore  # noqa: E402
+from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 SMALL: dict[str, Any] = {
-    "n_frames": 400,
+    "n_steps": 400,
     "n_copies": 4,
-    "n_steps": 10,
+    "rollout_steps": 10,
     "batch_size": 64,
     "capacity": 200,
     "margin": 80,
-    "warm_up": 0,
+    "warmup_transitions": 0,
     "hidden": (8,),
     "frame": "world",
-    "n_choices": 3,
+    "n_bins": 3,
 }
 
 
-def loop(env: Any, folder: Path, **changes: Any) -> Choosing:
-    return Choosing(env, [3], VDNConfig(**{**SMALL, **changes}), folder, lambda *_: MeanMixer())
+def made(env: Any, folder: Path, **changes: Any) -> VDN:
+    return VDN(env, [3], VDNConfig(**{**SMALL, **changes}), folder)
 
 
-def test_robots_take_knots_and_the_replay_keeps_choices(two_episodes: Any, tmp_path: Path) -> None:
-    run = loop(two_episodes, tmp_path)
+def test_robots_take_bins_and_the_replay_keeps_them(two_episodes: Any, tmp_path: Path) -> None:
+    run = made(two_episodes, tmp_path)
     seen = torch.randn(1, 4, 2, 3)
-    actions, kept = run._act(seen)
+    actions, kept = explore(run, seen)
     assert actions.shape == kept.shape == (1, 4, 2, 2)
-    torch.testing.assert_close(actions, bins.knots(3)[kept.long()])
+    torch.testing.assert_close(actions, bins.bin_values(3)[kept.long()])
     run.update()
     choices = run.collector.replay.sample(run.collector.acting, 200).actions
     assert set(choices.unique().tolist()) == {0.0, 1.0, 2.0}
 
 
 def test_exploration_falls_with_the_frames(two_episodes: Any, tmp_path: Path) -> None:
-    run = loop(two_episodes, tmp_path, final_epsilon=0.0, exploration=0.5)
+    run = made(two_episodes, tmp_path, final_epsilon=0.0, exploration=0.5)
     seen = torch.randn(1, 4, 2, 3)
     best = bins.greedy(run.learner.utilities(seen)).float()
-    early = torch.stack([run._act(seen)[1] for _ in range(200)])
+    early = torch.stack([explore(run, seen)[1] for _ in range(200)])
     run.collector.frames = 200  # half of the training
-    late = torch.stack([run._act(seen)[1] for _ in range(20)])
+    late = torch.stack([explore(run, seen)[1] for _ in range(20)])
     assert (early != best).float().mean() == pytest.approx(2 / 3, abs=0.05)
     assert (late == best).all()
 
@@ -65,8 +64,8 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     that stopped at truncations would give odd copies the same values; one that went on in the next
     episode would make both larger.
     """
-    changes = {"discount": 0.5, "hidden": (32,), "step_size": 1e-2, "polyak": 0.1}
-    run = loop(two_episodes, tmp_path, n_gradient_steps=12, n_frames=800, **changes)
+    changes = {"discount": 0.5, "hidden": (32,), "learning_rate": 1e-2, "tau": 0.1}
+    run = made(two_episodes, tmp_path, n_gradient_steps=12, n_steps=800, **changes)
     for _ in range(8):
         run.update()
     batch = run.collector._draw()
@@ -84,8 +83,8 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
 def test_discrete_actions_are_one_dimension_of_choices() -> None:
     """A learner for robots with 4 choices each, which earn by choosing their own number."""
     sizes = Sizes(n_agents=2, observation=2, action=1, state=1)
-    config = VDNConfig(n_choices=4, hidden=(16,), step_size=1e-2, discount=0.0)
-    learner = make_learner(sizes, [0, 1], config, MeanMixer())
+    config = VDNConfig(n_bins=4, hidden=(16,), learning_rate=1e-2, discount=0.0)
+    learner = VDNLearner(sizes, [0, 1], config)
     generator = torch.Generator().manual_seed(0)
     seen = torch.eye(2).expand(2, 64, 2, 2)
     for _ in range(200):
@@ -104,11 +103,11 @@ def one_step(seen: Tensor, choices: Tensor, rewards: Tensor) -> Batch:
 
 
 def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
-    run = VDN(two_episodes, [3], VDNConfig(**SMALL), tmp_path)
+    run = made(two_episodes, tmp_path)
     policy = run.policy(0)
     seen = np.random.default_rng(0).normal(size=(4, 2, 3)).astype(np.float32)
-    normal = run._loop.collector.normal_observations(torch.from_numpy(seen)[None])
-    best = bins.greedy(run._loop.learner.utilities(normal))[0]
+    normal = run.collector.normal_observations(torch.from_numpy(seen)[None])
+    best = bins.greedy(run.learner.utilities(normal))[0]
     np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
 
 
@@ -118,5 +117,5 @@ def test_it_learns_to_reach_goals(
     easy_success: Callable[[Any, Any], float], parameters: Any
 ) -> None:
     """Within 15 s of one core."""
-    config = VDNConfig(n_frames=130_000, parameters=parameters)
+    config = VDNConfig(n_steps=130_000, parameters=parameters)
     assert easy_success(VDN, config) > 0.7

@@ -24,7 +24,7 @@ from swarmdata.specs.origins import RecordedSpec, Recording
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import unflatten
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import split_codes
+from swarmdata.store import assign_splits
 from swarmdata.types import END_REASONS
 from tests.record.worlds import Choosing, Counting, play, steady
 
@@ -336,7 +336,7 @@ def test_a_recording_without_train_episodes_says_so_and_keeps_them(tmp_path: Pat
         source="recorder", splits=splits,
     )  # fmt: skip
     seed = next(
-        k for k in range(100) if split_codes(draft.model_copy(update={"seed": k}), [(0, 0)])[0]
+        k for k in range(100) if assign_splits(draft.model_copy(update={"seed": k}), [(0, 0)])[0]
     )
     recorder = Recorder(Counting(), id=ID, path=path, seed=seed, splits=splits)
     play(recorder, 1, steady)

@@ -135,7 +135,7 @@ def test_a_policy_with_memory_answers_for_its_last_step_only() -> None:
     actions = policy.act(step)
     assert np.isfinite(policy.log_probs(step, actions)).all()
     assert not np.isfinite(make_scripted_without_noise(step, spec, actions)).any()
-    with pytest.raises(SchemaError, match="another step than act got last"):
+    with pytest.raises(SchemaError, match="another step than the last call of act"):
         policy.log_probs(step._replace(times=step.times + 1), actions)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from swarmdata.errors import CheckpointError, DiskFullError
 from swarmdata.runtime.atomic import (
-    MARKER,
+    MARKER_FILE,
     new_folder,
     remove_leftovers,
     require_space,
@@ -118,16 +118,16 @@ def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
     (tmp_path / f".tmp-x-{HEX}" / "thesis.tex").write_text("by hand")
     (tmp_path / f".tmp-x-{'1' * 32}").write_text("a file")
     (tmp_path / ".tmp-x").mkdir()
-    (tmp_path / ".tmp-x" / MARKER).touch()
+    (tmp_path / ".tmp-x" / MARKER_FILE).touch()
     (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / MARKER).touch()
+    (tmp_path / "elsewhere" / MARKER_FILE).touch()
     (tmp_path / f".tmp-x-{'2' * 32}").symlink_to(tmp_path / "elsewhere")
     before = names(tmp_path)
     remove_leftovers(tmp_path)
     remove_leftovers(tmp_path, "x")
     write_file(tmp_path / "x", b"")
     assert names(tmp_path) == sorted([*before, "x"])
-    assert (tmp_path / "elsewhere" / MARKER).exists()
+    assert (tmp_path / "elsewhere" / MARKER_FILE).exists()
 
 
 def test_leftovers_of_some_names_or_of_all(

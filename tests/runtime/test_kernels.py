@@ -23,7 +23,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "b.py").write_text("def g():\n    import swarmdata.deep.c\n")
     (tmp_path / "deep" / "c.py").write_text("from swarmdata.a import cycle\n")
     (tmp_path / "other.py").write_text("")
-    monkeypatch.setattr(kernels, "PACKAGE", tmp_path)
+    monkeypatch.setattr(kernels, "PACKAGE_FOLDER", tmp_path)
     forget()
     yield tmp_path
     monkeypatch.undo()
@@ -53,7 +53,7 @@ def test_other_modules_do_not_matter(package: Path) -> None:
 
 
 def test_the_engine_depends_on_geometry() -> None:
-    source = kernels.PACKAGE / "numerics" / "geometry.py"
+    source = kernels.PACKAGE_FOLDER / "numerics" / "geometry.py"
     assert "swarmdata.numerics.geometry" in kernels._imports_of("swarmdata.envs.physics.contacts")
     assert kernels._source_of("swarmdata.numerics.geometry") == source.read_bytes()
 

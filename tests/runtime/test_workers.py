@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import BuildError
-from swarmdata.runtime.workers import ATTEMPTS, Crew, Job
+from swarmdata.runtime.workers import MAX_ATTEMPTS, Crew, Job
 
 HANDLER = """
 import os, signal, sys, time
@@ -85,7 +85,7 @@ def test_job_that_always_dies_is_named(tmp_path: Path, entry: str) -> None:
     with Crew(entry, 1) as crew, pytest.raises(BuildError, match=r"doomed failed.*SIGKILL"):
         crew.run([make_job(tmp_path, "doomed", "die")])
 
-    assert len(starts(tmp_path, "doomed")) == ATTEMPTS
+    assert len(starts(tmp_path, "doomed")) == MAX_ATTEMPTS
 
 
 def test_error_of_the_library_is_reported_and_not_tried_again(tmp_path: Path, entry: str) -> None:

@@ -20,16 +20,16 @@ from swarmdata.errors import (
 from swarmdata.runtime.atomic import new_folder, write_file
 from swarmdata.store import (
     assemble,
+    assign_splits,
     merge_order,
     open_store,
     read_part_table,
     remove_leftovers,
-    split_codes,
     write_part,
 )
 from swarmdata.testing.synthetic import (
+    N_AGENTS,
     N_FEATURES,
-    N,
     make_episode,
     make_recipe,
     make_streams,
@@ -85,7 +85,7 @@ def test_a_truncated_part_is_named(tmp_path: Path, name: str) -> None:
     ("change", "message"),
     [
         ({"actions": np.zeros((3, 2, 2))}, "dtype float32"),
-        ({"observations": np.full((4, N, N_FEATURES), np.nan, np.float32)}, "not finite"),
+        ({"observations": np.full((4, N_AGENTS, N_FEATURES), np.nan, np.float32)}, "not finite"),
         ({"policy": 1}, "mixes policies"),
         ({"rewards": np.zeros((3, 7), np.float32)}, "one kind"),
     ],
@@ -129,7 +129,7 @@ def test_a_dataset_without_train_episodes_is_refused(tmp_path: Path) -> None:
     parts = write_streams(tmp_path, make_streams([[1] * 10]))
     recipe = make_recipe(1, block=3)
     order = [(0, episode) for episode in range(3)]
-    held_out = [one for one, code in zip(order, split_codes(recipe, order), strict=True) if code]
+    held_out = [one for one, code in zip(order, assign_splits(recipe, order), strict=True) if code]
     assert len(held_out) == 2
     with pytest.raises(BuildError, match="train"):
         assemble(tmp_path / "ds", recipe=recipe, parts=parts, order=held_out)

@@ -10,7 +10,7 @@ from swarmdata.building.build import build
 from swarmdata.errors import HubError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.runtime.atomic import MARKER, TEMPORARY
+from swarmdata.runtime.atomic import MARKER_FILE, TEMPORARY_PREFIX
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.manifest import _ZEROS, _digest
@@ -50,9 +50,9 @@ def flip(path: Path, byte: int, bit: int = 0) -> None:
 
 def abandoned(path: Path) -> Path:
     """What a killed writer of `path` leaves: a temporary folder with a marker that nobody holds."""
-    folder = path.parent / f"{TEMPORARY}{path.name}-{uuid.uuid4().hex}"
+    folder = path.parent / f"{TEMPORARY_PREFIX}{path.name}-{uuid.uuid4().hex}"
     folder.mkdir(parents=True)
-    (folder / MARKER).write_text("process 1 on a machine")
+    (folder / MARKER_FILE).write_text("process 1 on a machine")
     (folder / path.name).write_text("half of it")
     return folder
 

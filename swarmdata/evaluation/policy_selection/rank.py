@@ -27,7 +27,6 @@ from swarmdata.evaluation.policy_selection.ranking_record import (
     Ranking,
 )
 from swarmdata.evaluation.policy_selection.ranking_scores import Scores, read_scores, simulate
-from swarmdata.evaluation.runs.run_files import run_hash
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.evaluation.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
@@ -39,8 +38,9 @@ from swarmdata.learn.evaluation.validation import (
 )
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
-from swarmdata.rollouts import metrics
+from swarmdata.rollouts import score_statistics
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
 
@@ -232,7 +232,9 @@ def _rows(
 def _over_states(values: Double) -> Interval:
     """Mean over fits [M] and initial states [E], and its interval over initial states."""
     table = values.mean(axis=0)[:, None]
-    value, low, high = metrics.bootstrap(metrics.mean, table, generator=np.random.default_rng(0))
+    value, low, high = score_statistics.bootstrap(
+        score_statistics.mean, table, generator=np.random.default_rng(0)
+    )
     return value, low, high
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.metrics import Estimate, bootstrap
+from swarmdata.rollouts.score_statistics import Estimate, bootstrap
 from swarmdata.types import Double
 
 

@@ -2,12 +2,13 @@
 
 import csv
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from swarmdata.drawing import markdown
+from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.runtime.atomic import write_file
 from swarmdata.specs.frozen import Frozen
 
@@ -81,11 +82,13 @@ class Ranking(Frozen):
 
     def to_text(self) -> str:
         """The tables aligned with spaces, for a terminal."""
-        return "\n".join([*map(_aligned, self._grids()), self.caption, ""])
+        tables = [aligned_table(head, rows) for head, *rows in self._grids()]
+        return "\n".join([*tables, self.caption, ""])
 
     def to_markdown(self) -> str:
         """The tables for GitHub."""
-        return "\n".join([*map(_markdown, self._grids()), self.caption, ""])
+        tables = [markdown.table(head, rows, is_numeric=True) for head, *rows in self._grids()]
+        return "\n".join([*tables, self.caption, ""])
 
     def to_csv(self) -> str:
         """One row per policy at full precision; what is not known is empty."""
@@ -172,25 +175,3 @@ def _number(value: float | None, decimals: int) -> str:
 def _interval(values: Interval, decimals: int) -> str:
     value, low, high = (f"{number:.{decimals}f}" for number in values)
     return f"{value} [{low}, {high}]"
-
-
-def _aligned(grid: Sequence[Sequence[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
-    lines = [
-        "  ".join(
-            cell.rjust(width) if index else cell.ljust(width)
-            for index, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in grid
-    ]
-    rule = "─" * (sum(widths) + 2 * len(widths) - 2)
-    return "\n".join([lines[0], rule, *lines[1:], ""])
-
-
-def _markdown(grid: Sequence[Sequence[str]]) -> str:
-    rule = ["---", *["---:"] * (len(grid[0]) - 1)]
-    lines = [
-        f"| {' | '.join(cell.replace('|', '&#124;') for cell in line)} |"
-        for line in (grid[0], rule, *grid[1:])
-    ]
-    return "\n".join([*lines, ""])

@@ -1,53 +1,61 @@
-"""One episode as a GIF, an MP4 or a PNG, with what the robots sensed and what they told each other.
+"""Clips: one episode as GIF, MP4 or PNG, with what the robots sense and send.
 
-Which messages were lost is not recorded. It is found by observing the episode again over a channel
-that loses nothing on air: what arrives there and did not arrive here was lost.
+A dataset does not record which messages were lost. They are found by observing the episode again
+over a channel without losses: messages that arrive only there were lost.
 """
 
 from functools import partial
 from pathlib import Path
 
-from swarmdata.datasets.reobservation import attempted_links
+from swarmdata.behavior_policies.tiers import is_dataset
+from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
-from swarmdata.envs.render.video import SUFFIXES
+from swarmdata.envs.render.video import VIDEO_SUFFIXES
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
-from swarmdata.registry.components import make_task
+from swarmdata.registry.components import make_env, make_task
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import staged
+from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 
-CLIPS = (*SUFFIXES, ".png")
-"""Endings of the files that can be written."""
+CLIP_SUFFIXES = (*VIDEO_SUFFIXES, ".png")
+"""Of the files that can be written."""
 
 
 def check_clip(out: Path) -> None:
-    """Refuses a file that `write_clip` cannot write, before an episode is played.
+    """Refuses a file that `write_clip` cannot write, before an episode is simulated.
 
     Raises:
-        SchemaError: naming the endings there are.
+        SchemaError: the suffix is unknown.
     """
-    if out.suffix.lower() not in CLIPS:
-        raise SchemaError(f"cannot draw to {str(out)!r}, expected a file that ends in {CLIPS}.")
+    if out.suffix.lower() not in CLIP_SUFFIXES:
+        raise SchemaError(
+            f"cannot draw to {str(out)!r}, expected a file that ends in {CLIP_SUFFIXES}."
+        )
 
 
 def write_clip(
     episode: Episode, spec: TaskSpec, out: Path, *, size: int = 384, stride: int = 2
 ) -> None:
-    """Draws an episode: an animation, or as PNG its last state with the whole paths.
+    """Draws an episode: an animation, or as PNG its last state with all paths.
 
-    Lidar rays are drawn where the spec observes by lidar, messages where robots talk.
+    Lidar rays are drawn if the robots have lidar, messages if they communicate.
 
     Args:
-        episode: what to show; its observations must be those of the spec's models.
-        spec: what made it.
-        out: a `.gif`, `.mp4` or `.png` file; its folder is made if absent.
+        episode: to draw; its observations must be those of the spec's models.
+        spec: of the episode.
+        out: a `.gif`, `.mp4` or `.png` file; its folder is created if absent.
         size: pixels of the arena's longer side.
-        stride: control steps between two pictures of an animation.
+        stride: control steps per animation frame.
 
     Raises:
-        SchemaError: another kind of file, or an episode that does not fit the spec.
+        SchemaError: the suffix is unknown, or the episode does not match the spec.
         MissingExtraError: Pillow is not installed.
         ProgramError: an MP4 needs ffmpeg.
         DiskFullError: no space was left.
@@ -75,3 +83,44 @@ def write_clip(
     )
     with staged(out) as target:
         save_png(image, target)
+
+
+def draw_target(
+    name: str,
+    out: Path,
+    index: int,
+    task: str,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    *,
+    size: int = 384,
+    stride: int = 2,
+) -> Episode:
+    """Draws a recorded episode, or simulates one and draws it; returns the episode.
+
+    Args:
+        name: id of a dataset, or of a policy as `find_target` takes it.
+        out: a `.gif`, `.mp4` or `.png` file.
+        index: of the recorded episode, or of the reserved evaluation seed.
+        task: of policies and tiers: a preset's name, or a spec file.
+        observation: observation model; a recorded episode is re-observed with it.
+        communication: communication model, likewise.
+        size: pixels of the arena's longer side.
+        stride: control steps per animation frame.
+
+    Raises:
+        SchemaError: the suffix is unknown, or there is no such episode.
+    """
+    check_clip(out)
+    if is_dataset(name):
+        dataset = load(name)
+        if index >= len(dataset):
+            raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
+        spec = with_models(dataset.task, observation, communication)
+        episode = reobserved_episode(dataset[index], dataset.task, spec)
+    else:
+        target = find_target(name, task, observation, communication)
+        spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]
+        (episode,) = rollout(make_env(spec), target.policies[0], seeds)
+    write_clip(episode, spec, out, size=size, stride=stride)
+    return episode

@@ -1,70 +1,21 @@
-"""Learning curves and comparisons, drawn with matplotlib and saved as PNG, SVG or PDF."""
+"""Figures of learning curves, saved as PNG, SVG or PDF."""
 
-import csv
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, colors, figure, thousands
+from swarmdata.drawing.style import GRAY, colors, draw_grid, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.evaluation.results.learning_curves import (
+    Curve,
+    GroupedFiles,
+    group_files,
+    interval_of,
+    read_curve,
+)
 from swarmdata.types import Double
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """One metric of K runs of one algorithm over training."""
-
-    progress: Double  # [P] updates or frames, increasing
-    values: Double  # [K, P]
-
-
-def read_curve(paths: Sequence[Path], metric: str, *, progress: str = "updates") -> Curve:
-    """Reads one metric from `curve.csv` files.
-
-    Rows are told apart by their `seed` column; a file without one is one run.
-
-    Args:
-        paths: the files; their runs are put together.
-        metric: column to read.
-        progress: column of the horizontal axis.
-
-    Raises:
-        SchemaError: a column is missing, a value is no number, or runs were measured at different
-            points.
-    """
-    runs: dict[tuple[Path, str], list[tuple[float, float]]] = {}
-    for path in paths:
-        with Path(path).open(newline="", encoding="utf-8") as file:
-            for line, row in enumerate(csv.DictReader(file), start=2):
-                point = _number(row, progress, path, line), _number(row, metric, path, line)
-                runs.setdefault((path, row.get("seed", "")), []).append(point)
-    if not runs:
-        raise SchemaError(f"no rows in {[str(path) for path in paths]}, expected at least one run.")
-    tracks = [np.array(points, np.float64) for points in runs.values()]
-    for (path, seed), track in zip(runs, tracks, strict=True):
-        if not np.array_equal(track[:, 0], tracks[0][:, 0]) or (np.diff(track[:, 0]) <= 0).any():
-            raise SchemaError(
-                f"{path} (seed {seed or 'not given'}) was measured at {len(track)} values of "
-                f"{progress!r} that do not increase or are not those of the first run "
-                f"({len(tracks[0])}). Plot finished runs of one schedule together."
-            )
-    return Curve(tracks[0][:, 0], np.stack([track[:, 1] for track in tracks]))
-
-
-def _number(row: Mapping[str, str | None], column: str, path: Path, line: int) -> float:
-    text = row.get(column)
-    try:
-        return float(text or "missing")
-    except ValueError as error:
-        raise SchemaError(
-            f"{path}, line {line}: column {column!r} is {text!r}, expected a number. "
-            f"Columns: {', '.join(map(str, row))}."
-        ) from error
 
 
 def plot_curves(
@@ -83,11 +34,11 @@ def plot_curves(
         path: where to save; the suffix is the format.
         ylabel: of the metric, with unit.
         xlabel: of the progress.
-        references: label -> height of a dashed line, such as the dataset's own mean.
-        factor: from values to the shown unit: 100 for percentages. References are scaled as well.
+        references: label -> height of a dashed line, such as the mean of the dataset.
+        factor: from values and references to the unit of the axis: 100 for percentages.
 
     Raises:
-        SchemaError: nothing to draw, or an unknown suffix.
+        SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
     if not curves:
@@ -114,13 +65,12 @@ def plot_curves(
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
-        axes.grid(axis="y", color=FAINT, lw=0.8)
-        axes.set_axisbelow(True)
+        draw_grid(axes, "y")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
 
 
 def _draw_reference(axes: Any, label: str, height: float) -> None:
-    """A dashed line across, named at its right end."""
+    """Draws a dashed line with its label at the right end."""
     axes.axhline(height, color=GRAY, lw=1, ls=(0, (4, 3)), zorder=1)
     axes.annotate(
         label,
@@ -135,41 +85,152 @@ def _draw_reference(axes: Any, label: str, height: float) -> None:
     )
 
 
-def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
-    """Draws estimates as points with intervals: one panel per quantity, one row per policy.
+METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))
+"""Rows of the figure of online learning: column, label with unit, factor to that unit."""
+
+
+MIN_LABEL_GAP = 0.075
+"""Between labels at the ends of lines, as a share of the axes' height."""
+
+
+def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
+    """Draws success above and return below, with a column per task and a line per algorithm.
+
+    A line is the mean over runs, its band the 95 % bootstrap interval; its label with the number of
+    runs stands at its end.
 
     Args:
-        panels: axis label with unit -> policy -> estimate in that unit, the same policies in every
-            panel, first on top; `report.Table.panels` gives it.
-        path: where to save; the suffix is the format.
+        files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if
+            a file has several runs, `seed`.
+        out: where to save; the suffix is the format.
+        log: whether the axis of joint steps is logarithmic.
 
     Raises:
-        SchemaError: nothing to draw, panels of different policies, or an unknown suffix.
+        SchemaError: there is nothing to draw, a file is malformed, runs of a line were measured at
+            different points, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
-    rows = [list(estimates) for estimates in panels.values()]
-    if not rows or not rows[0] or any(labels != rows[0] for labels in rows):
-        raise SchemaError(
-            f"panels {list(panels)} have the rows {rows}, expected at least one panel and row, and "
-            "the same rows in every panel."
+    if not files or not all(files.values()):
+        raise SchemaError("there are no curves to draw, expected at least one file for each task.")
+    algorithms = list(dict.fromkeys(name for lines in files.values() for name in lines))
+    color_of = dict(zip(algorithms, colors(len(algorithms)), strict=True))
+    curves = {  # read before drawing, so that a malformed file leaves no figure
+        (task, column): {
+            name: read_curve(paths, column, progress="frames") for name, paths in lines.items()
+        }
+        for task, lines in files.items()
+        for column, _, _ in METRIC_ROWS
+    }
+    with figure(out, width=0.9 + 3.9 * len(files), height=5.6) as drawing:
+        grid = drawing.subplots(len(METRIC_ROWS), len(files), squeeze=False, sharex="col")
+        for axes, task in zip(grid[0], files, strict=True):
+            axes.set_title(task, fontweight="bold", loc="left")
+        for row, (column, ylabel, factor) in zip(grid, METRIC_ROWS, strict=True):
+            for axes, task in zip(row, files, strict=True):
+                _draw_panel(axes, curves[task, column], color_of, factor, is_share=factor != 1.0)
+                if log:
+                    axes.set_xscale("log")
+                    axes.minorticks_off()
+                axes.xaxis.set_major_formatter(thousands)
+            row[0].set_ylabel(ylabel)
+        for axes in grid[-1]:
+            axes.set_xlabel("joint steps of training")
+        for axes in grid.ravel():
+            _label_ends(axes)
+
+
+def _draw_panel(
+    axes: Any,
+    lines: Mapping[str, Curve],
+    color_of: Mapping[str, str],
+    factor: float,
+    *,
+    is_share: bool,
+) -> None:
+    for name, curve in lines.items():
+        low, high = interval_of(curve)
+        if len(curve.values) > 1:
+            axes.fill_between(
+                curve.progress, factor * low, factor * high, color=color_of[name], alpha=0.18, lw=0
+            )
+        n_runs = len(curve.values)
+        label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
+        mean = factor * curve.values.mean(axis=0)
+        axes.plot(curve.progress, mean, color=color_of[name], lw=1.8, label=label)
+    axes.margins(x=0)
+    if is_share:
+        axes.set_ylim(-2.0, 102.0)
+    draw_grid(axes, "y")
+
+
+def _label_ends(axes: Any) -> None:
+    """Writes each line's label at its end, without overlaps."""
+    low, high = axes.get_ylim()
+    lines = axes.get_lines()
+    wanted = np.array([(line.get_ydata()[-1] - low) / (high - low) for line in lines])
+    for line, place in zip(lines, spread_labels(wanted, MIN_LABEL_GAP), strict=True):
+        axes.annotate(
+            line.get_label(),
+            (1.0, place),
+            xycoords="axes fraction",
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8.5,
+            color=line.get_color(),
+            annotation_clip=False,
         )
-    labels = rows[0]
-    with figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as drawing:
-        axes = drawing.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
-            _points(panel, list(estimates.values()))
-            panel.set_xlabel(xlabel)
-        axes[0].set_yticks(range(len(labels)), labels)
-        axes[0].set_ylim(len(labels) - 0.5, -0.5)  # first row on top
 
 
-def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
-    for y, (value, low, high) in enumerate(estimates):
-        panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
-        face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
-        panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
-    panel.grid(axis="x", color=FAINT, lw=0.8)
-    panel.set_axisbelow(True)
-    panel.margins(x=0.08)
-    panel.spines["left"].set_visible(False)
-    panel.tick_params(axis="y", length=0)
+def spread_labels(wanted: Double, gap: float) -> Double:
+    """Places labels at least `gap` apart, in their order and as near to `wanted` as possible.
+
+    Isotonic regression by least squares: without the gaps the places must not decrease, which
+    pooling adjacent violators solves (Barlow, Bartholomew, Bremner and Brunk, "Statistical
+    Inference under Order Restrictions", 1972, section 1.2). The labels stay within [0, 1] if
+    they fit.
+    """
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(wanted))
+    blocks: list[tuple[float, int]] = []  # mean and number of the labels in a block
+    for value in (wanted[order] - steps).tolist():
+        mean, n = value, 1
+        while blocks and blocks[-1][0] > mean:
+            before, m = blocks.pop()
+            mean, n = (before * m + mean * n) / (m + n), m + n
+        blocks.append((mean, n))
+    level = np.repeat([mean for mean, _ in blocks], [n for _, n in blocks])
+    places = np.empty(len(wanted))
+    places[order] = np.clip(level, 0.0, max(0.0, 1.0 - steps[-1])) + steps
+    return places
+
+
+def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
+    """Draws the learning curves of online runs, one line for each file.
+
+    Args:
+        files: copies of `curve.csv`, whose stems become labels.
+        metric: column to draw; a share in [0, 1] unless it is `return`.
+        out: where to save; the suffix is the format.
+    """
+    curves = {file.stem: read_curve([file], metric, progress="frames") for file in files}
+    is_return = metric == "return"
+    plot_curves(
+        curves,
+        out,
+        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
+        xlabel="joint steps of training",
+        factor=1.0 if is_return else 100.0,
+    )
+
+
+def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
+    """Draws success and return of online runs by task and algorithm.
+
+    Args:
+        files: CSV files as `plot_learning` takes them.
+        by: how the files are named, as `group_files` takes it.
+        out: where to save; the suffix is the format.
+        log: whether the axis of joint steps is logarithmic.
+    """
+    plot_learning(group_files(files, by), out, log=log)

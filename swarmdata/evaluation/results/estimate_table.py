@@ -9,8 +9,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from swarmdata.drawing import markdown
+from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.errors import UnknownNameError
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 UNDEFINED = "–"
 """Stands for what was not measured or is not defined."""
@@ -52,25 +54,13 @@ class Table:
 
     def to_markdown(self) -> str:
         """A GitHub table with the caption below it."""
-        grid = [_escaped(line) for line in self._grid()]
-        rule = ["---"] + ["---:"] * (len(grid[0]) - 1)
-        lines = [f"| {' | '.join(line)} |" for line in (grid[0], rule, *grid[1:])]
-        return "\n".join([*lines, "", self.caption, ""])
+        head, *rows = self._grid()
+        return f"{markdown.table(head, rows, is_numeric=True)}\n{self.caption}\n"
 
     def to_text(self) -> str:
         """Columns aligned with spaces, for a terminal, with the caption below."""
-        grid = self._grid()
-        widths = [max(len(line[c]) for line in grid) for c in range(len(grid[0]))]
-        lines = [
-            "  ".join(
-                cell.rjust(width) if c else cell.ljust(width)
-                for c, (cell, width) in enumerate(zip(line, widths, strict=True))
-            ).rstrip()
-            for line in grid
-        ]
-        return "\n".join(
-            [lines[0], "─" * (sum(widths) + 2 * len(widths) - 2), *lines[1:], "", self.caption, ""]
-        )
+        head, *rows = self._grid()
+        return f"{aligned_table(head, rows)}\n{self.caption}\n"
 
     def to_csv(self) -> str:
         """Every value and interval end at full precision, in stored units; undefined is empty."""
@@ -150,11 +140,6 @@ def format_estimate(estimate: Estimate, column: Column) -> str:
     """`value [low, high]`; only a dash if undefined, only the value without an interval."""
     value, low, high = (format_number(number, column) for number in estimate)
     return value if math.isnan(estimate.low) else f"{value} [{low}, {high}]"
-
-
-def _escaped(line: Sequence[str]) -> list[str]:
-    """A pipe would end a Markdown cell."""
-    return [cell.replace("|", "\\|") for cell in line]
 
 
 _LATEX = str.maketrans(

@@ -1,60 +1,107 @@
-"""The figure of online learning: success and return over training, by task and algorithm."""
+"""Learning curves: reading them, grouping their files, and the interval of their mean."""
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, figure, thousands
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import Curve, read_curve
 from swarmdata.types import Double
 
-METRICS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))
-"""Rows of the figure: column, label with unit, factor to that unit."""
-
 N_RESAMPLES, LEVEL, SEED = 2_000, 0.95, 0
-"""Of the bootstrap."""
+"""Of the bootstrap: resamples, coverage of the interval, seed of the generator."""
 
-_LABEL_GAP = 0.075  # of the axes' height, between two labels at the ends of lines
 
-_NAME = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A metric of K runs of an algorithm over training."""
 
-Grouped = Mapping[str, Mapping[str, Sequence[Path]]]
+    progress: Double  # [P] updates or joint steps, increasing
+    values: Double  # [K, P]
+
+
+def read_curve(paths: Sequence[Path], metric: str, *, progress: str = "updates") -> Curve:
+    """Reads one metric from `curve.csv` files.
+
+    The `seed` column separates the runs of a file; a file without it holds one run.
+
+    Args:
+        paths: the files, whose runs are stacked.
+        metric: column to read.
+        progress: column of the horizontal axis.
+
+    Raises:
+        SchemaError: a column is missing, a value is not a number, or runs were measured at
+            different points.
+    """
+    runs: dict[tuple[Path, str], list[tuple[float, float]]] = {}
+    for path in paths:
+        with Path(path).open(newline="", encoding="utf-8") as file:
+            for line, row in enumerate(csv.DictReader(file), start=2):
+                point = _number(row, progress, path, line), _number(row, metric, path, line)
+                runs.setdefault((path, row.get("seed", "")), []).append(point)
+    if not runs:
+        raise SchemaError(f"no rows in {[str(path) for path in paths]}, expected at least one run.")
+    curves = [np.array(points, np.float64) for points in runs.values()]
+    for (path, seed), curve in zip(runs, curves, strict=True):
+        if not np.array_equal(curve[:, 0], curves[0][:, 0]) or (np.diff(curve[:, 0]) <= 0).any():
+            raise SchemaError(
+                f"{path} (seed {seed or 'not given'}) was measured at {len(curve)} values of "
+                f"{progress!r}, which do not increase or differ from the {len(curves[0])} of the "
+                "first run. Plot only finished runs with the same schedule together."
+            )
+    return Curve(curves[0][:, 0], np.stack([curve[:, 1] for curve in curves]))
+
+
+def _number(row: Mapping[str, str | None], column: str, path: Path, line: int) -> float:
+    text = row.get(column)
+    try:
+        return float(text or "missing")
+    except ValueError as error:
+        raise SchemaError(
+            f"{path}, line {line}: column {column!r} is {text!r}, expected a number. "
+            f"Columns: {', '.join(map(str, row))}."
+        ) from error
+
+
+_GROUP_PATTERNS = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
+
+GroupedFiles = Mapping[str, Mapping[str, Sequence[Path]]]
 """Task -> algorithm -> files of its runs."""
 
 
 def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list[Path]]]:
-    """Sorts files of runs by the task and the algorithm that their names tell.
+    """Groups files of runs by the task and the algorithm in their names.
 
     Args:
         files: such as `runs/mappo/coop_nav/curve.csv`.
-        pattern: what the end of a path without its suffix looks like, with `algorithm` and `task`
-            once each and `*` for anything: here `algorithm/task/*`. Tasks may have hyphens in
-            their names, algorithms not.
+        pattern: how paths end, without the suffix, with `algorithm` and `task` once each and `*`
+            for anything; in this example `algorithm/task/*`. Names of tasks may have hyphens,
+            names of algorithms may not.
 
     Returns:
-        task -> algorithm -> files, each in the order in which it first occurs.
+        task -> algorithm -> files, in the order of their first file.
 
     Raises:
-        SchemaError: a pattern without the two words, or a file that does not fit.
+        SchemaError: the pattern lacks a word, or a file does not match it.
     """
     parts = re.split(r"(algorithm|task|\*)", pattern)
     if sorted(part for part in parts if part in ("algorithm", "task")) != ["algorithm", "task"]:
         raise SchemaError(
-            f"pattern {pattern!r} does not have 'algorithm' and 'task' once each, expected for "
-            "example 'algorithm/task' for mappo/coop_nav.csv."
+            f"pattern {pattern!r} does not have 'algorithm' and 'task' once each. For "
+            "mappo/coop_nav.csv it is 'algorithm/task'."
         )
-    expression = "".join(_NAME.get(part, re.escape(part)) for part in parts)
+    expression = "".join(_GROUP_PATTERNS.get(part, re.escape(part)) for part in parts)
     found: dict[str, dict[str, list[Path]]] = {}
     for file in files:
         match = re.search(f"(?:^|/){expression}$", file.with_suffix("").as_posix())
         if match is None:
             raise SchemaError(
-                f"{file} does not end as {pattern!r} says, so its algorithm and task are unknown. "
-                "Name files accordingly, or give another --by."
+                f"{file} does not match the pattern {pattern!r}, so its algorithm and task are "
+                "unknown. Rename the files, or pass another --by."
             )
         task, algorithm = match["task"], match["algorithm"]
         found.setdefault(task, {}).setdefault(algorithm, []).append(file)
@@ -62,11 +109,12 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
 
 
 def interval_of(curve: Curve) -> tuple[Double, Double]:
-    """Ends of the 95 % interval of the mean over runs at each point, [P] each.
+    """Returns the 95 % interval of the mean over runs at each point, [P] each.
 
     Percentile bootstrap over whole runs (Agarwal et al., "Deep Reinforcement Learning at the Edge
-    of the Statistical Precipice", NeurIPS 2021, section 4.1): a resample has as many runs as there
-    are, the same at every point. One run has an interval without width, which says nothing.
+    of the Statistical Precipice", NeurIPS 2021, section 4.1): a resample draws as many runs as
+    there are, and uses them at every point. The interval of a single run has no width and no
+    meaning.
     """
     n_runs = len(curve.values)
     generator = np.random.Generator(np.random.PCG64(SEED))
@@ -75,115 +123,3 @@ def interval_of(curve: Curve) -> tuple[Double, Double]:
     tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(means, [tail, 1.0 - tail], axis=0)
     return low, high
-
-
-def plot_learning(curves: Grouped, out: Path, *, log: bool = False) -> None:
-    """Draws success above and return below, a column for each task, a line for each algorithm.
-
-    A line is the mean over runs, its band the 95 % bootstrap interval. Lines end in their labels,
-    with the number of runs.
-
-    Args:
-        curves: files with the columns `frames`, `success`, `return` and, for several runs in one
-            file, `seed`.
-        out: where to save; the suffix is the format.
-        log: whether joint steps are logarithmic.
-
-    Raises:
-        SchemaError: nothing to draw, malformed files, runs of one line measured at different
-            points, or an unknown suffix.
-        MissingExtraError: matplotlib is not installed.
-    """
-    if not curves or not all(curves.values()):
-        raise SchemaError("there are no curves to draw, expected at least one file for each task.")
-    algorithms = list(dict.fromkeys(name for lines in curves.values() for name in lines))
-    colors = {name: COLORS[k % len(COLORS)] for k, name in enumerate(algorithms)}
-    read = {  # before drawing, so that a malformed file leaves no figure
-        (task, column): {
-            name: read_curve(files, column, progress="frames") for name, files in lines.items()
-        }
-        for task, lines in curves.items()
-        for column, _, _ in METRICS
-    }
-    with figure(out, width=0.9 + 3.9 * len(curves), height=5.6) as drawing:
-        grid = drawing.subplots(len(METRICS), len(curves), squeeze=False, sharex="col")
-        for axes, task in zip(grid[0], curves, strict=True):
-            axes.set_title(task, fontweight="bold", loc="left")
-        for row, (column, ylabel, factor) in zip(grid, METRICS, strict=True):
-            for axes, task in zip(row, curves, strict=True):
-                _draw_panel(axes, read[task, column], colors, factor, is_share=factor != 1.0)
-                if log:
-                    axes.set_xscale("log")
-                    axes.minorticks_off()
-                axes.xaxis.set_major_formatter(thousands)
-            row[0].set_ylabel(ylabel)
-        for axes in grid[-1]:
-            axes.set_xlabel("joint steps of training")
-        for axes in grid.ravel():
-            _label_ends(axes)
-
-
-def _draw_panel(
-    axes: Any,
-    lines: Mapping[str, Curve],
-    colors: Mapping[str, str],
-    factor: float,
-    *,
-    is_share: bool,
-) -> None:
-    for name, curve in lines.items():
-        low, high = interval_of(curve)
-        if len(curve.values) > 1:
-            axes.fill_between(
-                curve.progress, factor * low, factor * high, color=colors[name], alpha=0.18, lw=0
-            )
-        n_runs = len(curve.values)
-        label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
-        mean = factor * curve.values.mean(axis=0)
-        axes.plot(curve.progress, mean, color=colors[name], lw=1.8, label=label)
-    axes.margins(x=0)
-    if is_share:
-        axes.set_ylim(-2.0, 102.0)
-    axes.grid(axis="y", color=FAINT, lw=0.8)
-    axes.set_axisbelow(True)
-
-
-def _label_ends(axes: Any) -> None:
-    """Writes each line's label at its end, clear of the others."""
-    low, high = axes.get_ylim()
-    lines = axes.get_lines()
-    wanted = np.array([(line.get_ydata()[-1] - low) / (high - low) for line in lines])
-    for line, place in zip(lines, spread_labels(wanted, _LABEL_GAP), strict=True):
-        axes.annotate(
-            line.get_label(),
-            (1.0, place),
-            xycoords="axes fraction",
-            xytext=(5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8.5,
-            color=line.get_color(),
-            annotation_clip=False,
-        )
-
-
-def spread_labels(wanted: Double, gap: float) -> Double:
-    """Places for labels at least `gap` apart, as near to those wanted as can be, in their order.
-
-    Least squares: without their gaps the places must not decrease, which pooling adjacent violators
-    solves (Barlow, Bartholomew, Bremner and Brunk, "Statistical Inference under Order
-    Restrictions", 1972, section 1.2). They stay within [0, 1] if they fit.
-    """
-    order = np.argsort(wanted, kind="stable")
-    steps = gap * np.arange(len(wanted))
-    blocks: list[tuple[float, int]] = []  # mean and number of labels that stand together
-    for value in (wanted[order] - steps).tolist():
-        mean, n = value, 1
-        while blocks and blocks[-1][0] > mean:
-            before, m = blocks.pop()
-            mean, n = (before * m + mean * n) / (m + n), m + n
-        blocks.append((mean, n))
-    level = np.repeat([mean for mean, _ in blocks], [n for _, n in blocks])
-    places = np.empty(len(wanted))
-    places[order] = np.clip(level, 0.0, max(0.0, 1.0 - steps[-1])) + steps
-    return places

@@ -1,22 +1,19 @@
-"""From result files and run folders to tables, pictures and animations on disk."""
+"""The report of evaluation results: all tables and figures in one folder."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import is_dataset
-from swarmdata.datasets.reobservation import seen_again
 from swarmdata.drawing.style import SUFFIXES
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregate import complete
-from swarmdata.evaluation.results.clips import check_clip, write_clip
-from swarmdata.evaluation.results.curve_plots import plot_curves, plot_estimates, read_curve
+from swarmdata.evaluation.results.aggregates import complete
+from swarmdata.evaluation.results.curve_plots import plot_curves
 from swarmdata.evaluation.results.estimate_table import Table
-from swarmdata.evaluation.results.learning_curves import group_files, plot_learning
-from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.learning_curves import read_curve
 from swarmdata.evaluation.results.result_exports import marl_eval, runs_csv
 from swarmdata.evaluation.results.result_plots import (
+    plot_estimates,
     plot_improvements,
     plot_pareto,
     plot_profiles,
@@ -29,21 +26,15 @@ from swarmdata.evaluation.results.result_tables import (
     improvement_table,
     metric_table,
 )
-from swarmdata.hub.catalog.catalog import load as load_dataset
-from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env
-from swarmdata.rollouts.rollout import rollout
+from swarmdata.learn.training.run_files import CURVE
 from swarmdata.runtime.atomic import write_file
-from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.types import Episode
 
-PANELS = 4
+MAX_PANELS = 4
 """Columns of a table that its figure shows, from the left."""
 
 
 def shown_cases(results: ResultSet) -> dict[str, Case]:
-    """Cases with the baselines of their specs, and specs that have baselines only, by file name."""
+    """Returns all cases by file name: datasets with baselines, and specs with baselines only."""
     specs = {case.spec.hash() for case in results.cases}
     alone = [case for case in results.baselines if case.spec.hash() not in specs]
     cases = [results.with_baselines(case) for case in (*results.cases, *alone)]
@@ -57,7 +48,7 @@ def shown_cases(results: ResultSet) -> dict[str, Case]:
 
 
 def tables_of(results: ResultSet) -> dict[str, Table]:
-    """Every table of a report by file name: what compares datasets first, then each case."""
+    """Returns all tables of a report by file name: comparisons of datasets, then each case."""
     compared = complete(results).tables
     tables = {"scores": metric_table(results)} if any(results.scores.values()) else {}
     if compared:
@@ -77,13 +68,13 @@ def write_report(
 ) -> str:
     """Writes tables (Markdown, CSV, LaTeX), figures, `runs.csv` and `marl-eval.json`.
 
-    `report.md` holds all tables and shows all figures.
+    `report.md` has all tables and figures.
 
     Args:
-        folders: of result files, as `evaluate` saves them.
+        folders: with result files, as `evaluate` saves them.
         out: folder to write to.
-        runs: training runs whose learning curves are drawn together.
-        data: folders of datasets whose own means are not known from the package or the cache.
+        runs: training runs whose learning curves are drawn in one figure.
+        data: folders of datasets that are neither published nor in the cache, for their means.
         suffix: of figures: `.png`, `.svg` or `.pdf`.
 
     Returns:
@@ -91,9 +82,9 @@ def write_report(
 
     Raises:
         DatasetNotFoundError: there are no results.
-        ResultsError: results that are stale, or cannot be compared.
-        SchemaError: an unknown suffix.
-        MissingExtraError: matplotlib is not installed; the tables are written all the same.
+        ResultsError: results are stale, or cannot be compared.
+        SchemaError: the suffix is unknown.
+        MissingExtraError: matplotlib is not installed; the tables are written nevertheless.
     """
     if suffix not in SUFFIXES:
         raise SchemaError(f"cannot draw figures as {suffix!r}, expected one of {SUFFIXES}.")
@@ -119,9 +110,9 @@ def write_report(
 def _draw(
     results: ResultSet, tables: Mapping[str, Table], out: Path, suffix: str
 ) -> dict[str, Path]:
-    """Draws what there is to draw; figures by name."""
+    """Draws the figures that the results allow; returns them by name."""
     compared, cases = complete(results).tables, shown_cases(results)
-    ours = [case for case in cases.values() if not isinstance(case.spec, RecordedSpec)]
+    ours = [case for case in cases.values() if case.spec.world is not None]
     drawings: dict[str, Callable[[Path], None]] = {}
     if "scores" in tables:
         drawings["scores"] = partial(plot_scores, results)
@@ -132,7 +123,7 @@ def _draw(
     if ours:
         drawings["pareto"] = partial(plot_pareto, ours)
     for name in cases:
-        keys = [column.key for column in tables[name].columns][:PANELS]
+        keys = [column.key for column in tables[name].columns][:MAX_PANELS]
         drawings[name] = partial(plot_estimates, tables[name].panels(keys))
     for name, draw in drawings.items():
         draw(out / f"{name}{suffix}")
@@ -141,15 +132,14 @@ def _draw(
 
 def _draw_curves(runs: Sequence[Path], path: Path) -> Path:
     curves = {
-        run.resolve().name: read_curve([run / "curve.csv"], "success", progress="update")
-        for run in runs
+        run.resolve().name: read_curve([run / CURVE], "success", progress="update") for run in runs
     }
     plot_curves(curves, path, ylabel="team success (%)", factor=100.0)
     return path
 
 
 def _page(tables: Mapping[str, Table], figures: Mapping[str, Path], note: str) -> str:
-    """Tables with their figures, then figures without a table."""
+    """The page: tables with their figures, then figures without a table."""
     parts = ["# Report\n"]
     for name in dict.fromkeys([*tables, *figures]):
         parts.append(f"## {name}\n")
@@ -158,75 +148,3 @@ def _page(tables: Mapping[str, Table], figures: Mapping[str, Path], note: str) -
         if name in figures:
             parts.append(f"![{name}]({figures[name].name})\n")
     return "\n".join([*parts, f"{note}\n" if note else ""]).rstrip() + "\n"
-
-
-def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
-    """Draws the curves of online runs, one line each, by the stem of their `curve.csv` copies.
-
-    Args:
-        files: CSV files with a `frames` column.
-        metric: column to draw; a share in [0, 1] unless it is `return`.
-        out: the picture.
-    """
-    curves = {file.stem: read_curve([file], metric, progress="frames") for file in files}
-    is_return = metric == "return"
-    plot_curves(
-        curves,
-        out,
-        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
-        xlabel="joint steps of training",
-        factor=1.0 if is_return else 100.0,
-    )
-
-
-def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
-    """Draws success and return of online runs by task and algorithm.
-
-    Args:
-        files: CSV files with a `frames` column; with a `seed` column for several runs in one.
-        by: how the files are named; see `learning_curves.group_files`.
-        out: the picture.
-        log: whether joint steps are logarithmic.
-    """
-    plot_learning(group_files(files, by), out, log=log)
-
-
-def draw_target(
-    name: str,
-    out: Path,
-    index: int,
-    task: str,
-    observation: Source | None = None,
-    communication: Source | None = None,
-    *,
-    size: int = 384,
-    stride: int = 2,
-) -> Episode:
-    """Draws an episode, with lidar rays and messages where there are any; returns it.
-
-    Args:
-        name: a dataset's id for a recorded episode, else as `targets.find_target`.
-        out: the `.gif`, `.mp4` or `.png` file.
-        index: of the recorded episode, or of the reserved evaluation seed.
-        task: of policies and tiers: a preset's name, or a spec's file.
-        observation: what the robots sense; a recorded episode is observed again.
-        communication: what they hear; the same.
-        size: pixels of the arena's longer side.
-        stride: control steps between two pictures of an animation.
-
-    Raises:
-        SchemaError: another kind of file, or no such episode.
-    """
-    check_clip(out)
-    if is_dataset(name):
-        dataset = load_dataset(name)
-        if index >= len(dataset):
-            raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
-        spec = with_models(dataset.task, observation, communication)
-        episode = seen_again(dataset[index], dataset.task, spec)
-    else:
-        target = find_target(name, task, observation, communication)
-        spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]
-        (episode,) = rollout(make_env(spec), target.policies[0], seeds)
-    write_clip(episode, spec, out, size=size, stride=stride)
-    return episode

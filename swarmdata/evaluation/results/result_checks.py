@@ -13,12 +13,10 @@ from typing import TypeVar
 
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.runs.run_files import CONFIG, run_hash
+from swarmdata.learn.training.run_files import CONFIG, run_hash
 from swarmdata.registry.published import published
-from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import describe, is_same_world
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -73,12 +71,12 @@ def _stale_datasets(results: Sequence[Result]) -> Iterator[str]:
 def _mixed(results: Sequence[Result]) -> Iterator[str]:
     yield from _differing(results, "measured by version", lambda each: each.provenance.code_version)
     yield from _differing(
-        [each for each in results if isinstance(each.spec, TaskSpec)], "measured on", _episodes
+        [each for each in results if each.spec.world is not None], "measured on", _episodes
     )
     yield from _mixed_specs(results)
     for dataset, group in _groups(results, lambda each: each.provenance.dataset_key).items():
         if dataset is not None:
-            others = [each for each in group if isinstance(each.spec, RecordedSpec)]
+            others = [each for each in group if each.spec.world is None]
             yield from _differing(others, f"on {dataset}: measured on", _episodes)
             yield from _differing(
                 group, f"on {dataset}: of digest", lambda each: str(each.provenance.digest)[:12]
@@ -127,19 +125,19 @@ def _mixed_specs(results: Sequence[Result]) -> Iterator[str]:
             )
 
 
-def _is_same_world(one: Frozen, other: Frozen) -> bool:
-    if not isinstance(one, TaskSpec) or not isinstance(other, TaskSpec):
+def _is_same_world(one: Spec, other: Spec) -> bool:
+    if one.world is None or other.world is None:
         return False
-    return is_same_world(one, other)
+    return is_same_world(one.world, other.world)
 
 
-def _models(spec: Frozen) -> str:
-    return describe(spec) if isinstance(spec, TaskSpec) else "an environment of another library"
+def _models(spec: Spec) -> str:
+    return describe(spec.world) if spec.world else "an environment of another library"
 
 
 def _world(result: Result) -> str:
     spec = result.spec
-    what = "" if isinstance(spec, RecordedSpec) else f" ({describe(spec)})"
+    what = f" ({describe(spec.world)})" if spec.world else ""
     return f"{spec.task} {result.evaluation.spec_hash[:12]}{what}"
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts import metrics
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double
 
 _WHO = ("label", "dataset", "task", "index", "seed", "algorithm", "updates", "frames", "episodes")
@@ -68,11 +68,11 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
     Time to goal counts an unsolved episode as the horizon.
     """
     values = dict(result.evaluation.metrics)
-    if not isinstance(case.spec, RecordedSpec):
+    if case.spec.world is not None:
         values["time_to_goal"] = metrics.censored_times(values["time_to_goal"], case.time_limit)
     if case.reference is not None:
         values = {
-            "score": metrics.normalized_score(values["return"], case.reference),
+            "score": normalized_score(values["return"], case.reference),
             **values,
         }
     return values

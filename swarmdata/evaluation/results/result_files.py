@@ -7,7 +7,7 @@ well; they say less about their policies.
 import json
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,7 +23,7 @@ from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.origins import AnySpec, RecordedSpec
+from swarmdata.specs.origins import AnySpec, Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, EvalResult
 
@@ -40,7 +40,7 @@ class Result:
 
     evaluation: EvalResult
     provenance: Provenance
-    spec: TaskSpec | RecordedSpec
+    spec: Spec
     path: Path | None = None  # of its file; None: it was not read from one
 
     @property
@@ -232,7 +232,7 @@ def _check(result: Result, where: str) -> None:
 
 def _check_names(result: Result, where: str) -> None:
     found = set(result.evaluation.metrics)
-    is_foreign = isinstance(result.spec, RecordedSpec)
+    is_foreign = result.spec.world is None
     needed = FOREIGN_METRICS if is_foreign else set(metrics_of(result.evaluation.task))
     missing, unknown = sorted(needed - found), [] if is_foreign else sorted(found - needed)
     if missing or unknown:
@@ -240,12 +240,3 @@ def _check_names(result: Result, where: str) -> None:
             f"{where} has other metrics than this version: missing {missing}, unknown {unknown}. "
             "Evaluate again."
         )
-
-
-def relabel(result: Result, label: str) -> Result:
-    """The same result under another label."""
-    return replace(
-        result,
-        evaluation=replace(result.evaluation, policy=label),
-        provenance=result.provenance.model_copy(update={"label": label}),
-    )

@@ -10,9 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, figure
+from swarmdata.drawing.style import (
+    COLORS,
+    DATA_LINE,
+    FAINT,
+    GRAY,
+    INK,
+    MARKERS,
+    draw_grid,
+    figure,
+    line_style,
+)
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     Point,
     improvements,
     mean_over_runs,
@@ -21,15 +31,11 @@ from swarmdata.evaluation.results.aggregate import (
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
 
-MARKERS = ("o", "s", "^", "D", "v", "P")
-OTHER_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Labels beyond the colors differ in these."""
-
-DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
-"""Of the mean of a dataset's own episodes."""
+BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
+"""Of labels that learned from no data, which are all gray."""
 
 
 def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str, dict[str, Any]]:
@@ -40,11 +46,14 @@ def looks_of(trained: Collection[str], others: Collection[str] = ()) -> dict[str
         others: labels that did not, all gray.
     """
     looks = {
-        label: {"color": COLORS[k % len(COLORS)], "marker": MARKERS[(k // len(COLORS)) % 6]}
+        label: {
+            "color": COLORS[k % len(COLORS)],
+            "marker": MARKERS[(k // len(COLORS)) % len(MARKERS)],
+        }
         for k, label in enumerate(sorted(trained))
     }
     for k, label in enumerate(sorted(set(others) - set(trained))):
-        looks[label] = {"color": GRAY, "marker": OTHER_MARKERS[k % len(OTHER_MARKERS)]}
+        looks[label] = {"color": GRAY, "marker": BASELINE_MARKERS[k % len(BASELINE_MARKERS)]}
     return looks
 
 
@@ -79,8 +88,7 @@ def plot_scores(results: ResultSet, path: Path) -> None:
                     axes.plot([x], [found.value], **{"ms": 5, "ls": "none", **looks[label]})
         _name_datasets(axes, [case.name for case in cases])
         axes.set_ylabel("score (0 no skill, 100 expert)")
-        axes.grid(axis="y", color=FAINT, lw=0.6)
-        axes.set_axisbelow(True)
+        draw_grid(axes, "y", width=0.6)
         shown = {label: looks[label] for label in results.labels}
         _legend(axes, shown, extra=any(case.data_score is not None for case in cases))
 
@@ -101,9 +109,9 @@ def _name_datasets(axes: Any, names: Sequence[str]) -> None:
 
 
 def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -> None:
-    handles = [_handle(axes, look, label) for label, look in looks.items()]
+    handles = [_legend_handle(axes, look, label) for label, look in looks.items()]
     if extra:
-        handles.append(_handle(axes, DATA_LINE, "the data's mean"))
+        handles.append(_legend_handle(axes, DATA_LINE, "the data's mean"))
     axes.legend(
         handles=handles,
         loc="lower center",
@@ -114,8 +122,8 @@ def _legend(axes: Any, looks: Mapping[str, Mapping[str, Any]], *, extra: bool) -
     )
 
 
-def _handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
-    """What a legend shows of a look."""
+def _legend_handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
+    """A legend's entry for a label."""
     return axes.plot([], [], **{"ms": 5, "ls": "none", **look}, label=label)[0]
 
 
@@ -133,20 +141,17 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
     thresholds = thresholds_of(tables)
     with figure(path, width=6.4, height=3.9) as drawing:
         axes = drawing.add_subplot()
-        looks, order = looks_of(tables), sorted(tables)
+        order = sorted(tables)
         for label, table in tables.items():
             band = profile_band(table, thresholds)
-            color = looks[label]["color"]
-            dash = DASHES[(order.index(label) // len(COLORS)) % len(DASHES)]
-            axes.plot(thresholds, 100 * band.value, color=color, ls=dash, lw=1.7, label=label)
-            axes.fill_between(
-                thresholds, 100 * band.low, 100 * band.high, color=color, alpha=0.12, lw=0
-            )
+            look = line_style(order.index(label))
+            axes.plot(thresholds, 100 * band.value, lw=1.7, label=label, **look)
+            low, high = 100 * band.low, 100 * band.high
+            axes.fill_between(thresholds, low, high, color=look["color"], alpha=0.12, lw=0)
         axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
         axes.set_ylim(-2, 102)
         axes.margins(x=0)
-        axes.grid(color=FAINT, lw=0.8)
-        axes.set_axisbelow(True)
+        draw_grid(axes)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)  # the best on top
 
 
@@ -217,9 +222,9 @@ def plot_pareto(cases: Collection[Case], path: Path) -> None:
             axes.set_visible(False)
         drawing.supxlabel("collisions per episode", fontsize=10)
         drawing.supylabel("team return", fontsize=10)
-        handles = [_handle(grid[0], look, label) for label, look in looks.items()]
+        handles = [_legend_handle(grid[0], look, label) for label, look in looks.items()]
         if any(case.data is not None for case in cases):
-            handles.append(_handle(grid[0], DATA_LINE, "the data's mean"))
+            handles.append(_legend_handle(grid[0], DATA_LINE, "the data's mean"))
         drawing.legend(handles=handles, loc="outside right center", handletextpad=0.4)
 
 
@@ -232,8 +237,7 @@ def _draw_front(axes: Any, case: Case, looks: Mapping[str, Mapping[str, Any]]) -
     if case.data is not None:
         axes.axhline(case.data.mean_return, **DATA_LINE, zorder=0)
     axes.set_title(case.name.removesuffix("-v0"), loc="left", fontweight="bold")
-    axes.grid(color=FAINT, lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes, width=0.6)
     _keep_near(axes, case, points)
 
 
@@ -268,3 +272,42 @@ def _draw_point(axes: Any, point: Point, look: Mapping[str, Any]) -> None:
     axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], alpha=0.5, lw=1.4)
     face = look["color"] if point.is_best else "white"
     axes.plot([x.value], [y.value], **look, ms=6, mfc=face, ls="none")
+
+
+def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path) -> None:
+    """Draws estimates as points with intervals: one panel per quantity, one row per policy.
+
+    Args:
+        panels: axis label with unit -> policy -> estimate in that unit, the same policies in every
+            panel, first on top; `report.Table.panels` gives it.
+        path: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: nothing to draw, panels of different policies, or an unknown suffix.
+        MissingExtraError: matplotlib is not installed.
+    """
+    rows = [list(estimates) for estimates in panels.values()]
+    if not rows or not rows[0] or any(labels != rows[0] for labels in rows):
+        raise SchemaError(
+            f"panels {list(panels)} have the rows {rows}, expected at least one panel and row, and "
+            "the same rows in every panel."
+        )
+    labels = rows[0]
+    with figure(path, width=1.6 + 2.5 * len(panels), height=0.9 + 0.34 * len(labels)) as drawing:
+        axes = drawing.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for panel, (xlabel, estimates) in zip(axes, panels.items(), strict=True):
+            _points(panel, list(estimates.values()))
+            panel.set_xlabel(xlabel)
+        axes[0].set_yticks(range(len(labels)), labels)
+        axes[0].set_ylim(len(labels) - 0.5, -0.5)  # first row on top
+
+
+def _points(panel: Any, estimates: Sequence[Estimate]) -> None:
+    for y, (value, low, high) in enumerate(estimates):
+        panel.plot([low, high], [y, y], color=COLORS[0], alpha=0.45, lw=4, solid_capstyle="butt")
+        face = "white" if math.isnan(low) else COLORS[0]  # without an interval: not a measurement
+        panel.plot([value], [y], "o", color=COLORS[0], mfc=face, ms=5)
+    draw_grid(panel, "x")
+    panel.margins(x=0.08)
+    panel.spines["left"].set_visible(False)
+    panel.tick_params(axis="y", length=0)

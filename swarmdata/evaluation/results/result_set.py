@@ -16,16 +16,19 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.hub.catalog.catalog import find_folder
-from swarmdata.registry.published import Figures, TaskReferences, published, references_of
-from swarmdata.rollouts.metrics import Reference, normalized_score
+from swarmdata.registry.published import (
+    Figures,
+    Reference,
+    TaskReferences,
+    normalized_score,
+    published,
+    references_of,
+)
 from swarmdata.specs.model_choice import is_same_world
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
 from swarmdata.types import Double
-
-Spec = TaskSpec | RecordedSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +65,9 @@ class Case:
         Raises:
             SchemaError: an environment of another library has no time.
         """
-        if isinstance(self.spec, RecordedSpec):
+        if self.spec.horizon is None or self.spec.time_step is None:
             raise SchemaError(f"{self.name} is of another library: its steps have no duration.")
-        return self.spec.horizon * self.spec.control_dt
+        return self.spec.horizon * self.spec.time_step
 
     @property
     def data_score(self) -> float | None:
@@ -189,10 +192,10 @@ def read_results(
         ResultsError: results are stale, or do not belong together.
     """
     files = [file for folder in folders for file in _files(Path(folder))]
-    return gather([load_result(file) for file in files], data=data, is_checked=is_checked)
+    return group_results([load_result(file) for file in files], data=data, is_checked=is_checked)
 
 
-def gather(
+def group_results(
     results: Sequence[Result], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
     """Puts results together that were read or just measured; arguments and errors as `read`."""
@@ -250,14 +253,12 @@ def reference_of(spec: Spec) -> Reference | None:
     Models change neither rewards nor returns, so a policy that sees less is scored on the scale of
     the headline spec: the loss shows.
     """
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         return None
-    worlds = [known for known in SPECS.values() if is_same_world(known, spec)]
+    worlds = [known for known in SPECS.values() if is_same_world(known, spec.world)]
     found = (references_of(each.hash()) for each in (spec, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)
-    if known is None or known.no_skill is None or known.expert is None:
-        return None
-    return Reference(known.no_skill, known.expert)
+    return None if known is None else known.reference
 
 
 def _data_figures(

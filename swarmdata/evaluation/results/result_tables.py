@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.evaluation.results.aggregate import (
+from swarmdata.evaluation.results.aggregates import (
     N_RESAMPLES,
     Complete,
     aggregates,
@@ -20,11 +20,9 @@ from swarmdata.evaluation.results.aggregate import (
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
-from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts import metrics, score_statistics
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 NOTHING = Estimate(math.nan, math.nan, math.nan)
@@ -103,7 +101,7 @@ _FOREIGN = (
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
     """What was measured in a case: no score without references, other metrics elsewhere."""
-    if isinstance(case.spec, RecordedSpec):
+    if case.spec.world is None:
         measured = [set(r.evaluation.metrics) for runs in case.runs.values() for r in runs]
         known = set.intersection(*measured)
         return tuple(each for each in _FOREIGN if each.column.key in known)
@@ -116,7 +114,7 @@ def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
     A label with one run gets the mean over episodes; its 95 % interval is Wilson's for shares of
     episodes and a percentile bootstrap over episodes for the rest. A label with several runs, one
     per training seed, gets the interquartile mean over their means, with a stratified bootstrap
-    over runs. Time to goal counts an unsolved episode as the horizon (`restricted_mean_time`).
+    over runs. Time to goal counts an unsolved episode as the horizon (`metrics.censored_times`).
     """
     quantities = quantities_of(case)
     rows = [
@@ -141,7 +139,7 @@ def estimate(
     if np.isnan(values).any():
         return NOTHING
     if len(values) == 1 and quantity.column.is_rate:
-        return metrics.wilson_interval(int(values.sum()), values.size)
+        return score_statistics.wilson_interval(int(values.sum()), values.size)
     return mean_over_runs(values, n_resamples=n_resamples)
 
 
@@ -159,12 +157,12 @@ def _case_caption(case: Case) -> str:
     )
     spec, runs = case.spec, next(iter(case.runs.values()))
     where = f"{what}; {len(runs[0].evaluation.seeds)} episodes of {spec.task}"
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
     return (
-        f"{where} on the evaluation seeds, {describe(spec)}, spec {spec.hash()[:12]}. Collisions "
-        f"are contacts that began, per episode. Time to goal counts an unsolved episode as "
-        f"{case.time_limit:g} s."
+        f"{where} on the evaluation seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
+        "Collisions are contacts that began, per episode. Time to goal counts an unsolved episode "
+        f"as {case.time_limit:g} s."
     )
 
 
@@ -209,9 +207,9 @@ def metric_table(
 
 def _metric_caption(cases: Sequence[Case], shown: Column) -> str:
     seen = "".join(
-        f" {case.name}: seen again with {describe(case.spec)}."
+        f" {case.name}: seen again with {describe(case.spec.world)}."
         for case in cases
-        if case.is_view and isinstance(case.spec, TaskSpec)
+        if case.is_view and case.spec.world is not None
     )
     scale = " 0 is the better of an idle and a random team, 100 the expert." * (
         shown.key == "score"
@@ -245,9 +243,9 @@ def aggregate_table(
     if known and len(known) == len(own):
         table = np.array([known])
         values = (
-            metrics.iqm(table),
-            metrics.mean(table),
-            metrics.optimality_gap(table),
+            score_statistics.iqm(table),
+            score_statistics.mean(table),
+            score_statistics.optimality_gap(table),
         )
         rows.insert(0, Row("data", 0, tuple(_plain(float(value)) for value in values)))
     return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")

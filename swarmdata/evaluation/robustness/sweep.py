@@ -20,13 +20,15 @@ from tqdm import tqdm
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.results.policy_names import Target, evaluate_target, find_target, require
+from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness.sweep_axes import Axis, Course, course_of
 from swarmdata.evaluation.robustness.sweep_estimates import estimates_of
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point, to_csv
 from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.task_spec import TaskSpec
@@ -85,7 +87,7 @@ def sweep(
         ResultsError: `out` has results of another run with the name and dataset of one of these.
         MissingExtraError: matplotlib, or torch for a run, is not installed.
     """
-    require("matplotlib", "plots", "drawing the figures of a sweep")
+    require_extra("matplotlib", "plots", "drawing the figures of a sweep")
     _check_axes(axes)
     teams = _teams(names, axes, task)
     with updating(out / SUMMARY, progress):

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.evaluation.results.aggregate import mean_over_runs
+from swarmdata.evaluation.results.aggregates import mean_over_runs
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
-from swarmdata.rollouts.metrics import Estimate, Reference, normalized_score
+from swarmdata.registry.published import Reference, normalized_score
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 
 

@@ -1,12 +1,12 @@
 """The figure of a robustness sweep: what a team loses along one axis, a panel for each metric."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, figure
+from swarmdata.drawing.style import COLORS, DASHES, GRAY, draw_grid, figure, line_style
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
@@ -35,9 +35,6 @@ AXES: Mapping[tuple[str, str], str] = {
 }
 """What the horizontal axis says; another parameter is shown by its name."""
 
-DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)))
-"""Of lines, once colors repeat."""
-
 
 def plot_degradation(found: Degradation, out: Path) -> None:
     """Draws one axis of a sweep: lines with 95 % bands, a ring where all is as in training.
@@ -55,27 +52,26 @@ def plot_degradation(found: Degradation, out: Path) -> None:
     """
     if not found.lines or not all(line.on_axis for line in found.lines):
         raise SchemaError("a line of the sweep has no points, expected at least one for each.")
+    n_styles = len(COLORS) * len(DASHES)
+    if len(found.lines) > n_styles:
+        raise SchemaError(
+            f"got {len(found.lines)} policies, but one figure can distinguish only {n_styles}. "
+            "Sweep fewer at once."
+        )
     first = "score" if "score" in [column.key for column in found.columns] else "return"
     xlabel = AXES.get((found.part, found.name), f"{found.part} {found.name}")
     with figure(out, width=8.6, height=5.2) as drawing:
         grid = drawing.subplots(2, 3, sharex=True)
         for axes, key in zip(grid.ravel(), (first, *PANELS), strict=True):
             index = found.column(key)
-            for line, style in zip(found.lines, _styles(), strict=False):
-                _draw(axes, line, index, found.columns[index], style)
+            for k, line in enumerate(found.lines):
+                _draw(axes, line, index, found.columns[index], line_style(k))
             _frame(axes, found.columns[index])
         if found.falls:
             grid[0, 0].invert_xaxis()
         for axes in grid[-1]:
             axes.set_xlabel(xlabel)
         _legend(drawing, grid[0, 0], found)
-
-
-def _styles() -> Iterator[dict[str, Any]]:
-    for dashes in DASHES:
-        for color in COLORS:
-            yield {"color": color, "ls": dashes}
-    raise SchemaError(f"a figure can tell {len(DASHES) * len(COLORS)} lines apart: draw fewer.")
 
 
 def _draw(axes: Any, line: Line, index: int, column: Column, style: Mapping[str, Any]) -> None:
@@ -107,8 +103,7 @@ def _frame(axes: Any, column: Column) -> None:
         low, high = axes.get_ylim()
         low, high = min(0.0, low), max(0.0, high)
         axes.set_ylim(low, high + 0.05 * (high - low))
-    axes.grid(axis="y", color=FAINT, lw=0.8)
-    axes.set_axisbelow(True)
+    draw_grid(axes, "y")
 
 
 def _legend(drawing: Any, axes: Any, found: Degradation) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 HEAD = (
     "part",

@@ -28,7 +28,7 @@ class Provenance(Frozen):
     algorithm: str | None = None  # that trained it
     dataset: FilePart | None = None  # id, with version, of what it was trained on
     digest: Sha256 | None = None  # of that dataset
-    view: str | None = None  # of a re-observation: its models as canonical JSON
+    view: str | None = None  # of a reobservation: its models as canonical JSON
     config: dict[str, Any] = Field(default_factory=dict)  # of the algorithm, complete
     seed: Natural | None = None  # of the training
     updates: Natural | None = None  # gradient updates at the measured checkpoint, offline

@@ -2,6 +2,7 @@
 
 import multiprocessing
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,8 +11,8 @@ import numpy as np
 from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.training.overrides import override
-from swarmdata.learn.training.trainer import Evaluate, Schedule, train_seeds
+from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
@@ -20,14 +21,14 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
 """Evaluation episodes of each point of a learning curve."""
 
 CURVE_METRICS = ("return", "success", "clean_success")
-"""What a learning curve holds, as means over its episodes."""
+"""Columns of a learning curve, as means over the episodes of each evaluation."""
 
 
 def train(
@@ -78,7 +79,7 @@ def train(
         dataset_id, observation=observation, communication=communication, progress=progress
     )
     spec = dataset.spec
-    evaluation = None if isinstance(spec, RecordedSpec) else _evaluation(spec)
+    evaluation = None if spec.world is None else partial(measure_curve_point, spec=spec.world)
     return train_seeds(
         algorithm,
         dataset.split("train"),
@@ -95,7 +96,7 @@ def train(
     )
 
 
-def frame_of(spec: TaskSpec | RecordedSpec, anchor: str = "auto") -> Frame | None:
+def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
     """Returns the frame of an anchor in a task, None for the world's.
 
     Args:
@@ -105,14 +106,14 @@ def frame_of(spec: TaskSpec | RecordedSpec, anchor: str = "auto") -> Frame | Non
     Raises:
         SpecError: the task's observations have no such anchor.
     """
-    if isinstance(spec, RecordedSpec):
+    if spec.world is None:
         if anchor not in ("auto", "world"):
             raise SpecError(
                 f"frame {anchor!r}: what a recorded environment's features mean is not known. Use "
                 "frame 'world'."
             )
         return None
-    features = features_of(make_task(spec))
+    features = features_of(make_task(spec.world))
     return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)
 
 
@@ -190,15 +191,12 @@ def read_settings(name: str) -> dict[str, str]:
         raise SpecError(f"cannot read settings from {name}: {error}") from error
     if not isinstance(table, dict):
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
-    joined = {k: ",".join(map(str, v)) if isinstance(v, list) else v for k, v in table.items()}
-    return {str(key): str(value) for key, value in joined.items()}
+    return as_texts(table)
 
 
-def _evaluation(spec: TaskSpec) -> Evaluate:
-    """What measures the points of a learning curve."""
-    return lambda policy: _measure(policy, spec)
-
-
-def _measure(policy: Policy, spec: TaskSpec) -> dict[str, float]:
-    result = evaluate(policy, spec, name="curve", n_episodes=CURVE_EPISODES, progress=False)
+def measure_curve_point(
+    policy: Policy, spec: TaskSpec, n_episodes: int = CURVE_EPISODES
+) -> dict[str, float]:
+    """Evaluates a policy for one point of its learning curve: means of `CURVE_METRICS`."""
+    result = evaluate(policy, spec, name="curve", n_episodes=n_episodes, progress=False)
     return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}

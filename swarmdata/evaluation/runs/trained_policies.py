@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmdata.evaluation.runs.provenance import Provenance
-from swarmdata.evaluation.runs.run_files import is_online, run_folders, run_hash
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint
-from swarmdata.learn.training.run_folder import CHECKPOINT, load_run, read_run
+from swarmdata.learn.training.run_files import CHECKPOINT, is_online, run_folders, run_hash
+from swarmdata.learn.training.run_folder import load_run, read_run
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path

@@ -1,5 +1,5 @@
 """A study: a grid of algorithms, datasets and seeds, from one file to tables, figures and text.
 
-`plan` is the file, `cells` what it asks for, `working` does one cell in a process of its own,
-`running` all of them, `gathering` makes tidy tables of what is done, and `writing` the pages.
+`plan` is the file, `cells` has the cells that it asks for and runs each in its own process,
+`run_study` runs all of them, and `pages` writes the tables, figures and text.
 """

@@ -1,4 +1,4 @@
-"""Study, the file that says which algorithms are compared on which datasets, and how."""
+"""The plan of a study: which algorithms are compared on which datasets, and how."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -18,7 +18,7 @@ Seeds = Annotated[
 ]
 
 Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
-"""Of a dataset: all of it, its published first 5 %, or its first so many joint steps."""
+"""Of a dataset: all of it, its published mini (5 %), or a number of joint steps from the start."""
 
 
 class Variant(Frozen):
@@ -27,14 +27,14 @@ class Variant(Frozen):
     algorithm: str  # registered offline
     family: Text  # such as "value decomposition"; the best of each family is swept
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
-    updates: Count | None = None  # None: its default times the study's budget
-    frame: str = "auto"  # that the robots see and act in, as `swarmdata train --frame`
+    updates: Count | None = None  # None: the algorithm's default times the study's budget
+    frame: str = "auto"  # of observations and actions, as `swarmdata train --frame`
 
 
 class Baseline(Frozen):
-    """An online algorithm: a finished run, or what to train."""
+    """An online algorithm: a finished run, or an algorithm and a task to train in."""
 
-    run: str | None = None  # run folder, relative to where the command runs
+    run: str | None = None  # run folder, relative to the working directory
     algorithm: str | None = None  # registered online
     task: str | None = None  # preset or spec's file
     frames: Count | None = None  # joint steps of each seed; None: the algorithm's default
@@ -48,41 +48,41 @@ class Baseline(Frozen):
         return self
 
 
-class Curves(Frozen):
-    """Learning curves: how often, and on how many reserved seeds, policies are measured."""
+class CurvesPlan(Frozen):
+    """Learning curves: how often policies are evaluated, and on how many reserved seeds."""
 
     points: Points = 10
     episodes: Episodes = 64
     datasets: Names = ()  # of the study; empty: all
 
 
-class Sizes(Frozen):
-    """Data efficiency: the same algorithms on less of the same data."""
+class SizesPlan(Frozen):
+    """Data efficiency: the same algorithms on smaller parts of the same data."""
 
     datasets: Names
     algorithms: Names  # labels
     sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")
 
 
-class Sweep(Frozen):
-    """One axis of worse communication or sensing, for the best variant of each family.
+class SweepPlan(Frozen):
+    """Robustness: the best variant of each family under worse communication or sensing.
 
-    Variants are trained on a dataset seen through the models named here, and evaluated along the
-    axis with everything else fixed.
+    Variants are trained on the dataset, re-observed with these models, and evaluated along one axis
+    with everything else fixed.
     """
 
-    dataset: str  # of the study: the best there are taken
+    dataset: str  # of the study; its results decide which variants are best
     communication: str | None = None  # trained with; None: as recorded
     observation: str | None = None
     vary: Literal["communication", "observation"]
-    axis: str  # as `swarmdata sweep` takes it, such as drop=0..0.8
+    axis: str  # in the syntax of `swarmdata sweep`, such as drop=0..0.8
     points: Points = 5
     episodes: Episodes = 200
     families: Names = ()  # empty: all offline ones
 
 
-class Losses(Frozen):
-    """A figure of what training reports, such as Q-values."""
+class LossesPlan(Frozen):
+    """A figure of a quantity that training logs, such as Q-values."""
 
     column: str  # of the runs' losses.csv
     label: Text  # of the axis
@@ -91,30 +91,32 @@ class Losses(Frozen):
 
 
 class Study(Frozen):
-    """A grid, its protocol and its budget."""
+    """The grid of a study, its protocol and its budget."""
 
     name: Label
     title: Text = ""
     datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1)]
     seeds: Seeds = (0, 1, 2, 3, 4)
-    budget: Positive = 1.0  # of each algorithm's default number of updates
+    budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
-    settings: dict[str, Any] = Field(default_factory=dict)  # of every algorithm that has them
+    settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them
     episodes: Episodes = 500  # reserved evaluation seeds
-    curves: Curves | None = None
+    curves: CurvesPlan | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)
-    sizes: Sizes | None = None
-    sweeps: dict[Label, Sweep] = Field(default_factory=dict)
-    losses: dict[Label, Losses] = Field(default_factory=dict)  # by the figure's name
+    sizes: SizesPlan | None = None
+    sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)
+    losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
     device: str = "cpu"
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
         if len(set(self.seeds)) < len(self.seeds):
-            raise ValueError(f"seeds {self.seeds} are not different")
+            raise ValueError(f"seeds {self.seeds} repeat, expected different ones")
         if twice := sorted(self.algorithms.keys() & self.online.keys()):
-            raise ValueError(f"{twice} are labels of offline and online algorithms, expected one")
+            raise ValueError(
+                f"{twice} are labels of both offline and online algorithms; rename one of each pair"
+            )
         parts: list[tuple[str, Names, Names]] = []
         if self.sizes:
             parts.append(("sizes", self.sizes.datasets, self.sizes.algorithms))
@@ -131,7 +133,7 @@ class Study(Frozen):
 
     @property
     def families(self) -> Names:
-        """Of offline algorithms, in the order of the file."""
+        """The families of the offline algorithms, in the order of the file."""
         return tuple(dict.fromkeys(variant.family for variant in self.algorithms.values()))
 
 

@@ -5,37 +5,31 @@ the recipe in the package, so that everything works without a network.
 """
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
+import numpy as np
+
+from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.identity import judge
-from swarmdata.hub.catalog.sources import (
-    OFFLINE,
-    Found,
-    is_offline,
-    obtain,
-    obtain_address,
-    obtain_foreign,
-)
-from swarmdata.hub.remotes.addresses import configured_remotes, is_address
-from swarmdata.hub.remotes.outside_names import is_folder
+from swarmdata.hub.catalog.request import is_offline, parse_request
+from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
 from swarmdata.registry.published import (
     Published,
-    TaskReferences,
+    Reference,
     published,
     references_of,
 )
-from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.reading import Verify, check_widths
+from swarmdata.store.stored_dataset import Verify, check_widths
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -130,103 +124,25 @@ def load(
         HubError: the dataset at an address could not be had.
         DatasetError: the files cannot be used.
     """
-    text = _checked(dataset_id)
-    if path is not None:
-        _checked(path)
-    recipe = _recipe(dataset_id)
-    if recipe is not None:
-        seen = with_models(recipe.spec, observation, communication)
-        check_messages(seen, recipe.spec)  # before building, which may take minutes
-        found = _obtain(recipe, path, offline, workers, progress)
-    elif path is not None:
-        raise SpecError(
-            f"path is where the dataset of a shipped id is or shall be, got it with {text!r}. "
-            "Leave it out."
-        )
-    else:
-        found = _elsewhere(dataset_id, is_offline(offline), progress)
-    dataset = Dataset.open(found.folder, verify, None, found.source)
-    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
-    identity = judge(dataset.stored.manifest)
+    request = parse_request(dataset_id, path)
+    is_as_recorded = observation is None and communication is None
+    if request.recipe is not None and not is_as_recorded:  # before building, which takes minutes
+        spec = request.recipe.spec
+        check_messages(with_models(spec, observation, communication), spec)
+    remotes = Remotes(offline=is_offline(offline), progress=progress)
+    found = obtain(request, remotes, Rebuild(remotes, workers, progress))
+    stored = open_store(found.folder, verify, recipe=request.recipe)
+    whole = np.arange(stored.manifest.n_episodes)
+    dataset = Dataset(stored, whole, known_references(stored.recipe.spec), found.source)
+    identity = judge(stored.manifest)
     if identity.kind != "published":
-        check_widths(dataset.stored)
+        check_widths(stored)
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
-        warnings.warn(f"{dataset.path}: {identity.sentence}.", kind, stacklevel=2)
+        warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=2)
+    if is_as_recorded:
+        return dataset
     return dataset.reobserve(observation, communication, progress=progress)
-
-
-def _checked(name: str | Path) -> str:
-    """The name as text.
-
-    Raises:
-        AddressError: it is empty; as a path that would be the current folder.
-    """
-    if not str(name).strip():
-        raise AddressError(
-            f"the name of a dataset is {str(name)!r}, expected an id such as 'coop_nav-medium', an "
-            "address or a folder; the current folder is '.'."
-        )
-    return str(name)
-
-
-def _recipe(name: str | Path) -> Recipe | None:
-    """The shipped recipe of an id; None: it is none. No folder of the same name comes before."""
-    try:
-        return find_recipe(name) if isinstance(name, str) else None
-    except UnknownNameError:
-        return None
-
-
-def _obtain(
-    recipe: Recipe,
-    path: Path | str | None,
-    offline: bool | None,
-    workers: int | None,
-    progress: bool,
-) -> Found:
-    """A shipped dataset; in a folder of the user's own its source is `folder`."""
-    found = obtain(
-        recipe,
-        dataset_folder(recipe) if path is None else Path(path),
-        remotes=() if is_offline(offline) else configured_remotes(),
-        workers=workers,
-        progress=progress,
-    )
-    is_there = path is not None and found.source == "cache"
-    return Found(found.folder, "folder") if is_there else found
-
-
-def _elsewhere(name: str | Path, offline: bool, progress: bool) -> Found:
-    """What no shipped recipe makes: an address, a folder, or an id of a remote."""
-    if isinstance(name, str) and is_address(name):
-        return obtain_address(name, cache_folder() / "remotes", offline=offline, progress=progress)
-    if is_folder(name):
-        return Found(Path(name), "folder")
-    if isinstance(name, Path):
-        raise DatasetNotFoundError(f"there is no dataset folder at {name}")
-    remotes = () if offline else configured_remotes()
-    found = obtain_foreign(name, cache_folder() / "datasets", remotes=remotes, progress=progress)
-    if found is None:
-        raise UnknownNameError("dataset", name, _known(), hint=_where_to_look(name, offline))
-    return found
-
-
-def _known() -> list[str]:
-    """Names that a mistyped one may mean."""
-    return [key.rpartition("-v")[0] for key in shipped_recipes()]
-
-
-def _where_to_look(name: str, offline: bool) -> str:
-    """Which command gets a dataset that is nowhere, if somebody else has it."""
-    command = f"swarmdata pull {name} --from hf://ORGANIZATION"
-    if offline:
-        return (
-            "It is not in the cache, and no remote was asked. If it is on one, run with a network, "
-            f"and without {' and '.join(OFFLINE)}: {command}"
-        )
-    asked = ", ".join(configured_remotes()) or "none is configured"
-    return f"Remotes asked: {asked}. If it is on another one, run: {command}"
 
 
 def find_folder(name: str | Path) -> Path:
@@ -236,16 +152,22 @@ def find_folder(name: str | Path) -> Path:
         UnknownNameError: neither a folder, nor the id of a recipe or of what is in the cache.
         AddressError: the name is empty, or a malformed address.
     """
-    _checked(name)
-    recipe = _recipe(name)
-    if recipe is not None:
-        return dataset_folder(recipe)
-    return _elsewhere(name, offline=True, progress=False).folder
+    request = parse_request(name)
+    if request.folder is not None and (request.recipe or request.source == "folder"):
+        return request.folder
+    cache, remotes = Cache(), Remotes(offline=True)
+    found = cache.get(request) or cache.get(remotes.pin(request))
+    if found is None:
+        raise unknown_dataset(request, remotes)
+    return found.folder
 
 
-def known_references(spec: TaskSpec | RecordedSpec) -> Reference | None:
+def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
-    found: TaskReferences | None = references_of(spec.hash())
-    if found is None or found.no_skill is None or found.expert is None:
-        return None
-    return Reference(no_skill=found.no_skill, expert=found.expert)
+    found = None if spec.world is None else references_of(_spec_hash(spec.world))
+    return None if found is None else found.reference
+
+
+@lru_cache(maxsize=256)
+def _spec_hash(spec: TaskSpec) -> str:
+    return spec.hash()

@@ -89,7 +89,7 @@ def repair(
         raise DatasetNotFoundError(f"{no_dataset(path)} Nothing was changed.")
     with locked(path, progress):
         scratch = scratch_folder(path, "repair")
-        job = _Job(path, Sources(scratch, tuple(remotes), workers, progress))
+        job = _Job(path, Sources(path, scratch, tuple(remotes), workers, progress))
         try:
             done = tuple(job.run())
         except DatasetError:  # what was built did not help; after an interrupt it is gone on with

@@ -11,17 +11,19 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.building.build import build
 from swarmdata.errors import DatasetError, ManifestError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge
-from swarmdata.hub.catalog.sources import skip
+from swarmdata.hub.catalog.sources import Rebuild, Remotes, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.registry.published import Published, published
+from swarmdata.runtime.documents import read_document
+from swarmdata.specs.origins import Edit, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.integrity.recognition import root_attributes
-from swarmdata.store.manifest import MAX_BYTES, parse_manifest
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
 
 MADE_AGAIN = "made again from the recipe"
 """How a repaired file came to be, in words."""
@@ -29,8 +31,9 @@ MADE_AGAIN = "made again from the recipe"
 
 @dataclass(frozen=True)
 class Sources:
-    """Remotes, the recipe, and a scratch folder for what comes from them."""
+    """Remotes, the recipe or the parents, and a scratch folder for what comes from them."""
 
+    path: Path  # of the dataset, whose lock is held
     scratch: Path
     remotes: tuple[str, ...]
     workers: int | None
@@ -53,17 +56,22 @@ class Sources:
             raise DatasetError(f"{dataset} is not there")
         copy = self.fetched / MANIFEST
         copy.parent.mkdir(parents=True, exist_ok=True)
-        remote.read(release, MANIFEST, copy, MAX_BYTES)
+        remote.read(release, MANIFEST, copy, MAX_MANIFEST_BYTES)
         return remote, release, parse_manifest(copy.read_bytes(), copy)
 
-    def rebuild(self, recipe: Recipe) -> Path:
-        """Builds a dataset in the scratch folder; what a killed repair has built is used."""
-        out = self.scratch / "rebuilt" / recipe.id
-        return build(recipe, out, workers=self.workers, progress=self.progress)
+    def rebuild(self, origin: Recipe | Edit) -> Path:
+        """Makes a dataset in the scratch folder; what a killed repair has made is used."""
+        out = self.scratch / "rebuilt" / origin.id
+        if isinstance(origin, Recipe):
+            return build(origin, out, workers=self.workers, progress=self.progress)
+        rebuild = Rebuild(Remotes(self.remotes, False, self.progress), self.workers, self.progress)
+        return rebuild.edited(origin, self.path, out)
 
 
-def recipe_of(path: Path, manifest: Manifest | None) -> Recipe:
+def recipe_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
     """The recipe beside the data if it is whole, else the shipped one of the same name and hash.
+
+    An edit has its own beside the data in the place of a recipe.
 
     The manifest says which is whole. Where it is lost, what is written beside the arrays does;
     datasets that were written before that was so have only their own recipe, or their name.
@@ -86,12 +94,13 @@ def recipe_of(path: Path, manifest: Manifest | None) -> Recipe:
     )
 
 
-def _recipe_beside(path: Path) -> Recipe | None:
-    """The recipe in a dataset's folder, None where it is broken or absent."""
+def _recipe_beside(path: Path) -> Recipe | Edit | None:
+    """The recipe or edit in a dataset's folder, None where it is broken or absent."""
     try:
-        return Recipe.from_file(path / RECIPE)
+        origin = parse_origin(read_document(path / RECIPE), RECIPE)
     except (SpecError, OSError, ValueError):
         return None
+    return origin if isinstance(origin, Recipe | Edit) else None
 
 
 def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
@@ -110,7 +119,7 @@ def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:
     """
     recipe = recipe_of(path, None)
     entry = published().get(recipe.id)
-    if entry is None or entry.recipe_hash != recipe.hash():
+    if entry is None or isinstance(recipe, Edit) or entry.recipe_hash != recipe.hash():
         return _of_unpublished(path, recipe, sources)
     if (own := _from_files(path, recipe, entry)) is not None:
         return own, "made again from files that have the published digests"
@@ -169,7 +178,7 @@ def _from_files(path: Path, recipe: Recipe, entry: Published) -> Manifest | None
     return own if is_whole and judge(own).kind == "published" else None
 
 
-def _of_unpublished(path: Path, recipe: Recipe, sources: Sources) -> tuple[Manifest, str]:
+def _of_unpublished(path: Path, recipe: Recipe | Edit, sources: Sources) -> tuple[Manifest, str]:
     """A remote's manifest or that of the recipe built again, if every file here is in it."""
     for theirs, address in _offers(path, recipe.id, sources):
         if _other_file(path, theirs) is None:

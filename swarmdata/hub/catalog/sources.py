@@ -1,40 +1,48 @@
-"""From an id or an address to a finished folder: the cache, then the remotes in order, a rebuild.
+"""From a request to a finished folder: the first of cache, remotes and rebuild that has it.
 
 What comes from a remote is checked beside its place and gets there in one rename. One process at a
-time fetches or builds, the others wait; a folder that is finished is used without a lock and
-without a request.
+time fetches or builds, the others wait; a finished folder is used without a lock and without asking
+a remote.
 """
 
-import hashlib
 import os
-import re
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swarmdata.building.build import finish, is_finished, remove_parts
-from swarmdata.cards.side_files import write_missing
+from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.building.build import build_under_lock, is_finished, remove_parts
+from swarmdata.cards.side_files import finish
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
     DatasetNotFoundError,
     DiskFullError,
+    SpecError,
     SwarmdataError,
+    UnknownNameError,
 )
 from swarmdata.hub.catalog.identity import judge
-from swarmdata.hub.remotes.addresses import Address, open_remote, parse_address
+from swarmdata.hub.catalog.request import (
+    OFFLINE_VARIABLES,
+    Request,
+    request_of_id,
+    request_of_recipe,
+    shipped_recipe,
+)
+from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import locate
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
+from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
+from swarmdata.specs.origins import Edit, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
-from swarmdata.store.arrays.layout import MANIFEST
+from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-
-OFFLINE = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
-"""Variables of the environment that keep `load` from asking remotes."""
 
 
 class RemoteSkippedWarning(UserWarning):
@@ -46,121 +54,255 @@ class Found:
     """A finished dataset and where it came from."""
 
     folder: Path
-    source: str  # `cache`, `rebuilt`, or the release's address
+    source: str  # `cache`, `folder`, `rebuilt`, or the release's address
 
 
-def is_offline(wanted: bool | None = None) -> bool:
-    """Whether remotes are left alone: what the caller wants, else what the environment says."""
-    if wanted is not None:
-        return wanted
-    return any(os.environ.get(name, "").upper() in ("1", "ON", "YES", "TRUE") for name in OFFLINE)
+@dataclass(frozen=True)
+class Cache:
+    """Finished folders on this machine."""
+
+    def get(self, request: Request) -> Found | None:
+        """The dataset where it belongs, if it is there and finished.
+
+        Which recipe a finished dataset was made from is for `open_store` to compare.
+
+        Raises:
+            RecipeConflictError: an unfinished dataset of another recipe is there.
+            DatasetError: what is there has lost its manifest; the message says how to repair it.
+        """
+        folder = request.folder
+        if folder is None or _lost_edit(folder) is not None:
+            return None
+        if request.recipe is not None:
+            is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
+        elif request.source == "folder":  # `open_store` says whether it is a dataset
+            is_there = True
+        else:
+            is_there = folder.exists() and bool(read_manifest(folder))
+        return Found(folder, request.source) if is_there else None
 
 
-def obtain(
-    recipe: Recipe,
-    folder: Path,
-    *,
-    remotes: Sequence[str] = (),
-    workers: int | None = None,
-    progress: bool = True,
-) -> Found:
-    """Finds, fetches or builds the dataset of a recipe.
+@dataclass(frozen=True)
+class Remotes:
+    """Remotes that are asked in order; one that fails is skipped with a warning.
 
-    Args:
-        recipe: what the dataset is made from.
-        folder: where it is or shall be.
-        remotes: addresses to ask, in order, before building.
-        workers: processes that build.
-        progress: whether to show bars.
-
-    Raises:
-        BuildError: it could not be built, or `folder` cannot be written to.
-        DatasetError: what is at `folder` cannot be used.
-    """
-    if is_finished(folder, recipe):
-        return Found(folder, "cache")
-    with locked(folder, progress):
-        if is_finished(folder, recipe):
-            return Found(folder, "cache")
-        wanted = recipe.id, _refusal(recipe)
-        source = None if folder.exists() else _fetch(*wanted, folder, remotes, progress)
-        if source is None:
-            finish(recipe, folder, workers=workers, progress=progress)
-            return Found(folder, "rebuilt")
-        remove_parts(recipe, folder)
-        return Found(folder, source)
-
-
-def obtain_foreign(
-    name: str, cache: Path, *, remotes: Sequence[str] = (), progress: bool = True
-) -> Found | None:
-    """Finds or fetches a dataset that no shipped recipe makes; None if it is nowhere.
-
-    Args:
-        name: its id; without a version the newest, for which the remotes are asked.
-        cache: the folder of datasets.
-        remotes: addresses to ask, in order.
-        progress: whether to show bars.
-    """
-    if not is_id(name) and not is_id(f"{name}-v0"):
-        return None
-    dataset = name if is_id(name) else _newest(name, [*_cached(cache), *_listed(remotes)])
-    if dataset is None:
-        return None
-    folder = cache / dataset
-    if _is_usable(folder):
-        return Found(folder, "cache")
-    if not remotes:
-        return None
-    with locked(folder, progress):
-        if _is_usable(folder):
-            return Found(folder, "cache")
-        source = _fetch(dataset, _refusal(), folder, remotes, progress)
-    return None if source is None else Found(folder, source)
-
-
-def obtain_address(
-    text: str, cache: Path, *, offline: bool = False, progress: bool = True
-) -> Found:
-    """Finds or fetches the dataset at an address such as `hf://org/coop_nav-medium@v0`.
-
-    A version or a commit never changes, so what is in the cache is used without a request; for a
-    branch, and for the newest version, the remote is asked.
-
-    Args:
-        text: the address.
-        cache: the folder of what came from addresses; each remote has its own in there.
-        offline: whether the remote must not be asked.
+    Attributes:
+        addresses: of the remotes; None: those that are configured.
+        offline: whether nobody is asked, not even the remote of a request's own address.
         progress: whether to show a bar.
-
-    Raises:
-        AddressError: the address is malformed, or not of a dataset.
-        DatasetNotFoundError: offline, and it is not in the cache.
-        HubError: the remote could not be asked, or does not have it.
-        DatasetError: what it has cannot be used.
     """
-    address = parse_address(text)
-    place = cache / _slug(address.remote)
-    name = _pinned(address)
-    if offline and name is None and address.dataset is not None and address.revision is None:
-        name = _newest(address.dataset, _cached(place))
-    if name is not None and _is_usable(place / name):
-        return Found(place / name, "cache")
-    if offline:
-        raise DatasetNotFoundError(
-            f"{text} is not in the cache, and no remote was asked: this is offline. With a "
-            f"network, and without {' and '.join(OFFLINE)}, run: swarmdata pull {text}"
-        )
-    remote, release = locate(text)
-    if name is None:
+
+    addresses: Sequence[str] | None = None
+    offline: bool = False
+    progress: bool = True
+
+    @property
+    def asked(self) -> Sequence[str]:
+        """Addresses of the remotes that are asked.
+
+        Raises:
+            AddressError: a configured address is malformed.
+        """
+        if self.offline:
+            return ()
+        return configured_remotes() if self.addresses is None else self.addresses
+
+    def pin(self, request: Request) -> Request:
+        """Asks which version or release is meant; `folder` stays None where there is none.
+
+        Raises:
+            AddressError: the request's address is of a whole remote.
+            DatasetNotFoundError: offline, and the dataset at the address is not in the cache.
+            HubError: the remote of the address could not be asked, or does not have it.
+        """
+        if request.address is not None:
+            return self._located(request, request.address)
+        if request.folder is None and is_id(f"{request.text}-v0"):
+            ids = [*_cached(request.place), *self._listed()]
+            if newest := _newest(request.text, ids):
+                return replace(request, folder=request.place / newest)
+        return request
+
+    def get(self, request: Request) -> Found | None:
+        """Fetches the dataset; an address is fetched from there or is an error.
+
+        Raises:
+            DiskFullError: there is no space for it.
+            HubError: the remote of the request's address failed.
+            DatasetError: what is at that address cannot be used.
+        """
+        folder = request.folder
+        if folder is None or folder.exists():
+            return None
+        refuse = _refusal(request.recipe)
+        if request.release is not None:
+            _arrive(*request.release, folder, refuse, self.progress)
+            return Found(folder, request.release[1].address)
+        dataset = folder.name if request.recipe is None else request.recipe.id
+        for address in self.asked:
+            try:
+                remote = open_remote(address)
+                release = remote.find(dataset)
+                if release is not None:
+                    _arrive(remote, release, folder, refuse, self.progress)
+                    if request.recipe is not None:
+                        remove_parts(request.recipe, folder)
+                    return Found(folder, release.address)
+            except DiskFullError:
+                raise  # no fault of the remote, and the next one needs the same space
+            except SwarmdataError as error:
+                skip(address, dataset, error)
+        return None
+
+    def _located(self, request: Request, address: Address) -> Request:
+        if self.offline:
+            is_newest = address.dataset is not None and address.revision is None
+            cached = _newest(str(address.dataset), _cached(request.place)) if is_newest else None
+            if cached is None or request.folder is not None:
+                raise DatasetNotFoundError(
+                    f"{request.text} is not in the cache, and no remote was asked: this is offline."
+                    f" With a network, and without {' and '.join(OFFLINE_VARIABLES)}, run: "
+                    f"swarmdata pull {request.text}"
+                )
+            return replace(request, folder=request.place / cached)
+        remote, release = locate(request.text)
         commit = release.address.rpartition("@")[2]
         name = release.id if address.revision is None else f"{address.dataset}@{commit}"
-    folder = place / name
-    with locked(folder, progress):
-        if _is_usable(folder):
-            return Found(folder, "cache")
-        _arrive(remote, release, folder, _refusal(), progress)
-    return Found(folder, release.address)
+        folder = request.folder or request.place / name
+        return replace(request, folder=folder, release=(remote, release))
+
+    def _listed(self) -> list[str]:
+        """The ids of all remotes that answer."""
+        ids: list[str] = []
+        for address in self.asked:
+            try:
+                ids += open_remote(address).ids()
+            except SwarmdataError as error:
+                skip(address, "its list of datasets", error)
+        return ids
+
+
+@dataclass(frozen=True)
+class Rebuild:
+    """Makes a dataset again: from its recipe, or, if it is an edit, from its parents.
+
+    Attributes:
+        remotes: where the parents of an edit are looked for, after the cache.
+        workers: processes that build; by default one for each core.
+        progress: whether to show a bar.
+        held: folders that this process holds the locks of, because it makes their datasets.
+    """
+
+    remotes: Remotes
+    workers: int | None = None
+    progress: bool = True
+    held: tuple[Path, ...] = ()
+
+    def get(self, request: Request) -> Found | None:
+        """Builds the dataset where it belongs; None where nothing says how.
+
+        Raises:
+            BuildError: it could not be built, or its folder cannot be written to.
+            DatasetNotFoundError: a parent is nowhere, or is another dataset than it was.
+        """
+        folder = request.folder
+        if folder is None:
+            return None
+        if request.recipe is not None:
+            build_under_lock(request.recipe, folder, workers=self.workers, progress=self.progress)
+            return Found(folder, "rebuilt")
+        edit = _lost_edit(folder)
+        if edit is None:
+            return None
+        scratch = scratch_folder(folder, "rebuild")
+        remove_scratch(scratch)  # of a process that was killed
+        try:
+            made = self.edited(edit, folder, scratch / edit.id)
+            for file in (DATA, RECIPE, REFERENCES, CARD, MANIFEST):  # the manifest makes it whole
+                is_kept = file in (REFERENCES, CARD) and os.path.lexists(folder / file)
+                if (made / file).exists() and not is_kept:
+                    (made / file).replace(folder / file)
+            sync(folder)
+        finally:
+            remove_scratch(scratch)
+        return Found(folder, "rebuilt")
+
+    def edited(self, edit: Edit, folder: Path, out: Path) -> Path:
+        """Makes an edit again from its parents, which are found as `load` finds them.
+
+        Args:
+            edit: of the dataset.
+            folder: of the dataset, whose lock the caller holds.
+            out: where it is made.
+
+        Raises:
+            DatasetNotFoundError: a parent is nowhere, or is another dataset than it was.
+            SpecError: a parent is made from the edit.
+            DatasetError: a parent cannot be used.
+        """
+        from swarmdata.building.edit import rebuild_edit  # noqa: PLC0415  (rarely needed)
+
+        again = replace(self, held=(*self.held, folder.resolve()))
+        parents = []
+        for parent in {each.id: each for each in edit.parents}.values():
+            recipe = shipped_recipe(parent.id)
+            request = request_of_id(parent.id) if recipe is None else request_of_recipe(recipe)
+            if request.folder is not None and request.folder.resolve() in again.held:
+                raise SpecError(f"{edit.id} is made from {parent.id}, which is made from it.")
+            try:
+                found = obtain(request, self.remotes, again)
+            except UnknownNameError as error:
+                raise DatasetNotFoundError(
+                    f"{edit.id} cannot be made again: one of its parents is nowhere. {error}"
+                ) from error
+            parents.append(Dataset.open(found.folder))
+        return rebuild_edit(edit, parents, out).path
+
+
+def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -> Found:
+    """Returns the dataset from the first source that has it.
+
+    Args:
+        request: from `parse_request`.
+        remotes: those to ask where the cache does not have it.
+        rebuild: makes it where no remote has it either; None: with one worker for each core.
+
+    Raises:
+        UnknownNameError: it is nowhere; the message says which command may get it.
+        BuildError: it could not be built, or its folder cannot be written to.
+        DatasetError: what is in its folder cannot be used.
+        HubError: the dataset at the request's address could not be had.
+    """
+    cache, rebuild = Cache(), rebuild or Rebuild(remotes, progress=remotes.progress)
+    if (found := cache.get(request)) is not None:
+        return found
+    request = remotes.pin(request)
+    if (found := cache.get(request)) is not None:
+        return found
+    folder = request.folder
+    can_be_made = folder is not None and (request.recipe or _lost_edit(folder))
+    if folder is None or not (can_be_made or request.release or remotes.asked):
+        raise unknown_dataset(request, remotes)  # without a lock: the cache may be read only
+    with locked(folder, remotes.progress):
+        for source in (cache, remotes, rebuild):  # the lock's last holder may have filled the cache
+            if (found := source.get(request)) is not None:
+                return found
+    raise unknown_dataset(request, remotes)
+
+
+def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
+    """The error that no source has a dataset, with the command that gets it from somebody else."""
+    command = f"swarmdata pull {request.text} --from hf://ORGANIZATION"
+    if remotes.offline:
+        hint = (
+            "It is not in the cache, and no remote was asked. If it is on one, run with a network, "
+            f"and without {' and '.join(OFFLINE_VARIABLES)}: {command}"
+        )
+    else:
+        asked = ", ".join(remotes.asked) or "none is configured"
+        hint = f"Remotes asked: {asked}. If it is on another one, run: {command}"
+    known = [key.rpartition("-v")[0] for key in shipped_recipes()]
+    return UnknownNameError("dataset", request.text, known, hint=hint)
 
 
 def obtain_release(remote: Remote, release: Release, folder: Path, progress: bool = True) -> Path:
@@ -186,6 +328,20 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
     return folder
 
 
+def _lost_edit(folder: Path) -> Edit | None:
+    """The edit whose `recipe.json` is all that is left of the dataset in a folder.
+
+    None where there are arrays or a manifest, damaged or not: those are for `repair`.
+    """
+    if any(os.path.lexists(folder / name) for name in (MANIFEST, DATA)):
+        return None
+    try:
+        origin = parse_origin(read_document(folder / RECIPE), RECIPE)
+    except (OSError, SpecError):  # absent, or of somebody who keeps other things there
+        return None
+    return origin if isinstance(origin, Edit) else None
+
+
 def _refusal(recipe: Recipe | None = None) -> Refusal:
     """Why a manifest on a remote is not wanted: not what its id says, or of another recipe."""
 
@@ -198,24 +354,6 @@ def _refusal(recipe: Recipe | None = None) -> Refusal:
         return None
 
     return refuse
-
-
-def _fetch(
-    dataset: str, refuse: Refusal, folder: Path, remotes: Iterable[str], progress: bool
-) -> str | None:
-    """Takes the dataset from the first remote that has it; returns the release's address."""
-    for address in remotes:
-        try:
-            remote = open_remote(address)
-            release = remote.find(dataset)
-            if release is not None:
-                _arrive(remote, release, folder, refuse, progress)
-                return release.address
-        except DiskFullError:
-            raise  # no fault of the remote, and the next one needs the same space
-        except SwarmdataError as error:
-            skip(address, dataset, error)
-    return None
 
 
 def skip(address: str, what: str, error: SwarmdataError) -> None:
@@ -233,7 +371,7 @@ def _arrive(
     pull(remote, release, arriving, refuse=refuse, progress=progress)
     try:
         open_store(arriving, "full", widths=True)
-        write_missing(arriving)
+        finish(arriving)
     except BaseException:
         remove_scratch(arriving)
         raise
@@ -241,54 +379,13 @@ def _arrive(
     sync(arriving.parent)
 
 
-def _is_usable(folder: Path) -> bool:
-    """Whether a dataset is there.
-
-    Raises:
-        DatasetError: what is there has lost its manifest; the message says how to repair it.
-    """
-    return folder.exists() and bool(read_manifest(folder))
-
-
-def _is_complete(folder: Path) -> bool:
-    """Whether a dataset was published there; folders appear whole."""
-    return (folder / MANIFEST).exists()
-
-
 def _cached(place: Path) -> list[str]:
-    return [path.name for path in place.glob("*-v*") if is_id(path.name) and _is_complete(path)]
-
-
-def _listed(remotes: Iterable[str]) -> list[str]:
-    """The ids of all remotes that answer."""
-    ids: list[str] = []
-    for address in remotes:
-        try:
-            ids += open_remote(address).ids()
-        except SwarmdataError as error:
-            skip(address, "its list of datasets", error)
-    return ids
+    return [
+        path.name for path in place.glob("*-v*") if is_id(path.name) and (path / MANIFEST).exists()
+    ]
 
 
 def _newest(name: str, ids: Iterable[str]) -> str | None:
     """The id with the highest version of a name, None if there is none."""
     versions = [int(each.rpartition("-v")[2]) for each in ids if each.rpartition("-v")[0] == name]
     return f"{name}-v{max(versions)}" if versions else None
-
-
-def _pinned(address: Address) -> str | None:
-    """Name of the cached folder of what never changes; None where the remote must be asked."""
-    if address.dataset is None or is_id(address.dataset):
-        return address.dataset
-    if address.revision is None:
-        return None
-    if re.fullmatch(r"v[0-9]+", address.revision):
-        return f"{address.dataset}-{address.revision}"
-    is_commit = re.fullmatch(r"[0-9a-f]{40}", address.revision)
-    return f"{address.dataset}@{address.revision}" if is_commit else None
-
-
-def _slug(remote: str) -> str:
-    """A folder's name for a remote: readable, and of no other remote."""
-    digest = hashlib.sha256(remote.encode()).hexdigest()[:8]
-    return f"{re.sub(r'[^A-Za-z0-9.]+', '-', remote)[:80]}-{digest}"

@@ -1,7 +1,7 @@
-"""The gate before a push: every reason against publishing a dataset.
+"""What blocks a dataset from being published: all that is checked before a push.
 
-What its files and its card say is for the audit to judge; whether it may have this id, and this
-version there, is judged here.
+The audit judges its files and its card. Whether it may have this id, and whether the remote has
+another dataset of this version already, is judged here.
 """
 
 import tempfile
@@ -13,11 +13,11 @@ from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.remotes import Remote
 from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 
 
-def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
-    """Every reason against publishing a dataset to a remote; none: it may be published.
+def find_blockers(folder: Path, remote: Remote) -> tuple[str, ...]:
+    """Returns a sentence for each reason why a dataset may not be published to a remote.
 
     Args:
         folder: the dataset's; every byte of it is read and compared with its manifest.
@@ -35,20 +35,20 @@ def reasons_against(folder: Path, remote: Remote) -> tuple[str, ...]:
 
 
 def _of_identity(stored: StoredDataset) -> tuple[str, ...]:
-    """An id of the package means one dataset everywhere."""
+    """An id of the package means the same dataset everywhere."""
     identity = judge(stored.manifest)
     return () if identity.is_as_named else (f"{identity.sentence}.",)
 
 
 def _of_version(stored: StoredDataset, remote: Remote) -> tuple[str, ...]:
-    """A version that is taken stays; the same files under it are no reason, a push ends at once."""
+    """A published version never changes; to push the same files again is allowed."""
     release = remote.find(stored.manifest.id)
     if release is None:
         return ()
     with tempfile.TemporaryDirectory() as scratch:
         there = Path(scratch, MANIFEST)
         try:
-            remote.read(release, MANIFEST, there, MAX_BYTES)
+            remote.read(release, MANIFEST, there, MAX_MANIFEST_BYTES)
         except HubError as error:
             return (f"the version is taken at {release.address}, and cannot be compared: {error}",)
         if there.read_bytes() == (stored.path / MANIFEST).read_bytes():

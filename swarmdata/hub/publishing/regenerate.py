@@ -21,7 +21,7 @@ from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MINI = "-mini-v"
+MINI_MARK = "-mini-v"
 """In the ids of minis."""
 
 
@@ -59,7 +59,7 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
     for name in chosen:
         if name not in known:
             raise UnknownNameError("published dataset", name, known)
-    return tuple(name for name in dict.fromkeys(chosen) if MINI in name or not minis)
+    return tuple(name for name in dict.fromkeys(chosen) if MINI_MARK in name or not minis)
 
 
 def check(

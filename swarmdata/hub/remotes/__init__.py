@@ -6,9 +6,9 @@ side checks, resumes and renames is the same for all of them: `pull_dataset` and
 
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.locate import find_release, locate
 from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
 from swarmdata.hub.remotes.push_dataset import push
+from swarmdata.hub.remotes.release_lookup import find_release, locate
 
 __all__ = [
     "Address",

@@ -16,22 +16,22 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
-from swarmdata.hub.remotes.outside_names import MAX_ID, is_id
+from swarmdata.hub.remotes.outside_names import MAX_ID_LENGTH, is_id
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import updating
 
-HUB, FOLDER, WEB = ("hf",), ("file",), ("http", "https")
-BUCKETS = ("s3", "gs", "gcs", "az", "abfs", "abfss", "memory")
+HUB_SCHEMES, FOLDER_SCHEMES, WEB_SCHEMES = ("hf",), ("file",), ("http", "https")
+BUCKET_SCHEMES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "memory")
 """Object stores that fsspec knows; each needs its own package, such as s3fs."""
 
-SCHEMES = (*HUB, *FOLDER, *WEB, *BUCKETS)
+SCHEMES = (*HUB_SCHEMES, *FOLDER_SCHEMES, *WEB_SCHEMES, *BUCKET_SCHEMES)
 
 _KINDS: dict[str, Callable[[str], Remote]] = {
-    **dict.fromkeys(HUB, HubRemote),
-    **dict.fromkeys(FOLDER, FolderRemote),
-    **dict.fromkeys(WEB, WebRemote),
-    **dict.fromkeys(BUCKETS, BucketRemote),
+    **dict.fromkeys(HUB_SCHEMES, HubRemote),
+    **dict.fromkeys(FOLDER_SCHEMES, FolderRemote),
+    **dict.fromkeys(WEB_SCHEMES, WebRemote),
+    **dict.fromkeys(BUCKET_SCHEMES, BucketRemote),
 }
 
 _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
@@ -77,7 +77,7 @@ def parse_address(text: str) -> Address:
         raise UnknownNameError("kind of remote", scheme, SCHEMES)
     if re.search(r"[\s\\?#]|[^\x20-\x7e]", rest) or "://" in rest or "::" in rest:
         raise _malformed(scheme, "it has a space, a query or a character outside of ASCII")
-    if scheme in HUB:
+    if scheme in HUB_SCHEMES:
         return _hub_address(rest)
     parts = urlsplit(text)
     if "@" in parts.netloc:
@@ -87,7 +87,7 @@ def parse_address(text: str) -> Address:
     path = parts.path.rstrip("/")
     if any(part in ("", ".", "..") for part in path.split("/")[1:]):
         raise _malformed(scheme, "its path has an empty component or dots")
-    if (scheme in FOLDER) == bool(parts.netloc) or (scheme in FOLDER and not path):
+    if (scheme in FOLDER_SCHEMES) == bool(parts.netloc) or (scheme in FOLDER_SCHEMES and not path):
         raise _malformed(scheme, f"expected {_EXAMPLES.get(scheme, f'{scheme}://bucket/prefix')}")
     head, _, last = path.rpartition("/")
     root = f"{scheme}://{parts.netloc}"
@@ -111,7 +111,12 @@ def _hub_address(rest: str) -> Address:
     place, _, revision = rest.partition("@")
     organization, _, name = place.rstrip("/").partition("/")
     for part in filter(None, (organization, name)):
-        if not _HUB_NAME.fullmatch(part) or ".." in part or "--" in part or len(part) > MAX_ID:
+        if (
+            not _HUB_NAME.fullmatch(part)
+            or ".." in part
+            or "--" in part
+            or len(part) > MAX_ID_LENGTH
+        ):
             raise _malformed("hf", f"{part!r} is not a name on a Hub. Expected {_EXAMPLES['hf']}")
     revised = "@" in rest
     if not organization or (revised and not (name and re.fullmatch(r"[\w./-]{1,96}", revision))):

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from swarmdata.errors import AddressError, did_you_mean
 
-MAX_ID = 96
+MAX_ID_LENGTH = 96
 """Longest id, version included."""
 
-MAX_PATH = 240
+MAX_PATH_BYTES = 240
 """Most bytes of a file's path in a dataset: with a folder before it, systems allow 255."""
 
 ID_PATTERN = re.compile(r"([a-z0-9_]+(?:-[a-z0-9_]+)+)-(v[0-9]+)")
@@ -29,12 +29,14 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
     Raises:
         AddressError: it is not an id with a version.
     """
-    match = ID_PATTERN.fullmatch(dataset_id) if len(dataset_id) <= MAX_ID else None
+    match = ID_PATTERN.fullmatch(dataset_id) if len(dataset_id) <= MAX_ID_LENGTH else None
     if match is None:
-        shown = dataset_id if len(dataset_id) <= MAX_ID else f"{dataset_id[:MAX_ID]}..."
+        shown = (
+            dataset_id if len(dataset_id) <= MAX_ID_LENGTH else f"{dataset_id[:MAX_ID_LENGTH]}..."
+        )
         raise AddressError(
-            f"{shown!r} is not the id of a dataset, expected at most {MAX_ID} characters such as "
-            f"'coop_nav-medium-v0': words of a-z, 0-9 and _, joined by -, then the version."
+            f"{shown!r} is not the id of a dataset, expected at most {MAX_ID_LENGTH} characters "
+            f"such as 'coop_nav-medium-v0': words of a-z, 0-9 and _, joined by -, then the version."
             f"{did_you_mean(shown, known)}"
         )
     return match[1], match[2]
@@ -42,7 +44,7 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
 
 def is_id(text: str) -> bool:
     """Whether this is the id of a dataset, version included."""
-    return len(text) <= MAX_ID and ID_PATTERN.fullmatch(text) is not None
+    return len(text) <= MAX_ID_LENGTH and ID_PATTERN.fullmatch(text) is not None
 
 
 def is_folder(text: str | Path) -> bool:
@@ -62,8 +64,8 @@ def unsafe_names(names: Iterable[str]) -> tuple[str, ...]:
     every = list(names)
     problems = []
     for name in every:
-        if len(name.encode(errors="replace")) > MAX_PATH:
-            problems.append(f"{name[:40]!r}... is longer than {MAX_PATH} bytes")
+        if len(name.encode(errors="replace")) > MAX_PATH_BYTES:
+            problems.append(f"{name[:40]!r}... is longer than {MAX_PATH_BYTES} bytes")
         elif not _PATH.fullmatch(name) or _DEVICES.search(name):
             problems.append(f"{name!r} is not a plain relative path")
     return (*problems, *_colliding(every))

@@ -20,11 +20,11 @@ from swarmdata.errors import (
 )
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.network.threads import bytes_in, run_all
-from swarmdata.hub.remotes.release_files import MAX_SMALL, SIDE_FILES, contradictions
+from swarmdata.hub.remotes.release_files import MAX_SMALL_FILE_BYTES, SIDE_FILES, contradictions
 from swarmdata.runtime.atomic import disk_full_explained, sync, sync_tree
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.manifest import MAX_BYTES, FileEntry, Manifest, read_manifest
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 N_WORKERS = 4
@@ -207,7 +207,7 @@ def _belongs(scratch: Path, manifest: bytes) -> bool:
 def _read_manifest(remote: Remote, release: Release, folder: Path) -> Manifest:
     """Fetches the manifest, once more if it was changed on the way."""
     for attempt in (1, 2):
-        remote.read(release, MANIFEST, folder / MANIFEST, MAX_BYTES)
+        remote.read(release, MANIFEST, folder / MANIFEST, MAX_MANIFEST_BYTES)
         try:
             return read_manifest(folder)
         except FormatVersionError as error:
@@ -271,7 +271,7 @@ def _fetch_side_files(remote: Remote, release: Release, scratch: Path) -> None:
     """Fetches what the manifest does not list; a release without it is complete."""
     for name in SIDE_FILES:
         with contextlib.suppress(AbsentFileError):
-            remote.read(release, name, scratch / name, MAX_SMALL)
+            remote.read(release, name, scratch / name, MAX_SMALL_FILE_BYTES)
 
 
 def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:

@@ -5,12 +5,12 @@ from pathlib import Path
 from swarmdata.errors import HubError, ManifestError
 from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
-from swarmdata.store.manifest import MAX_BYTES, Manifest, read_manifest
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES, Manifest, read_manifest
 
 SIDE_FILES = (CARD, REFERENCES)
 """Files beside those that the manifest lists; a release may lack them."""
 
-MAX_SMALL = MAX_BYTES
+MAX_SMALL_FILE_BYTES = MAX_MANIFEST_BYTES
 """Most bytes of a file that is not an array's data."""
 
 
@@ -61,8 +61,10 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
     for name, entry in manifest.files.items():
         if name in sizes and entry.size != sizes[name]:
             problems.append(f"{name} is listed with {entry.size} bytes, expected {sizes[name]}")
-        elif name not in sizes and entry.size > MAX_SMALL:
-            problems.append(f"{name} is listed with {entry.size} bytes, expected <= {MAX_SMALL}")
+        elif name not in sizes and entry.size > MAX_SMALL_FILE_BYTES:
+            problems.append(
+                f"{name} is listed with {entry.size} bytes, expected <= {MAX_SMALL_FILE_BYTES}"
+            )
     return tuple(problems)
 
 

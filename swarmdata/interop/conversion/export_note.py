@@ -41,7 +41,7 @@ class EpisodeColumns(Frozen):
         return self
 
     @property
-    def split_codes(self) -> Counts:
+    def assign_splits(self) -> Counts:
         """Split of each episode, uint8 [n]."""
         return np.array(self.split, dtype=np.uint8)
 

@@ -52,7 +52,7 @@ def import_with_note(
             start += length
 
     metadata = {"exported_from": note.id, "exported_digest": note.digest}
-    return ImportedData(note.spec, note.policies, episodes(), table.split_codes, metadata)
+    return ImportedData(note.spec, note.policies, episodes(), table.assign_splits, metadata)
 
 
 def join_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]]:

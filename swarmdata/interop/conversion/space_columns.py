@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.specs.origins import AnySpec, RecordedAgent, RecordedSpec
+from swarmdata.specs.origins import RecordedAgent, Spec
 from swarmdata.specs.spaces import (
-    LARGEST_WHOLE,
+    LARGEST_EXACT_INTEGER,
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -25,20 +25,17 @@ from swarmdata.specs.spaces import (
 from swarmdata.types import Float
 
 
-def recorded_agents(spec: AnySpec, n_columns: int) -> tuple[RecordedAgent, ...]:
+def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
     """The agents and their spaces; our tasks have boxes, with actions in [-1, 1].
 
     Args:
         spec: spec of the dataset.
         n_columns: number of columns of an observation, O.
     """
-    if isinstance(spec, RecordedSpec):
-        return spec.agents
-    observation = BoxSpace(shape=(n_columns,), dtype="float32")
-    action = BoxSpace(shape=(spec.action_size,), dtype="float32", low=-1.0, high=1.0)
+    spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
     return tuple(
         RecordedAgent(name=name, observation=observation, action=action)
-        for name in spec.agent_names
+        for name, (observation, action) in zip(spec.agent_names, spaces, strict=True)
     )
 
 
@@ -90,8 +87,8 @@ def join_rows(space: Space, values: Any, where: str) -> Float:
             f"{where} has shape {array.shape} and dtype {array.dtype}, expected {width(space)} "
             f"numbers in each row ({space})"
         )
-    if array.dtype.kind in "iu" and array.size and np.abs(array).max() > LARGEST_WHOLE:
-        raise ConversionError(f"{where} has whole numbers above {LARGEST_WHOLE}")
+    if array.dtype.kind in "iu" and array.size and np.abs(array).max() > LARGEST_EXACT_INTEGER:
+        raise ConversionError(f"{where} has whole numbers above {LARGEST_EXACT_INTEGER}")
     return array.reshape(len(array), -1).astype(np.float32)
 
 

@@ -19,7 +19,11 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.hub.publishing.metadata.episode_parquet import FILE, episode_table, parquet_bytes
+from swarmdata.hub.publishing.metadata.episode_parquet import (
+    EPISODES_FILE,
+    episode_table,
+    parquet_bytes,
+)
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -54,7 +58,7 @@ def write(dataset: Dataset, path: Path) -> None:
     names = [name for name in SPLITS if len(dataset.split(name))]  # type: ignore[arg-type]
     for name in names:
         _write_split(dataset.split(name), path / _file(name))  # type: ignore[arg-type]
-    (path / FILE).write_bytes(parquet_bytes(episode_table(dataset)))
+    (path / EPISODES_FILE).write_bytes(parquet_bytes(episode_table(dataset)))
     (path / NOTE_FILE).write_text(note_of(dataset).to_json(), encoding="utf-8")
     configs = [
         {
@@ -62,7 +66,7 @@ def write(dataset: Dataset, path: Path) -> None:
             "default": True,
             "data_files": [{"split": name, "path": _file(name)} for name in names],
         },
-        {"config_name": "episodes", "data_files": [{"split": "episodes", "path": FILE}]},
+        {"config_name": "episodes", "data_files": [{"split": "episodes", "path": EPISODES_FILE}]},
     ]
     front = yaml.safe_dump({"pretty_name": dataset.id, "configs": configs}, sort_keys=False)
     text = (

@@ -1,4 +1,4 @@
-"""Continuous actions as choices among knots, one choice per dimension.
+"""Continuous actions as choices among bins, one choice per dimension.
 
 Factorized discretization of DecQN (Seyde et al., "Solving continuous control via Q-learning", ICLR
 2023): a robot's utility is the mean over action dimensions of one utility per dimension,
@@ -20,20 +20,20 @@ from swarmdata.perception.frames import Frame, in_world
 from swarmdata.types import Float
 
 
-def knots(n_choices: int, dtype: torch.dtype = torch.float32) -> Tensor:
+def bin_values(n_bins: int, dtype: torch.dtype = torch.float32) -> Tensor:
     """Returns evenly spaced action values from -1 to 1, [C]; an odd number has 0 among them.
 
     Raises:
-        SchemaError: fewer than 2 choices.
+        SchemaError: fewer than 2 bins.
     """
-    if n_choices < 2:
-        raise SchemaError(f"got {n_choices} choices, expected at least 2: the ends of [-1, 1]")
-    return (2 * torch.arange(n_choices, dtype=dtype) - (n_choices - 1)) / (n_choices - 1)
+    if n_bins < 2:
+        raise SchemaError(f"got {n_bins} bins, expected at least 2: the ends of [-1, 1]")
+    return (2 * torch.arange(n_bins, dtype=dtype) - (n_bins - 1)) / (n_bins - 1)
 
 
-def to_actions(choices: Tensor, n_choices: int, dtype: torch.dtype = torch.float32) -> Tensor:
-    """Returns the action values of choices, [...], whole numbers below `n_choices`."""
-    return knots(n_choices, dtype).to(choices.device)[choices]
+def to_actions(choices: Tensor, n_bins: int, dtype: torch.dtype = torch.float32) -> Tensor:
+    """Returns the action values of choices, [...], whole numbers below `n_bins`."""
+    return bin_values(n_bins, dtype).to(choices.device)[choices]
 
 
 def by_dimension(outputs: Tensor, n_choices: int) -> Tensor:
@@ -56,53 +56,34 @@ def chosen(utilities: Tensor, choices: Tensor) -> Tensor:
     return utilities.gather(-1, choices[..., None])[..., 0].mean(-1)
 
 
-def interpolate(utilities: Tensor, actions: Tensor) -> Tensor:
-    """Returns Q_i of continuous actions: each dimension's utility between its two nearest knots.
+def two_hot(actions: Tensor, n_bins: int) -> Tensor:
+    """Returns actions as weights of their two nearest bins, [..., D, C], which sum to 1.
 
-    A function that is linear between knots has its greatest value at a knot, so that greedy choices
-    stay exact, and a recorded action needs no relabeling.
-
-    Args:
-        utilities: [..., D, C].
-        actions: in [-1, 1], beyond which they count as the ends, [..., D].
-    """
-    below, weight = _place(actions, utilities.shape[-1])
-    low = utilities.gather(-1, below[..., None])[..., 0]
-    high = utilities.gather(-1, below[..., None] + 1)[..., 0]
-    return (low + weight * (high - low)).mean(-1)
-
-
-def two_hot(actions: Tensor, n_choices: int) -> Tensor:
-    """Returns the weights of the knots with which `interpolate` values actions, [..., D, C].
-
-    They sum to 1: what a behavior head learns to predict.
+    The weighted mean of a column's utilities is then linear between bins. Such a function has its
+    greatest value at a bin, so that greedy choices stay exact, and a recorded action needs no
+    relabeling.
 
     Args:
         actions: in [-1, 1], beyond which they count as the ends, [..., D].
-        n_choices: knots of each dimension, C.
+        n_bins: of each dimension, C.
     """
-    below, weight = _place(actions, n_choices)
-    weights = actions.new_zeros(*actions.shape, n_choices)
+    place = (actions.clamp(-1, 1) + 1) * ((n_bins - 1) / 2)
+    below = place.detach().floor().clamp(max=n_bins - 2).long()
+    weight = place - below  # how far an action is on the way to the next bin
+    weights = actions.new_zeros(*actions.shape, n_bins)
     weights.scatter_(-1, below[..., None], 1 - weight[..., None])
     return weights.scatter_(-1, below[..., None] + 1, weight[..., None])
 
 
-def _place(actions: Tensor, n_choices: int) -> tuple[Tensor, Tensor]:
-    """The knot below each action, and how far the action is on the way to the next one."""
-    place = (actions.clamp(-1, 1) + 1) * ((n_choices - 1) / 2)
-    below = place.detach().floor().clamp(max=n_choices - 2).long()
-    return below, place - below
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BinPolicy(Memoryless):
-    """Takes the best knot of every dimension; computes in float64, as `TorchPolicy` does.
+    """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does.
 
     Attributes:
         layers: weights of the utility networks, float64; R = 1 if they are shared, else N.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
-        n_choices: knots of each dimension, C.
+        n_bins: of each dimension, C.
         frame: in which the robots see and act; None for the world's.
         parameters: whether the robots share one network.
     """
@@ -110,7 +91,7 @@ class BinPolicy(Memoryless):
     layers: Sequence[Layer]
     observation_mean: Tensor
     observation_std: Tensor
-    n_choices: int
+    n_bins: int
     frame: Frame | None = None
     parameters: Parameters = "shared"
     uses_state: bool = False
@@ -121,7 +102,7 @@ class BinPolicy(Memoryless):
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        actions = to_actions(self.choices(observations), self.n_choices, torch.float64)
+        actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
         return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
 
     def choices(self, observations: Float) -> Tensor:
@@ -130,4 +111,4 @@ class BinPolicy(Memoryless):
         outputs = outputs_of(
             self.layers, seen, self.observation_mean, self.observation_std, self.parameters
         )
-        return greedy(by_dimension(outputs, self.n_choices))
+        return greedy(by_dimension(outputs, self.n_bins))

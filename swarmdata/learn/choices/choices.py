@@ -33,10 +33,10 @@ class Choices:
     is_continuous: bool
 
     @classmethod
-    def of(cls, sizes: Sizes, n_knots: int, device: torch.device | str = "cpu") -> "Choices":
-        """The choices of a dataset: its own, or `n_knots` in each column of continuous actions."""
+    def of(cls, sizes: Sizes, n_bins: int, device: torch.device | str = "cpu") -> "Choices":
+        """The choices of a dataset: its own, or `n_bins` in each column of continuous actions."""
         if not sizes.choices:
-            values = bins.knots(n_knots, torch.float64).to(device)
+            values = bins.bin_values(n_bins, torch.float64).to(device)
             return cls(values.expand(sizes.n_agents, sizes.action, -1), None, True)
         columns = [[*agent, *[range(1)] * (sizes.action - len(agent))] for agent in sizes.choices]
         most = max(len(choices) for agent in columns for choices in agent)

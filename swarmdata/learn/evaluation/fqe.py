@@ -13,7 +13,7 @@ For a team with reward r, the mean over agents, and the deterministic joint poli
 Deviations:
 - x = (state, all observations), as the critics of the actor-critic algorithms here see it; inputs
   are normalized, rewards divided by the standard deviation of the returns-to-go, critics have
-  LayerNorm, and the step size decays along a cosine.
+  LayerNorm, and the learning rate decays along a cosine.
 - The bootstrap goes on through truncations, so V is the value of a task without a horizon.
 - `clip` guards against divergence. With all non-terminal team rewards of the data in [r-, r+] and
   all terminal ones in [t-, t+], no policy that meets only such rewards has a value outside
@@ -68,9 +68,9 @@ class FQEConfig:
     hidden: tuple[int, ...] = (128, 128)
     n_fits: int = 1  # critics of each policy, which begin with parameters of their own
     discount: float = 0.99
-    step_size: float = 1e-3
-    polyak: float = 0.2  # on coop_nav-expert-mini 800 updates settled; of 0.05, 1,500 did not
-    max_gradient_norm: float = 10.0
+    learning_rate: float = 1e-3
+    tau: float = 0.2  # on coop_nav-expert-mini 800 updates settled; of 0.05, 1,500 did not
+    max_grad_norm: float = 10.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -156,7 +156,7 @@ class FittedQ:
         seeds = [config.seed] * len(train.answers)  # common random numbers
         self.critics = JointCritics(
             train.data.sizes, seeds, config.hidden,
-            step_size=config.step_size, max_norm=config.max_gradient_norm,
+            learning_rate=config.learning_rate, max_norm=config.max_grad_norm,
             n_critics=config.n_fits, device=train.answers.device,
         )  # fmt: skip
 
@@ -165,7 +165,7 @@ class FittedQ:
         y, clipped = self.targets(self.train, index)
         loss = (self.taken(self.train, index) - y).square().mean(2).sum(1)  # [K]
         self.critics.step(loss, cosine(self.n_updates, self.config.n_updates))
-        self.critics.follow(self.config.polyak)
+        self.critics.follow(self.config.tau)
         self.n_updates += 1
         return clipped
 
@@ -248,7 +248,8 @@ def _check_finite(values: Double, update: int) -> None:
     if not np.isfinite(values).all():
         raise DivergedError(
             f"fitted Q evaluation diverged: at update {update:,}, {(~np.isfinite(values)).sum()} "
-            f"of {values.size} values are not finite. Take a smaller step_size, or smaller rewards."
+            f"of {values.size} values are not finite. Take a smaller learning_rate or smaller "
+            "rewards."
         )
 
 

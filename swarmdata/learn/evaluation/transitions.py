@@ -11,12 +11,11 @@ from torch import Tensor
 
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import SchemaError
-from swarmdata.learn.networks.critics import information
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go
 from swarmdata.learn.training.training_data import Data
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Double, Episode, Float
 
 
@@ -66,7 +65,7 @@ class Transitions:
         if not len(dataset):
             raise SchemaError(f"there are no episodes of {dataset.id} to read; widen the filter")
         spec, known = dataset.spec, Normalizer(statistics, "cpu")
-        scale = action_scale(spec) if isinstance(spec, RecordedSpec) else None
+        scale = None if spec.action_kind == "unit" else action_scale(spec)
         columns: list[tuple[NDArray[Any], ...]] = []
         for episode in dataset:
             actions = episode.actions if scale is None else scale.to_unit(episode.actions)

@@ -10,7 +10,7 @@ from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
@@ -86,29 +86,22 @@ class DelayedActor:
         target: parameters of their slow copies.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        hidden: sizes of the hidden layers.
-        statistics: of the dataset, to normalize observations.
-        step_size: of Adam.
+        online: the policies; their outputs pass through tanh.
+        n_seeds: number of seeds, K.
+        learning_rate: of Adam.
         max_norm: largest norm of one seed's gradient; None does not clip.
-        device: where to train.
     """
 
     def __init__(
         self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        hidden: tuple[int, ...],
-        statistics: Statistics,
+        online: StackedActor,
+        n_seeds: int,
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
-        device: torch.device | str,
     ) -> None:
-        self.online = StackedActor(sizes, seeds, hidden, statistics, squash=True, device=device)
-        self.target = self.online.network.clone()
-        self.optimizer = StackedAdam(self.online.network, len(seeds), step_size, max_norm)
+        self.online, self.target = online, online.network.clone()
+        self.optimizer = StackedAdam(online.network, n_seeds, learning_rate, max_norm)
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""
@@ -160,7 +153,7 @@ class DelayedActor:
 
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to the policies (Polyak averaging)."""
-        polyak(self.target, self.online.network, rate)
+        move_target(self.target, self.online.network, rate)
 
     def policy(self, index: int) -> TorchPolicy:
         """Returns the policy of seed number `index`, as it is now."""

@@ -1,19 +1,19 @@
-"""fusable and fused: pure functions of tensors that one switch compiles.
+"""compilable and compiling: pure functions of tensors that one switch compiles.
 
-    @fusable
+    @compilable
     def _critic_gradient(self, batch, noise): ...  # loss, and network.backward(loss.sum())
 
-    with fused() as fusion:
+    with compiling() as compilation:
         algorithm.update(batch)
-    print(fusion)  # compiled 3 graphs in 21 s
+    print(compilation)  # compiled 3 graphs in 21 s
 
-Outside `fused` such a function runs as it is written. Inside, torch.compile makes one graph of it,
-with its backward pass, for each new combination of shapes and constants; it needs a C++ compiler.
-What lies between two matrix products then reads and writes memory once. Results agree within
-rounding.
+Outside `compiling` such a function runs as it is written. Inside, torch.compile makes one graph of
+it, with its backward pass, for each new combination of shapes and constants; this needs a C++
+compiler. The operations between two matrix products then read and write memory once. Results agree
+within rounding.
 
-A function may be fusable if it draws no random numbers, changes nothing but gradients, and what is
-not a tensor among its arguments (and the attributes that it reads) takes few values.
+A function may be compilable if it draws no random numbers and changes nothing but gradients. Its
+arguments that are not tensors, and the attributes it reads, may take only a few values.
 """
 
 import time
@@ -33,78 +33,78 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 BACKEND = "inductor"
-"""Torch's name for what compiles graphs; tests take "eager", which runs them as they are."""
+"""Torch's name of its graph compiler; tests use "eager", which runs graphs as they are."""
 
 SPECIALIZATIONS = 256
-"""Combinations a function may be compiled for; torch's 8 is soon used up in a sweep."""
+"""Combinations that a function may be compiled for; a sweep soon exceeds torch's default of 8."""
 
 
 @dataclass
-class Fusion:
-    """What was compiled so far inside one `fused`."""
+class Compilation:
+    """Number of graphs compiled inside one `compiling`, and the time it took."""
 
     n_graphs: int = 0
     seconds: float = 0.0
 
     def __str__(self) -> str:
-        """As a user is told."""
+        """One line for users."""
         return f"compiled {self.n_graphs} graphs in {self.seconds:.0f} s"
 
 
-_FUSION: ContextVar[Fusion | None] = ContextVar("fusion", default=None)
+_COMPILATION: ContextVar[Compilation | None] = ContextVar("compilation", default=None)
 
 
-def fusable(function: Callable[P, R]) -> Callable[P, R]:
-    """Makes a pure function of tensors one that `fused` compiles."""
+def compilable(function: Callable[P, R]) -> Callable[P, R]:
+    """Marks a pure function of tensors as one that `compiling` compiles."""
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
-        chosen = function if _FUSION.get() is None else _compiled(function)
+        chosen = function if _COMPILATION.get() is None else _compiled(function)
         return chosen(*args, **kwargs)
 
-    setattr(run, "is_fusable", True)  # noqa: B010 (functions have no such attribute for mypy)
+    setattr(run, "is_compilable", True)  # noqa: B010 (functions have no such attribute for mypy)
     return run
 
 
-def has_fusable(kind: type) -> bool:
-    """Whether a class has methods that `fused` compiles."""
-    return any(getattr(value, "is_fusable", False) for value in vars(kind).values())
+def has_compilable(kind: type) -> bool:
+    """Whether a class has methods that `compiling` compiles."""
+    return any(getattr(value, "is_compilable", False) for value in vars(kind).values())
 
 
 @contextmanager
-def fused() -> Iterator[Fusion]:
-    """Compiles fusable functions while it is open; yields what that has cost so far.
+def compiling() -> Iterator[Compilation]:
+    """Compiles compilable functions while it is open; yields the cost so far.
 
     Raises:
         ProgramError: torch.compile does not work here; the message says why.
     """
     from torch._dynamo import config  # noqa: PLC0415  (takes a second)
 
-    fusion = Fusion()
+    compilation = Compilation()
     # the older name of torch's `recompile_limit`, which newer releases know as well
     settings: dict[str, Any] = {"cache_size_limit": SPECIALIZATIONS}
     if _traces_gradients():
         settings["trace_autograd_ops"] = True
-    token = _FUSION.set(fusion)
+    token = _COMPILATION.set(compilation)
     try:
         with config.patch(settings):
             _probe()
-            yield fusion
+            yield compilation
     finally:
-        _FUSION.reset(token)
+        _COMPILATION.reset(token)
 
 
 @contextmanager
-def unfused() -> Iterator[None]:
-    """Runs fusable functions as they are written while it is open, also inside `fused`."""
-    token = _FUSION.set(None)
+def uncompiled() -> Iterator[None]:
+    """Runs compilable functions uncompiled while it is open, even inside `compiling`."""
+    token = _COMPILATION.set(None)
     try:
         yield
     finally:
-        _FUSION.reset(token)
+        _COMPILATION.reset(token)
 
 
-@fusable
+@compilable
 def _twice(values: Tensor) -> Tensor:
     return values + values
 
@@ -141,8 +141,8 @@ def _backend(graph: Any, inputs: list[Tensor]) -> Any:
 
     begin = time.perf_counter()
     kernels = lookup_backend(BACKEND)(graph, inputs)
-    fusion = _FUSION.get()
-    if fusion is not None:
-        fusion.n_graphs += 1
-        fusion.seconds += time.perf_counter() - begin
+    compilation = _COMPILATION.get()
+    if compilation is not None:
+        compilation.n_graphs += 1
+        compilation.seconds += time.perf_counter() - begin
     return kernels

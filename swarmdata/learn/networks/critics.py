@@ -6,7 +6,7 @@ with parameters of their own.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Required, TypedDict, Unpack
 
 import torch
 from torch import Tensor
@@ -15,11 +15,21 @@ from swarmdata.learn.networks.actor import CRITIC_STREAM
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp_of_branches
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
+from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.training.checkpoint import part
 
 JointGradient = Literal["all", "own"]
 """Whose actions come from the policy in the policy's loss: everybody's, or one agent's a time."""
+
+
+class CriticOptions(TypedDict, total=False):
+    """What `Critics` are told by keyword."""
+
+    learning_rate: Required[float]
+    max_norm: Required[float | None]
+    n_critics: int
+    n_values: int
+    device: torch.device | str
 
 
 class Critics:
@@ -33,7 +43,7 @@ class Critics:
         n_inputs: features that a critic sees, actions included.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        step_size: of Adam.
+        learning_rate: of Adam.
         max_norm: largest norm of the gradient of one seed's critics; None does not clip.
         n_critics: critics of a seed, J.
         n_values: outputs of a critic, V: 1 for the team's value, N for one per agent's reward.
@@ -46,7 +56,7 @@ class Critics:
         seeds: Sequence[int],
         hidden: tuple[int, ...],
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         n_critics: int = 2,
         n_values: int = 1,
@@ -57,7 +67,7 @@ class Critics:
         self.online = StackedMLP(shape, n_critics * len(seeds), device)
         initialize(self.online, seeds, CRITIC_STREAM)
         self.target = self.online.clone()
-        self.optimizer = StackedAdam(self.online, len(seeds), step_size, max_norm)
+        self.optimizer = StackedAdam(self.online, len(seeds), learning_rate, max_norm)
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' values, [K, J, B, V].
@@ -116,7 +126,7 @@ class Critics:
 
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to the critics (Polyak averaging)."""
-        polyak(self.target, self.online, rate)
+        move_target(self.target, self.online, rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""
@@ -140,11 +150,7 @@ class JointCritics(Critics):
         sizes: numbers of agents and features.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        step_size: of Adam; this and the rest as in `Critics`.
-        max_norm: of a seed's gradient.
-        n_critics: of a seed.
-        n_values: outputs of a critic.
-        device: where to train.
+        **options: of `Critics`.
     """
 
     def __init__(
@@ -152,22 +158,10 @@ class JointCritics(Critics):
         sizes: Sizes,
         seeds: Sequence[int],
         hidden: tuple[int, ...],
-        *,
-        step_size: float,
-        max_norm: float | None,
-        n_critics: int = 2,
-        n_values: int = 1,
-        device: torch.device | str = "cpu",
+        **options: Unpack[CriticOptions],
     ) -> None:
         super().__init__(
-            sizes.state + sizes.n_agents * (sizes.observation + sizes.action),
-            seeds,
-            hidden,
-            step_size=step_size,
-            max_norm=max_norm,
-            n_critics=n_critics,
-            n_values=n_values,
-            device=device,
+            sizes.information + sizes.n_agents * sizes.action, seeds, hidden, **options
         )
 
     def policy_values(
@@ -188,20 +182,6 @@ class JointCritics(Critics):
             pi = replace_each(actions, pi).flatten(1, 2)
             x = x.repeat_interleave(actions.shape[2], 1)
         return self.first_q(x, pi)
-
-
-def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns what critics see besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
-
-    The state alone does not say where the obstacles are, so a critic of it cannot tell a free way
-    from a blocked one. On `coop_nav-medium` (MADDPG+BC at alpha 2.5) the observations raised the
-    score from 37.5 (20,000 updates) to 45.8 (8,000); collisions stayed as they were.
-
-    Args:
-        states: normalized, [K, B, S].
-        observations: normalized, [K, B, N, O].
-    """
-    return torch.cat([states, observations.flatten(2)], 2)
 
 
 def replace_each(actions: Tensor, others: Tensor) -> Tensor:

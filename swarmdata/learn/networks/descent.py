@@ -5,10 +5,9 @@ from typing import Any
 
 from torch import Tensor
 
-from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
 from swarmdata.learn.networks.perceptrons import StackedMLP, backward
-from swarmdata.learn.objectives.td_targets import polyak
-from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.objectives.td_targets import move_target
 
 
 class Descent:
@@ -17,7 +16,7 @@ class Descent:
     Args:
         networks: what to train, by name; the rows of each are grouped by seed.
         n_seeds: number of groups, K.
-        step_size: Adam's alpha.
+        learning_rate: Adam's alpha.
         max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
         followed: names of those that have a target copy.
     """
@@ -26,14 +25,14 @@ class Descent:
         self,
         networks: Mapping[str, StackedMLP],
         n_seeds: int,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         followed: Collection[str],
     ) -> None:
         self.networks = dict(networks)
         self.targets = {name: self.networks[name].clone() for name in followed}
         self._adams = {
-            name: StackedAdam(network, n_seeds, step_size, max_norm)
+            name: StackedAdam(network, n_seeds, learning_rate, max_norm)
             for name, network in self.networks.items()
         }
 
@@ -51,20 +50,15 @@ class Descent:
     def follow(self, rate: float) -> None:
         """Moves the targets by `rate` of their distance to the networks."""
         for name, target in self.targets.items():
-            polyak(target, self.networks[name], rate)
+            move_target(target, self.networks[name], rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""
-        state = {name: network.flat.clone() for name, network in self.networks.items()}
-        state |= {f"target_{name}": target.flat.clone() for name, target in self.targets.items()}
-        for name, adam in self._adams.items():
-            state |= {f"{name}_adam.{key}": value for key, value in adam.state_dict().items()}
-        return state
+        targets = {f"target_{name}": target.flat.clone() for name, target in self.targets.items()}
+        return state_of_networks(self._adams) | targets
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
-        for name, network in self.networks.items():
-            network.load(state[name])
-            self._adams[name].load_state_dict(part(state, f"{name}_adam"))
+        restore_networks(self._adams, state)
         for name, target in self.targets.items():
             target.load(state[f"target_{name}"])

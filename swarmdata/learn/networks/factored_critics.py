@@ -14,14 +14,12 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.critics import information
 from swarmdata.learn.networks.mixers import Mixer
-from swarmdata.learn.networks.network_inputs import with_agent_id
-from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.network_inputs import information, with_agent_id
+from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import polyak
-from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.objectives.td_targets import move_target
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
 """Streams of a seed's initial parameters, beside those of `learn.actor`."""
@@ -40,7 +38,7 @@ class FactoredCritics:
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
         mixer: of K J networks with rows as `utilities` has them.
-        step_size: of Adam.
+        learning_rate: of Adam.
         max_norm: largest norm of the gradient of one seed's Q_i, and of its mixers; None does not
             clip.
         n_critics: critics of a seed, J.
@@ -54,7 +52,7 @@ class FactoredCritics:
         hidden: tuple[int, ...],
         mixer: Mixer,
         *,
-        step_size: float,
+        learning_rate: float,
         max_norm: float | None,
         n_critics: int = 2,
         device: torch.device | str = "cpu",
@@ -67,7 +65,7 @@ class FactoredCritics:
         self.target_utilities = self.utilities.clone()
         self.target_mixer = None if mixer.network is None else mixer.network.clone()
         self._adams = {
-            name: StackedAdam(network, len(seeds), step_size, max_norm)
+            name: StackedAdam(network, len(seeds), learning_rate, max_norm)
             for name, network in self._trained().items()
         }
 
@@ -134,23 +132,18 @@ class FactoredCritics:
     def follow(self, rate: float) -> None:
         """Moves the slow copies by `rate` of the way to what is trained (Polyak averaging)."""
         for name, network in self._trained().items():
-            polyak(self._targets()[name], network, rate)
+            move_target(self._targets()[name], network, rate)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets and Adam's moments, as copies."""
-        state = {}
-        for name, network in self._trained().items():
-            state[name] = network.flat.clone()
-            state[f"target_{name}"] = self._targets()[name].flat.clone()
-            state |= {f"{name}_adam.{k}": v for k, v in self._adams[name].state_dict().items()}
-        return state
+        targets = {f"target_{k}": target.flat.clone() for k, target in self._targets().items()}
+        return state_of_networks(self._adams) | targets
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned; other entries are left alone."""
-        for name, network in self._trained().items():
-            network.load(state[name])
-            self._targets()[name].load(state[f"target_{name}"])
-            self._adams[name].load_state_dict(part(state, f"{name}_adam"))
+        restore_networks(self._adams, state)
+        for name, target in self._targets().items():
+            target.load(state[f"target_{name}"])
 
     def _trained(self) -> dict[str, StackedMLP]:
         mixer = self.mixer.network

@@ -21,7 +21,8 @@ Network = Callable[[Tensor], Tensor]
 class Mixer(Protocol):
     """Mixes values, perhaps by the state; `network` has what is learned, None if nothing is."""
 
-    network: StackedMLP | None
+    @property
+    def network(self) -> StackedMLP | None: ...
 
     def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         """Returns team values, [K, B].
@@ -64,7 +65,8 @@ class HyperMixer(ABC):
         embedding: width of the mixing network's hidden layer, M.
         hidden: width of the hypernetwork's hidden layer.
         device: where the parameters are.
-        n_twins: mixers of each seed, J; K is then J times the number of seeds, twins are neighbors.
+        n_critics: mixers of each seed, J, which are neighbors; K is then J times the number of
+            seeds.
     """
 
     def __init__(
@@ -77,14 +79,14 @@ class HyperMixer(ABC):
         embedding: int,
         hidden: int,
         device: torch.device | str,
-        n_twins: int = 1,
+        n_critics: int = 1,
     ) -> None:
         self.embedding = embedding
         self._sizes = [n_agents * embedding, embedding, embedding, 1]
         shape = MLPShape(state_size, (hidden,), sum(self._sizes))
-        self._hyper = StackedMLP(shape, len(seeds) * n_twins, device)
+        self._hyper = StackedMLP(shape, len(seeds) * n_critics, device)
         initialize(self._hyper, seeds, stream)
-        self.network: StackedMLP | None = self._hyper
+        self.network = self._hyper
 
     def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         parts = torch.split((network or self._hyper)(states), self._sizes, -1)
@@ -148,7 +150,7 @@ class LinearMixer:
         self._n_agents = n_agents
         self._hyper = StackedMLP(MLPShape(state_size, (hidden,), n_agents + 1), len(seeds), device)
         initialize(self._hyper, seeds, stream)
-        self.network: StackedMLP | None = self._hyper
+        self.network = self._hyper
 
     def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
         weights, bias = self.weights(states, network)

@@ -1,11 +1,13 @@
 """Adam for stacked networks: one fused call, gradients clipped seed by seed."""
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.training.checkpoint import part
 
 
 class StackedAdam:
@@ -16,17 +18,17 @@ class StackedAdam:
     Args:
         network: what to train; its rows are grouped by seed.
         n_seeds: number of groups, K.
-        step_size: Adam's alpha.
+        learning_rate: Adam's alpha.
         max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
     def __init__(
-        self, network: StackedMLP, n_seeds: int, step_size: float, max_norm: float | None = None
+        self, network: StackedMLP, n_seeds: int, learning_rate: float, max_norm: float | None = None
     ) -> None:
         self.network = network
         self.n_seeds = n_seeds
         self.max_norm = max_norm
-        self._adam = torch.optim.Adam([network.flat], lr=step_size, fused=True)
+        self._adam = torch.optim.Adam([network.flat], lr=learning_rate, fused=True)
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Descends one step on the sum over seeds of a loss.
@@ -47,10 +49,10 @@ class StackedAdam:
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
         group = self._adam.param_groups[0]
-        step_size = group["lr"]
-        group["lr"] = step_size * scale
+        learning_rate = group["lr"]
+        group["lr"] = learning_rate * scale
         self._adam.step()
-        group["lr"] = step_size
+        group["lr"] = learning_rate
 
     def state_dict(self) -> dict[str, Tensor]:
         """The moments [R, P] and the number of steps, as copies."""
@@ -73,6 +75,21 @@ class StackedAdam:
             "exp_avg": torch.zeros_like(flat),
             "exp_avg_sq": torch.zeros_like(flat),
         }
+
+
+def state_of_networks(adams: Mapping[str, StackedAdam]) -> dict[str, Tensor]:
+    """Returns parameters and Adam's moments of networks by name, as copies."""
+    state = {name: adam.network.flat.clone() for name, adam in adams.items()}
+    for name, adam in adams.items():
+        state |= {f"{name}_adam.{key}": value for key, value in adam.state_dict().items()}
+    return state
+
+
+def restore_networks(adams: Mapping[str, StackedAdam], state: Mapping[str, Tensor]) -> None:
+    """Restores what `state_of_networks` returned; other entries are left alone."""
+    for name, adam in adams.items():
+        adam.network.load(state[name])
+        adam.load_state_dict(part(state, f"{name}_adam"))
 
 
 def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:

@@ -28,6 +28,11 @@ class Sizes:
             if getattr(self, name) < 1:
                 raise SchemaError(f"{self}: {name} must be at least 1")
 
+    @property
+    def information(self) -> int:
+        """Features of x = (state, all observations), S + N O."""
+        return self.state + self.n_agents * self.observation
+
     @classmethod
     def of(cls, batch: Batch) -> "Sizes":
         """Reads the sizes from the last axes of any batch of continuous arrays or tensors."""

@@ -24,8 +24,8 @@ class Team:
         parameters: `shared` networks see a one-hot robot number; of `separate` ones, rows are
             seed 0 robot 0, seed 0 robot 1, ...
         device: where the parameters are.
-        n_twins: teams of each seed, J, with parameters of their own; K is then J times the number
-            of seeds below, twins are neighbors.
+        n_critics: teams of each seed, J, with parameters of their own, which are neighbors; K is
+            then J times the number of seeds below.
     """
 
     def __init__(
@@ -37,14 +37,14 @@ class Team:
         *,
         parameters: Parameters,
         device: torch.device | str,
-        n_twins: int = 1,
+        n_critics: int = 1,
     ) -> None:
         self.parameters, self.n_agents = parameters, n_agents
         is_shared = parameters == "shared"
         self.n_rows = 1 if is_shared else n_agents  # networks of one seed
         n_inputs = shape.inputs + (n_agents if is_shared else 0)
         full = MLPShape(n_inputs, shape.hidden, shape.outputs, shape.layer_norm)
-        self.network = StackedMLP(full, len(seeds) * n_twins * self.n_rows, device)
+        self.network = StackedMLP(full, len(seeds) * n_critics * self.n_rows, device)
         initialize(self.network, seeds, stream)
 
     def __call__(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:

@@ -14,11 +14,12 @@ lower its own (the second critic of og-marl's torch `maddpg_cql` is, at commit f
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.training.exploration import normal_like, uniform_like
 
 
@@ -62,7 +63,7 @@ def noisy_samples(
     return Samples((centers + deviation * noise).clamp(-1, 1), log_density.sum((3, 4)))
 
 
-def together(parts: Sequence[Samples]) -> Samples:
+def join_samples(parts: Sequence[Samples]) -> Samples:
     """Returns several draws of the same rows as one."""
     actions, densities = zip(*parts, strict=True)
     return Samples(torch.cat(actions, 2), torch.cat(densities, 2))
@@ -119,6 +120,54 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
     """
     weighted = values / temperature - log_density[:, None]
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
+
+
+def cql_gap(samples: Samples, values: Tensor, q: Tensor, temperature: float) -> Tensor:
+    """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
+
+    Args:
+        samples: the sampled actions.
+        values: what the critics give for them, [K, J, B, M].
+        q: what they give for the data's actions, [K, J, B].
+        temperature: tau of the soft maximum.
+    """
+    return (soft_maximum(values, samples.log_density, temperature) - q).mean(2)
+
+
+class PenaltyConfig(Protocol):
+    """Settings of a sampled penalty."""
+
+    @property
+    def n_samples(self) -> int: ...  # for each row, M
+    @property
+    def temperature(self) -> float: ...  # tau of the soft maximum
+
+
+def counterfactual_gap(
+    critics: JointCritics,
+    generators: Sequence[torch.Generator],
+    config: PenaltyConfig,
+    x: Tensor,
+    actions: Tensor,
+    q: Tensor,
+) -> Tensor:
+    """Returns sum_i 1/N [tau log integral exp(Q_j(x, (b, a_-i)) / tau) db - Q_j(x, a)], [K, J].
+
+    (Shao et al. 2023, equations 5 and 6 with even weights.) The sum is estimated by one agent i,
+    drawn evenly for each row.
+
+    Args:
+        critics: whose values are penalized.
+        generators: of agents and their actions, one per seed, [K].
+        config: settings of the penalty.
+        x: what the critics see, [K, B, S + N O].
+        actions: of the data, [K, B, N, A].
+        q: what the critics give for them, [K, J, B].
+    """
+    agents = draw_agents(generators, actions)  # [K, B, N]
+    samples = counterfactual_samples(generators, actions, agents, config.n_samples)
+    values = critics.sampled_q(x, samples.actions)[..., 0]  # [K, J, B, M]
+    return cql_gap(samples, values, q, config.temperature)
 
 
 def _repeated(actions: Tensor, n_samples: int) -> Tensor:

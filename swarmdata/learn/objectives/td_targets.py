@@ -28,6 +28,16 @@ def td_target(
     return rewards + discount * (~terminations) * next_values
 
 
-def polyak(target: StackedMLP, online: StackedMLP, rate: float) -> None:
+def td_error(q: Tensor, y: Tensor) -> Tensor:
+    """Returns sum_j (Q_j - y)^2, the mean over rows, [K].
+
+    Args:
+        q: values that J critics give, [K, J, B].
+        y: targets, [K, B].
+    """
+    return (q - y[:, None]).square().mean(2).sum(1)
+
+
+def move_target(target: StackedMLP, online: StackedMLP, rate: float) -> None:
     """Moves the target's parameters by `rate` of their distance to the online ones, in place."""
     target.flat.lerp_(online.flat, rate)

@@ -74,9 +74,9 @@ class ChoicePolicy(Memoryless):
             observations: in the robots' frame, [E, N, O].
         """
         n_rows = 1 if self.parameters == "shared" else observations.shape[1]
-        n_twins = len(self.layers[0].weight) // n_rows
+        n_critics = len(self.layers[0].weight) // n_rows
         twins = []
-        for twin in range(n_twins):
+        for twin in range(n_critics):
             rows = slice(twin * n_rows, (twin + 1) * n_rows)
             layers = [Layer(*(weight[rows] for weight in present(each))) for each in self.layers]
             twins.append(self._answer(layers, observations))

@@ -51,6 +51,8 @@ def load_policy(path: Path) -> Policy:
     if metadata.get("kind") not in KINDS:
         raise CheckpointError(f"{path} holds {metadata.get('kind')!r}, expected one of {[*KINDS]}")
     values: dict[str, Any] = {k: v for k, v in metadata.items() if k != "kind"}
+    if "n_choices" in values:  # the name in older files
+        values["n_bins"] = values.pop("n_choices")
     values |= {name: tensor for name, tensor in tensors.items() if "." not in name}
     values["layers"] = _layers(tensors)
     if frame := values.get("frame"):

@@ -16,8 +16,8 @@ from torch import Tensor
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm
 from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint
+from swarmdata.learn.training.run_files import CHECKPOINT
 from swarmdata.learn.training.run_folder import (
-    CHECKPOINT,
     COMPACT,
     read_run,
     restore,

@@ -31,7 +31,7 @@ def check_finite(values: Mapping[str, Any], what: str, now: int, folder: Path) -
         raise DivergedError(
             f"training diverged in {folder}: at {now:,}, of {what}, {', '.join(wrong[:3])}{more}. "
             "It was stopped, and the last good checkpoint is kept. Train in another folder with "
-            "a smaller step_size or max_gradient_norm, or with smaller rewards."
+            "a smaller learning_rate or max_grad_norm, or with smaller rewards."
         )
 
 

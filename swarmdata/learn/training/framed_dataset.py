@@ -7,8 +7,7 @@ import numpy as np
 
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.types import Batch, Double, Episode, Float, Int
 
 N_MEASURED = 20_000
@@ -48,7 +47,7 @@ class _FramedData:
         return self._data.view
 
     @property
-    def spec(self) -> TaskSpec | RecordedSpec:
+    def spec(self) -> Spec:
         return self._data.spec
 
     def __len__(self) -> int:

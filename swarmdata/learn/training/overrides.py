@@ -1,10 +1,14 @@
-"""Typed overrides of algorithm configs, as given on a command line: `--set key=value`."""
+"""Typed overrides of algorithm configs, as given on a command line: `--set key=value`.
+
+Settings that belong together may be a section of a config, a dataclass of their own:
+`--set section.key=value`, or a table `section:` in a YAML file.
+"""
 
 import dataclasses
 import math
 import types
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from swarmdata.errors import SpecError, UnknownNameError
 
@@ -13,34 +17,152 @@ C = TypeVar("C")
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
-def override(config: C, changes: Mapping[str, str]) -> C:
-    """Returns a copy of a config dataclass with some fields replaced by parsed text.
+RENAMED_SETTINGS: dict[str, tuple[str, ...]] = {
+    "step_size": ("learning_rate", "actor_learning_rate"),
+    "critic_step_size": ("critic_learning_rate",),
+    "final_step_size": ("final_learning_rate_factor",),
+    "polyak": ("tau",),
+    "max_gradient_norm": ("max_grad_norm",),
+    "n_frames": ("n_steps",),
+    "warm_up": ("warmup_transitions",),
+    "noise_memory": ("noise_correlation",),
+    "critic_warmup": ("critic_warmup_fraction",),
+    "alpha": ("rl_weight", "cql_weight", "temperature"),
+    "beta": ("inverse_temperature",),
+    "conservative_weight": ("cql_weight",),
+    "n_choices": ("n_bins",),
+    "warm_start": ("bc_warmup_updates",),
+    "noise": ("smoothing",),
+    "noise_clip": ("smoothing_clip",),
+    "embedding": ("mixer_embedding",),
+    "start": ("start.policies",),
+    "teacher": ("start.teacher",),
+    "teacher_remembers": ("start.teacher_remembers",),
+    "clone_rounds": ("start.clone_rounds",),
+    "clone_noise": ("start.clone_noise",),
+    "contact_cost": ("shaping.contact_cost",),
+    "contact_ramp": ("shaping.contact_ramp",),
+    "keep_right": ("shaping.keep_right",),
+    "keep_left": ("shaping.keep_left",),
+    "team_share": ("shaping.team_share",),
+    "detour": ("shaping.payload_path_weight",),
+    "behind": ("shaping.behind_payload_weight",),
+    "rewards": ("shaping.reward_weights",),
+}
+"""Old names of settings and what they are called now, in any algorithm that has the new one."""
 
-    A field may be a bool, int, float, str, Literal, `tuple[X, ...]` (values separated by commas)
-    or one of these or None (`none`).
+
+def override(config: C, changes: Mapping[str, str]) -> C:
+    """Returns a copy of a config dataclass with some settings replaced by parsed text.
+
+    A setting may be a bool, int, float, str, Literal, `tuple[X, ...]` (values separated by commas)
+    or one of these or None (`none`). A field that is a dataclass itself is a section: its settings
+    are called `section.name`.
 
     Args:
         config: a frozen dataclass.
-        changes: field name to text.
+        changes: name of the setting to text.
 
     Raises:
-        UnknownNameError: there is no such field; the nearest name is suggested.
-        SpecError: the text is not a value of the field's type.
+        UnknownNameError: there is no such setting; the nearest name is suggested.
+        SpecError: the setting has another name now, or the text is not a value of its type.
     """
-    hints = get_type_hints(type(config))
-    names = [field.name for field in dataclasses.fields(config)]  # type: ignore[arg-type]
+    types = setting_types(type(config))
     values: dict[str, Any] = {}
     for name, text in changes.items():
-        if name not in names:
-            raise UnknownNameError("setting", name, names)
+        check_name(type(config), name)
         try:
-            values[name] = _parse(hints[name], text.strip())
+            values[name] = _parse(types[name], text.strip())
         except ValueError as error:
             raise SpecError(
                 f"setting {name!r} of {type(config).__qualname__} got {text!r}, "
-                f"expected {_describe(hints[name])}"
+                f"expected {_describe(types[name])}"
             ) from error
-    return dataclasses.replace(config, **values)  # type: ignore[type-var]
+    return _replace(config, values)
+
+
+def setting_types(kind: type) -> dict[str, Any]:
+    """Returns the type of every setting of a config class, those of sections as `section.name`."""
+    hints = get_type_hints(kind)
+    types: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        hint = hints[field.name]
+        if dataclasses.is_dataclass(hint):
+            inner = setting_types(cast("type", hint))
+            types |= {f"{field.name}.{name}": each for name, each in inner.items()}
+        else:
+            types[field.name] = hint
+    return types
+
+
+def check_name(kind: type, name: str) -> None:
+    """Checks that a config class has a setting.
+
+    Raises:
+        UnknownNameError: it has not; the nearest name is suggested.
+        SpecError: the setting has another name now, which the message gives.
+    """
+    known = setting_types(kind)
+    if name in known:
+        return
+    for new_name in RENAMED_SETTINGS.get(name, ()):
+        if new_name in known:
+            algorithm = kind.__qualname__.removesuffix("Config")
+            raise SpecError(
+                f"unknown setting {name!r} of {algorithm}; it is called {new_name!r} now"
+            )
+    raise UnknownNameError("setting", name, known)
+
+
+def from_json(kind: type[C], values: Mapping[str, Any]) -> C:
+    """Returns the config that `dataclasses.asdict` wrote as JSON: lists are tuples again.
+
+    Raises:
+        UnknownNameError: there is no such setting; the nearest name is suggested.
+        SpecError: a setting has another name now.
+    """
+    changes = _flatten(values)
+    for name in changes:
+        check_name(kind, name)
+    tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
+    return _replace(kind(), tuples)
+
+
+def as_texts(values: Mapping[str, Any]) -> dict[str, str]:
+    """Returns the settings of a YAML or JSON table as `--set` takes them, with `section.name`."""
+    return {name: _text(value) for name, value in _flatten(values).items()}
+
+
+def _flatten(values: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{name}.{inner}": each for inner, each in _flatten(value).items()}
+        else:
+            flat[str(name)] = value
+    return flat
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ",".join(map(_text, value))
+    words = {True: "true", False: "false", None: "none"}
+    return words[value] if value is None or isinstance(value, bool) else str(value)
+
+
+def _replace(config: C, values: Mapping[str, Any]) -> C:
+    """Returns a copy of a config with other values, those of sections under `section.name`."""
+    fields: dict[str, Any] = {}
+    by_section: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        section, dot, inner = name.partition(".")
+        if dot:
+            by_section.setdefault(section, {})[inner] = value
+        else:
+            fields[name] = value
+    for section, inner_values in by_section.items():
+        fields[section] = _replace(getattr(config, section), inner_values)
+    return dataclasses.replace(config, **fields)  # type: ignore[type-var]
 
 
 def _parse(kind: Any, text: str) -> Any:

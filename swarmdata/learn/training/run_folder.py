@@ -1,12 +1,4 @@
-"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint.
-
-config.json             the run, completely (`Run`)
-losses.csv              mean losses of each seed, every `log_every` updates
-curve.csv               what the evaluation callback returned, every `evaluate_every` updates
-checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
-                        run that was made small (`learn.compact`), what its policies are made of
-checkpoints/            earlier ones, by update, if they were to be kept
-"""
+"""A run folder: what was trained on what, its losses, its learning curve, its checkpoint."""
 
 import csv
 import dataclasses
@@ -28,19 +20,14 @@ from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.overrides import from_json
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
+from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import AnySpec, RecordedSpec
-
-CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT = (
-    "config.json",
-    "losses.csv",
-    "curve.csv",
-    "checkpoint.safetensors",
-    "checkpoints",
-)
+from swarmdata.specs.origins import AnySpec
 
 COMPACT = "is_compact"
 """In the metadata of a checkpoint that lacks what policies do not need."""
@@ -56,7 +43,7 @@ class Run(Frozen):
     config: dict[str, Any]  # of the algorithm, every default written out
     dataset: str
     digest: str  # of the dataset
-    view: str | None = None  # of a re-observation, its models as JSON; `spec` has them too
+    view: str | None = None  # of a reobservation, its models as JSON; `spec` has them too
     n_episodes: Count  # of the view that was trained on
     min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec
@@ -76,24 +63,24 @@ class Run(Frozen):
     @property
     def sizes(self) -> Sizes:
         """Numbers of agents and features, and the choices of a recorded environment."""
-        choices = choices_of(self.spec) if isinstance(self.spec, RecordedSpec) else ()
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
             action=self.action_size,
             state=self.state_size,
-            choices=choices,
+            choices=choices_of(self.spec),
             frame=self.frame,
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
-        """Makes the algorithm as it is before its first update."""
+        """Makes the algorithm as it is before its first update.
+
+        Raises:
+            SpecError: a setting has another name now, which the message gives.
+        """
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
-        # JSON has no tuples
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in self.config.items()}
-        algorithm: Algorithm = kind(
-            self.sizes, self.seeds, kind.Config(**values), statistics=statistics, device=device
-        )
+        config = from_json(kind.Config, self.config)
+        algorithm: Algorithm = kind(Setup(self.sizes, self.seeds, statistics, device), config)
         return algorithm
 
 

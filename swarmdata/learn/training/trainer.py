@@ -19,18 +19,15 @@ from tqdm import tqdm
 from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.networks.compilation import Fusion, fused, has_fusable, unfused
+from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
 from swarmdata.learn.training.run_folder import (
-    CHECKPOINT,
     COMPACT,
-    CONFIG,
-    CURVE,
-    LOSSES,
     Run,
     Table,
     kept_path,
@@ -44,7 +41,6 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
-from swarmdata.specs.origins import RecordedSpec
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -131,7 +127,7 @@ def train_seeds(
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
     if compile:
-        _check_fusable(algorithm, kind)
+        _check_compilable(algorithm, kind)
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
@@ -143,24 +139,22 @@ def train_seeds(
         _claim(path, run)
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-        with _threads(n_threads), fused() if compile else nullcontext() as trainer.fusion:
+        with _threads(n_threads), compiling() if compile else nullcontext() as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
 
-def _check_fusable(algorithm: str, kind: type) -> None:
+def _check_compilable(algorithm: str, kind: type) -> None:
     """Raises SchemaError unless there is something to compile."""
-    if not has_fusable(kind):
+    if not has_compilable(kind):
         raise SchemaError(
             f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "
-            "swarmdata.learn.networks.compilation.fusable. Train it without compiling."
+            "swarmdata.learn.networks.compilation.compilable. Train it without compiling."
         )
 
 
 def _check_actions(algorithm: str, dataset: Data) -> None:
     """Raises SchemaError unless the algorithm can learn the dataset's kind of actions."""
-    if not isinstance(dataset.spec, RecordedSpec):
-        return
     if algorithm in DISCRETE_ALGORITHMS:
         choices_of(dataset.spec)  # raises where choices and numbers are mixed
         return
@@ -264,7 +258,7 @@ class _Trainer:
         self.losses = Table(folder / LOSSES, columns, self.first)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
-        self.fusion: Fusion | None = None
+        self.compilation: Compilation | None = None
         self.n_told = 0  # of what it compiled
 
     def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
@@ -321,13 +315,13 @@ class _Trainer:
 
     def _tell(self) -> None:
         """Says what compiling cost, when something was."""
-        if self.fusion is not None and self.fusion.n_graphs > self.n_told:
-            tqdm.write(f"{self.run.algorithm}: {self.fusion}", file=sys.stderr)
-            self.n_told = self.fusion.n_graphs
+        if self.compilation is not None and self.compilation.n_graphs > self.n_told:
+            tqdm.write(f"{self.run.algorithm}: {self.compilation}", file=sys.stderr)
+            self.n_told = self.compilation.n_graphs
 
     def _evaluate(self, evaluate: Evaluate) -> None:
         for index, seed in enumerate(self.run.seeds):
-            with unfused():
+            with uncompiled():
                 measured = evaluate(self.algorithm.policy(index))
             if self.curve is None:
                 self.curve = Table(self.folder / CURVE, tuple(measured), self.first)

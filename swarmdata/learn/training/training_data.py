@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from swarmdata.learn.training.dataset_statistics import Episodes
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.origins import Spec
 from swarmdata.types import Batch, Double, Int
 
 
@@ -26,9 +25,9 @@ class Data(Episodes, Protocol):
     @property
     def digest(self) -> str: ...
     @property
-    def view(self) -> str | None: ...  # models of a re-observation as JSON
+    def view(self) -> str | None: ...  # models of a reobservation as JSON
     @property
-    def spec(self) -> TaskSpec | RecordedSpec: ...
+    def spec(self) -> Spec: ...
     def __len__(self) -> int: ...  # episodes
     def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...
     def filter(self, *, min_return: float) -> "Data": ...  # episodes of at least this team return

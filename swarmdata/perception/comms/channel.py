@@ -18,7 +18,7 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import NEVER, Bool, Double, Float, Int, Step
+from swarmdata.types import NEVER_RECEIVED, Bool, Double, Float, Int, Step
 
 
 class Channel:
@@ -66,7 +66,7 @@ class Channel:
             np.zeros((n_copies, model.delay + 1, n, self.message_size), dtype=np.float32),
             np.zeros((n_copies, model.delay + 1, n, n), dtype=np.bool_),
             np.zeros((*links, self.message_size), dtype=np.float32),
-            np.full(links, NEVER, dtype=np.uint8),
+            np.full(links, NEVER_RECEIVED, dtype=np.uint8),
             np.full(links, NOT_DRAWN, dtype=np.uint8),
         )
 
@@ -74,7 +74,7 @@ class Channel:
         """Forgets all messages of the copies listed: an episode begins there."""
         _, underway, _, ages, bad = self._memory
         underway[copies] = False
-        ages[copies] = NEVER
+        ages[copies] = NEVER_RECEIVED
         bad[copies] = NOT_DRAWN
 
     def transmit(

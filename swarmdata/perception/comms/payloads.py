@@ -13,7 +13,7 @@ from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import Robot, TaskSpec
-from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int
+from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int
 
 COLUMNS = {
     "pose": (X, Y, UX, UY),
@@ -169,7 +169,7 @@ def write_slots(
         known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
         e: the copy.
         held: newest message of each (receiver, sender), [E, N, N, P].
-        ages: its age in steps, or NEVER, [E, N, N].
+        ages: its age in steps, or NEVER_RECEIVED, [E, N, N].
         columns: of the payload; empty for learned messages, [P or 0].
         is_position: which of its columns are positions, [P or 0].
         in_body_frame: whether vectors are rotated into the receiver's body frame.
@@ -181,7 +181,7 @@ def write_slots(
         for j in range(n):
             if j == i:
                 continue
-            if ages[e, i, j] == NEVER:
+            if ages[e, i, j] == NEVER_RECEIVED:
                 for c in range(size + 3):
                     out[e, i, o + c] = 0.0
             else:

@@ -8,9 +8,9 @@ import numpy as np
 from swarmdata.perception.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
 from swarmdata.perception.comms.payloads import compose, write_slots
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
+from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Seeds
 
-OLDEST = NEVER - 1
+OLDEST = NEVER_RECEIVED - 1
 """Ages stop here."""
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]

@@ -9,39 +9,38 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarmdata.interfaces import Task
-from swarmdata.numerics.geometry import SHAPES
+from swarmdata.numerics.geometry import SHAPE_MEANINGS
 from swarmdata.registry.components import make_task, reward_terms
-from swarmdata.specs.origins import Origin, RecordedSpec
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns
-from swarmdata.store.arrays.layout import ALL_FIELDS, ROWS, Field
+from swarmdata.store.arrays.layout import ALL_FIELDS, ROW_MEANINGS, Field
 from swarmdata.store.table import SPLITS
-from swarmdata.types import END_REASONS, SEPARATION, TASK_END_REASONS, Column
+from swarmdata.types import END_REASONS, SEPARATION_GAP, TASK_END_REASONS, Column
 
 Attributes = dict[str, Any]
 Shapes = Mapping[str, tuple[int, ...]]
 
-FRAMES = {
+FRAME_MEANINGS = {
     "world": "origin at the arena's centre, x along its width, y along its height",
     "body": "origin at the robot's centre, x along its heading, y to its left",
 }
 """Frames of reference that columns name."""
 
-LOG_PROBS = (
+LOG_PROBS_FORMULA = (
     "The sum over the action's components: of one strictly inside (-1, 1) the logarithm of the "
     "density of the Gaussian action noise, of one at -1 or 1 that of the probability of being "
     "clipped to it; 0 without noise, -log 2 for a uniform draw from [-1, 1]."
 )
 """What `log_probs` mean where the policies are the package's."""
 
-REWARD = (
+REWARD_FORMULA = (
     "The reward of an agent is (1 - team_share) times the sum of its `terms` plus team_share times "
     "the mean of these sums over the agents. In a formula [x] is 1 where x holds, else 0."
 )
 
-PRECISION = (
+PRECISION_NOTE = (
     "Computed from the float32 states and the events, partly in float32, and rounded to float32. "
     "Computed again in float64 they agree within 1e-5, but for steps in which a length is within "
     "1e-6 m of a threshold in [ ]."
@@ -55,16 +54,16 @@ RECORDED_LAYOUT = (
 )
 """What the columns of a recording of another environment are."""
 
-EMPTY = "An axis has length 0: there is nothing of the kind in this dataset."
+EMPTY_AXIS_NOTE = "An axis has length 0: there is nothing of the kind in this dataset."
 
-END_REASON = (
+END_REASON_MEANINGS = (
     "success: the task was solved; failure: a failure that the task's spec names, a termination as "
     "well; horizon: cut at the horizon, a truncation; ended: a termination of an environment that "
     "does not say whether its task was solved."
 )
 """What the codes of `episodes/end_reason` mean."""
 
-SENSED = {
+SENSED_NOTES = {
     "state": (
         "Vectors are in the world's frame. Slots of neighbors and obstacles are in the order of "
         "the gap between surfaces, the nearest first; a slot without a return is zero."
@@ -84,7 +83,7 @@ SENSED = {
 }
 """How each observation model is laid out."""
 
-MODIFIED = (
+MODIFIED_NOTE = (
     "`model` has its numbers: standard deviations of the noise by kind of measurement (m, m/s, "
     "rad), from which all features are computed; probability that an object, beam or cell is "
     "missed; steps of delay; frames in the stack. A name that ends in [-k] is of the frame k steps "
@@ -104,14 +103,14 @@ def attributes_of(origin: Origin, shapes: Shapes) -> dict[str, Attributes]:
         SpecError: the spec contradicts itself.
     """
     spec = origin.spec
-    if isinstance(spec, RecordedSpec):
-        known = _of_recording(spec)
+    if spec.world is None:
+        known = _of_recording(spec, shapes)
     else:
-        known = _of_task(make_task(spec), shapes)
-    if isinstance(origin, Recipe):
-        known["log_probs"] = {"details": LOG_PROBS}
+        known = _of_task(make_task(spec.world), shapes)
+    if origin.recipe is not None:
+        known["log_probs"] = {"details": LOG_PROBS_FORMULA}
         known["episodes/end_reason"] = {"codes": list(TASK_END_REASONS)}
-    known.setdefault("episodes/end_reason", {})["details"] = END_REASON
+    known.setdefault("episodes/end_reason", {})["details"] = END_REASON_MEANINGS
     known["episodes/policy"] = {"codes": [policy.label for policy in origin.policies]}
     return {
         name: {**_of_field(name, shape, spec.agent_names), **known.get(name, {})}
@@ -122,7 +121,7 @@ def attributes_of(origin: Origin, shapes: Shapes) -> dict[str, Attributes]:
 def _of_field(name: str, shape: tuple[int, ...], agents: Sequence[str]) -> Attributes:
     """What holds of an array in every dataset."""
     field = ALL_FIELDS[name]
-    found: Attributes = {"meaning": field.meaning, "rows": ROWS[field.rows]}
+    found: Attributes = {"meaning": field.meaning, "rows": ROW_MEANINGS[field.rows]}
     if "agent" in field.dimensions:
         found["agents"] = list(agents)
     if field.dtype != "bool" and (field.unit or (field.low, field.high) != (None, None)):
@@ -130,7 +129,7 @@ def _of_field(name: str, shape: tuple[int, ...], agents: Sequence[str]) -> Attri
     if name in _CODES:
         found["codes"] = list(_CODES[name])
     if 0 in shape[1:]:
-        found["empty"] = EMPTY
+        found["empty"] = EMPTY_AXIS_NOTE
     return found
 
 
@@ -147,13 +146,13 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
         arena={"value": [spec.arena.width, spec.arena.height], "unit": "m"},
     )
     known.setdefault("observations", {}).update(
-        details=f"{SENSED[spec.observation.kind]} {MODIFIED}",
+        details=f"{SENSED_NOTES[spec.observation.kind]} {MODIFIED_NOTE}",
         model=spec.observation.model_dump(mode="json"),
     )
     known["actions"] = _of_actions(spec)
     known["rewards"] = _of_rewards(task)
-    known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPES)
-    known.setdefault("events", {})["separation"] = {"value": SEPARATION, "unit": "m"}
+    known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPE_MEANINGS)
+    known.setdefault("events", {})["separation"] = {"value": SEPARATION_GAP, "unit": "m"}
     for name in shapes:
         if ALL_FIELDS[name].rows != "episodes":
             known.setdefault(name, {})["step"] = {"value": spec.control_dt, "unit": "s"}
@@ -166,45 +165,42 @@ def _of_actions(spec: TaskSpec) -> Attributes:
     if all(columns == each[0] for columns in each):
         return _of_columns(each[0])
     by_agent = zip(spec.agent_names, map(_plain, each), strict=True)
-    return {"columns_of_agents": dict(by_agent), "frames": FRAMES}
+    return {"columns_of_agents": dict(by_agent), "frames": FRAME_MEANINGS}
 
 
 def _of_columns(columns: Sequence[Column]) -> Attributes:
     """Columns, and the frames that they name."""
     used = {column.frame for column in columns}
-    frames = {name: meaning for name, meaning in FRAMES.items() if name in used}
+    frames = {name: meaning for name, meaning in FRAME_MEANINGS.items() if name in used}
     return {"columns": _plain(columns), **({"frames": frames} if frames else {})}
 
 
 def _of_rewards(task: Task) -> Attributes:
     return {
-        "details": REWARD,
+        "details": REWARD_FORMULA,
         "terms": [term._asdict() for term in reward_terms(task)],
         "team_share": task.spec.rules.rewards.team_share,
-        "precision": PRECISION,
+        "precision": PRECISION_NOTE,
     }
 
 
-def _of_recording(spec: RecordedSpec) -> dict[str, Attributes]:
+def _of_recording(spec: Spec, shapes: Shapes) -> dict[str, Attributes]:
     """What the interface of another environment tells."""
-    states = {
-        "environment": "The environment's own state().",
-        "observations": "All observations, one agent's after the other's.",
-    }[spec.state_from]
+    spaces = {
+        "observations": spec.observation_spaces(shapes.get("observations", (0,))[-1]),
+        "actions": spec.action_spaces,
+    }
     return {
-        "states": {"details": states},
+        "states": {"details": spec.state_meaning},
         **{
             name: {
                 "details": RECORDED_LAYOUT,
                 "spaces": {
-                    agent.name: {
-                        "columns": width(getattr(agent, kind)),
-                        "space": getattr(agent, kind).model_dump(mode="json"),
-                    }
-                    for agent in spec.agents
+                    agent: {"columns": width(space), "space": space.model_dump(mode="json")}
+                    for agent, space in zip(spec.agent_names, of_agents, strict=True)
                 },
             }
-            for name, kind in (("observations", "observation"), ("actions", "action"))
+            for name, of_agents in spaces.items()
         },
     }
 

@@ -9,9 +9,9 @@ then the CRC-32C of those bytes.
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Field:
     high: float | None = None
 
 
-ROWS = {
+ROW_MEANINGS = {
     "steps": (
         "one for each joint step: those of episode e are episodes/starts[e] to "
         "episodes/starts[e] + episodes/lengths[e] - 1"
@@ -189,38 +189,61 @@ class Shard:
     shape: tuple[int, ...]
     chunk_rows: int
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the array itself, at the start of the file."""
-        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
+    nbytes: int = field(init=False)  # of the array itself, at the start of the file
+    n_chunks: int = field(init=False)  # in the file; none, and no file, without elements
+    chunk_bytes: int = field(init=False)  # of each chunk, the padded last one included
+    data_bytes: int = field(init=False)  # of all chunks
+    file_bytes: int = field(init=False)  # the chunks, 16 bytes of index for each, and a CRC-32C
 
-    @property
-    def n_chunks(self) -> int:
-        """Chunks in the file; an array without elements has no file and no chunks."""
-        return -(-self.shape[0] // self.chunk_rows) if self.nbytes else 0
+    def __post_init__(self) -> None:
+        """Computes the sizes, once for all who ask."""
+        row_bytes = math.prod(self.shape[1:]) * np.dtype(self.dtype).itemsize
+        nbytes = self.shape[0] * row_bytes
+        n_chunks = -(-self.shape[0] // self.chunk_rows) if nbytes else 0
+        chunk_bytes = self.chunk_rows * row_bytes
+        data_bytes = n_chunks * chunk_bytes
+        file_bytes = data_bytes + 16 * n_chunks + 4
+        sizes = (nbytes, n_chunks, chunk_bytes, data_bytes, file_bytes)
+        for name, size in zip(_SIZES, sizes, strict=True):
+            object.__setattr__(self, name, size)
 
-    @property
-    def chunk_bytes(self) -> int:
-        """Bytes of each chunk, the padded last one included."""
-        row = math.prod(self.shape[1:]) * np.dtype(self.dtype).itemsize
-        return self.chunk_rows * row
 
-    @property
-    def data_bytes(self) -> int:
-        """Bytes of all chunks."""
-        return self.n_chunks * self.chunk_bytes
+_SIZES = ("nbytes", "n_chunks", "chunk_bytes", "data_bytes", "file_bytes")
+"""Fields of a shard that follow from the others."""
 
-    @property
-    def file_bytes(self) -> int:
-        """Size of the file: the chunks, 16 bytes of index per chunk, and a CRC-32C."""
-        return self.data_bytes + 16 * self.n_chunks + 4
 
-    def index(self) -> bytes:
-        """The shard index that belongs to chunks stored in order without gaps."""
-        size = self.chunk_bytes
-        numbers = [n for k in range(self.n_chunks) for n in (k * size, size)]
-        table = struct.pack(f"<{len(numbers)}Q", *numbers)
-        return table + crc32c(table).to_bytes(4, "little")
+@lru_cache(maxsize=256)
+def shard_index(n_chunks: int, chunk_bytes: int) -> bytes:
+    """The shard index of chunks that are stored in order and without gaps."""
+    numbers = [n for k in range(n_chunks) for n in (k * chunk_bytes, chunk_bytes)]
+    table = struct.pack(f"<{len(numbers)}Q", *numbers)
+    return table + crc32c(table).to_bytes(4, "little")
+
+
+class ArrayPlan(NamedTuple):
+    """One array in a dataset's folder: the bytes of its file, and what Zarr says of them."""
+
+    shard: Shard
+    file: str  # path relative to the folder; there is no file without elements
+    metadata_file: str
+    metadata: dict[str, Any]  # `expected_metadata`
+
+
+def plan_arrays(
+    arrays: Mapping[str, tuple[DType, tuple[int, ...], int]],
+) -> dict[str, ArrayPlan]:
+    """Plans all arrays of a dataset.
+
+    Args:
+        arrays: dtype, shape and rows of each chunk, by the name of the array.
+    """
+    shards = {name: Shard(*entry) for name, entry in arrays.items()}
+    return {
+        name: ArrayPlan(
+            shard, array_file(name, len(shard.shape)), metadata_file(name), expected_metadata(shard)
+        )
+        for name, shard in shards.items()
+    }
 
 
 def expected_files(shards: Mapping[str, Shard]) -> list[str]:

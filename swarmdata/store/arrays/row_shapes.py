@@ -1,10 +1,10 @@
 """The shape of one row of every array, as the spec of a dataset determines it."""
 
-import math
 from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
 
-from swarmdata.specs.origins import Origin, RecordedSpec
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
@@ -16,46 +16,27 @@ MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/la
 """Arrays without columns, or rows, where a recording does not have them."""
 
 
-def row_shapes(spec: TaskSpec | RecordedSpec, *, widths: bool = True) -> dict[str, Shape]:
-    """Shapes without the first axis, by the name of the array.
+@lru_cache(maxsize=64)
+def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shape]:
+    """Shapes without the first axis, by the name of the array, of a dataset of our tasks.
 
     Args:
         spec: of the dataset.
-        widths: whether the widths of observations, states, messages and layouts of a task shall be
-            known as well. They take the task's code, which is compiled.
+        widths: whether the widths of observations, states, messages and layouts shall be known as
+            well. They take the task's code, which is compiled.
     """
-    if isinstance(spec, RecordedSpec):
-        return _of_any(spec.n_agents, spec.action_size) | _of_recording(spec)
     known = _of_any(spec.n_agents, spec.action_size) | {"events": (spec.n_agents, len(EVENTS))}
-    return known | _of_task(spec) if widths else known
+    return MappingProxyType(known | _of_task(spec) if widths else known)
 
 
-def contradictions(
-    origin: Origin, shapes: Mapping[str, tuple[int, ...]], *, widths: bool = True
-) -> tuple[str, ...]:
-    """In what the shapes of a dataset's arrays contradict its spec.
-
-    Args:
-        origin: of the dataset. What is not a recipe may lack some arrays.
-        shapes: whole shapes by the name of the array.
-        widths: as of `row_shapes`.
-    """
-    is_recipe = isinstance(origin, Recipe)
-    problems = []
-    for name, expected in row_shapes(origin.spec, widths=widths).items():
-        if name not in shapes:
-            continue
-        got = shapes[name][1:]
-        is_absent = not is_recipe and name in MAY_BE_EMPTY and not math.prod(got)
-        if not is_absent and not _fits(got, expected):
-            shown = ", ".join("any" if size is None else str(size) for size in expected)
-            problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
-    return tuple(problems)
-
-
-def _fits(got: tuple[int, ...], expected: Shape) -> bool:
-    pairs = zip(got, expected, strict=False)
-    return len(got) == len(expected) and all(size in (None, found) for found, size in pairs)
+def recorded_row_shapes(spec: Spec) -> Mapping[str, Shape]:
+    """The same of a recording of another environment."""
+    return _of_any(spec.n_agents, spec.action_size) | {
+        "observations": (spec.n_agents, spec.observation_size),
+        "states": (spec.state_size,),
+        "events": (spec.n_agents, 0),
+        "episodes/layouts": (0, 8),
+    }
 
 
 def _of_any(n_agents: int, action_size: int) -> dict[str, Shape]:
@@ -86,13 +67,4 @@ def _of_task(spec: TaskSpec) -> dict[str, Shape]:
         "ages": ages.shape,
         "states": (state_size(n, len(task.movables), len(task.extras)),),
         "episodes/layouts": (len(task.kinds), 8),
-    }
-
-
-def _of_recording(spec: RecordedSpec) -> dict[str, Shape]:
-    return {
-        "observations": (spec.n_agents, spec.observation_size),
-        "states": (spec.state_size,),
-        "events": (spec.n_agents, 0),
-        "episodes/layouts": (0, 8),
     }

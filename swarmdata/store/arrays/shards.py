@@ -10,7 +10,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.arrays.layout import ALL_FIELDS, DATA, Shard, array_file
+from swarmdata.store.arrays.layout import ALL_FIELDS, DATA, Shard, array_file, shard_index
 from swarmdata.store.manifest import ArrayEntry, logical_header
 
 
@@ -84,7 +84,7 @@ def write_shard(
             left -= min(left, len(chunk))
             checksums.append(xxhash.xxh3_64_hexdigest(chunk.data))
             file.write(chunk.data)
-        file.write(shard.index())
+        file.write(shard_index(shard.n_chunks, shard.chunk_bytes))
     return _entry(shard, tuple(checksums))
 
 

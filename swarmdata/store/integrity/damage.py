@@ -11,9 +11,9 @@ from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionEr
 from swarmdata.store.arrays.layout import MANIFEST, Shard, array_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
-from swarmdata.store.integrity.verification import logical_digest, map_shard
+from swarmdata.store.integrity.verification import logical_digest
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
-from swarmdata.store.reading import blocking_links, check_listing, open_store
+from swarmdata.store.stored_dataset import blocking_links, check_listing, map_shard, open_store
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from swarmdata.store.arrays.layout import (
     plan_shard,
 )
 
-MAX_JSON_BYTES = 64 << 20
+MAX_EVIDENCE_BYTES = 64 << 20
 """A larger file is not read to find out what it is; of our own, the manifest may have as many."""
 
-ATTRIBUTES = frozenset({"id", "splits", "end_reasons", "policies", "time_arrays"})
+ROOT_ATTRIBUTES = frozenset({"id", "splits", "end_reasons", "policies", "time_arrays"})
 """Keys that the root group of every dataset has among its attributes."""
 
 _MANIFEST_KEYS = frozenset({"checksum", "format_version", "recipe_hash", "arrays", "files"})
@@ -33,7 +33,7 @@ def is_dataset(folder: Path) -> bool:
     """
     return (
         _read_object(folder / MANIFEST).keys() >= _MANIFEST_KEYS
-        or root_attributes(folder).keys() >= ATTRIBUTES
+        or root_attributes(folder).keys() >= ROOT_ATTRIBUTES
         or 2 * sum(_has_array(folder, *item) for item in FIELDS.items()) > len(FIELDS)
     )
 
@@ -67,7 +67,7 @@ def _has_array(folder: Path, name: str, field: Field) -> bool:
 def _read_object(path: Path) -> Mapping[str, Any]:
     """The JSON object in a plain file; empty where there is none. Links are not followed."""
     try:
-        if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_JSON_BYTES:
+        if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_EVIDENCE_BYTES:
             return {}
         found = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.pictures.episode_paths import N_TRACKS, choose_episodes
-from swarmdata.cards.pictures.panels import MOST_RIDGES, draw_actions, draw_lengths, draw_returns
-from swarmdata.cards.pictures.sheet import MOST_BYTES, draw_card
+from swarmdata.cards.pictures.episode_paths import N_EPISODES_SHOWN, choose_episodes
+from swarmdata.cards.pictures.panels import MAX_RIDGES, draw_actions, draw_lengths, draw_returns
+from swarmdata.cards.pictures.sheet import MAX_PICTURE_BYTES, draw_card
 from swarmdata.cards.publish import publish_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingExtraError, SchemaError
@@ -40,7 +40,7 @@ def test_one_sheet_of_fixed_size_with_a_palette(folder: Path, tmp_path: Path) ->
     with pil.open(path) as image:
         assert image.size == (1600, 1000)
         assert image.mode == "P"
-    assert path.stat().st_size <= MOST_BYTES
+    assert path.stat().st_size <= MAX_PICTURE_BYTES
 
 
 @pytest.mark.parametrize("name", ["transport", "formation-unicycle"])
@@ -107,7 +107,7 @@ def test_chosen_episodes_differ_and_share_the_policies(
 def test_one_policy_shows_its_spread() -> None:
     returns = np.random.default_rng(0).permutation(8).astype(float)
     chosen = choose_episodes(make_table([0] * 8, returns.tolist()))
-    assert len(chosen) == N_TRACKS
+    assert len(chosen) == N_EPISODES_SHOWN
     assert [returns[index] for index in chosen if index is not None] == [1, 3, 5, 7]
 
 
@@ -130,7 +130,7 @@ def test_lengths_are_counted_by_reason() -> None:
     assert sum(bar.get_height() for bar in axes.patches) == 4
 
 
-@pytest.mark.parametrize("n", [1, MOST_RIDGES, MOST_RIDGES + 1, 40])
+@pytest.mark.parametrize("n", [1, MAX_RIDGES, MAX_RIDGES + 1, 40])
 def test_returns_name_every_policy_or_every_few(n: int) -> None:
     recipe = Recipe(
         id="coop_nav-many-v0",
@@ -143,7 +143,7 @@ def test_returns_name_every_policy_or_every_few(n: int) -> None:
     draw_returns(axes, make_table(list(range(n)) * 3, values.tolist()), recipe)
     ridges = [text.get_text().split("\n")[0] for text in axes.texts]
     rows = [label.get_text() for label in axes.get_yticklabels()]
-    if n <= MOST_RIDGES:
+    if n <= MAX_RIDGES:
         assert ridges == [f"p{k}" for k in range(n)]
     else:
         assert axes.images

@@ -3,9 +3,22 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.sections.baselines import SHOWN, baselines_section, read_runs, study_runs
+from swarmdata.cards.sections.baselines import (
+    BASELINE_COLUMNS,
+    baselines_section,
+    read_runs,
+    study_runs,
+)
 
-NAMES = ("label", "family", "dataset", "digest", "updates", "episodes", *(n for n, *_ in SHOWN))
+NAMES = (
+    "label",
+    "family",
+    "dataset",
+    "digest",
+    "updates",
+    "episodes",
+    *(n for n, *_ in BASELINE_COLUMNS),
+)
 
 
 def make_run(label: str, team_return: float, **changes: str) -> dict[str, str]:
@@ -28,9 +41,11 @@ def test_the_best_comes_first_with_its_seeds_and_updates() -> None:
 
 
 def test_other_datasets_and_other_content_are_not_shown() -> None:
-    assert "None measured on this dataset.\n" in section()
-    assert "None measured on this dataset.\n" in section(make_run("bc", 1.0, dataset="other-v0"))
-    assert "other content under this id" in section(make_run("bc", 1.0, digest="b" * 64))
+    assert "No baselines were measured on this dataset.\n" in section()
+    assert "No baselines were measured on this dataset.\n" in section(
+        make_run("bc", 1.0, dataset="other-v0")
+    )
+    assert "used other data with this id" in section(make_run("bc", 1.0, digest="b" * 64))
 
 
 def test_a_world_without_references_has_no_score() -> None:

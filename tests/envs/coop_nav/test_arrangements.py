@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.envs.coop_nav.arrangements import PASSABLE, arrange, unit_circle
+from swarmdata.envs.coop_nav.arrangements import PASSAGE_MARGIN, arrange, unit_circle
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env, make_task
@@ -167,4 +167,6 @@ def test_a_field_of_another_arrangement_is_unknown() -> None:
 
 
 def test_a_passage_is_wider_than_what_must_fit() -> None:
-    assert PASSABLE >= 0.1  # the planner's chain of nodes needs a strip as wide (distance_field)
+    assert (
+        PASSAGE_MARGIN >= 0.1
+    )  # the planner's chain of nodes needs a strip as wide (distance_field)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.formation.formation import METRICS, Formation
+from swarmdata.envs.formation.formation import Formation
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
@@ -229,7 +229,7 @@ def test_metrics_by_hand() -> None:
         rmse = np.sqrt((np.linalg.norm(away, axis=-1) ** 2).mean(axis=1))
         centre = robots[..., [X, Y]].mean(axis=1) - episode.states[1:, 32:34]
         values = episode_metrics(episode, env.task)
-        assert set(METRICS) <= set(values)
+        assert set(Formation.metrics) <= set(values)
         assert values["formation_rmse"] == pytest.approx(rmse.mean())
         assert values["time_in_formation"] == pytest.approx((rmse <= 0.12).mean())
         assert values["reference_error"] == pytest.approx(np.linalg.norm(centre, axis=1).mean())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
-from swarmdata.envs.formation.formation_spawn import STRIDE, TOP_SPEED
+from swarmdata.envs.formation.formation_spawn import MAX_SLOT_SPEED_SHARE, PATH_CHECK_STRIDE
 from swarmdata.envs.formation.reference_path import write_motion
 from swarmdata.envs.formation.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
@@ -60,11 +60,13 @@ def test_every_episode_keeps_its_promises(name: str) -> None:
     half = np.array([spec.arena.width, spec.arena.height]) / 2
     radii = np.array([robot.radius for robot in spec.robots])
     offsets = slot_offsets(rules, spec.n_agents)
-    top = TOP_SPEED * min(robot.max_speed for robot in spec.robots)
+    top = MAX_SLOT_SPEED_SHARE * min(robot.max_speed for robot in spec.robots)
     for layout, state in zip(layouts, states, strict=True):
         check_layout(layout, half, spec.obstacles.gap)
         check_starts(spec, robots_of(state, spec.n_agents).astype(np.float64), layout, half, radii)
-        motions = motions_of(task, state, np.arange(0, spec.horizon + 1, STRIDE, dtype=np.float64))
+        motions = motions_of(
+            task, state, np.arange(0, spec.horizon + 1, PATH_CHECK_STRIDE, dtype=np.float64)
+        )
         n_blocked = 0
         for motion in motions:
             slots = slots_at(motion, offsets)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.envs.formation.reference_path import (
-    SHORTEST,
+    MIN_EDGE_SHARE,
     PathPlan,
     draw_path,
     spline,
@@ -82,7 +82,7 @@ def test_paths_keep_their_promises(seed: int, max_turn: float) -> None:
     edges = np.diff(p, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     assert lengths.max() <= plan.longest + 1e-6
-    assert lengths.min() >= SHORTEST * plan.longest - 1e-6
+    assert lengths.min() >= MIN_EDGE_SHARE * plan.longest - 1e-6
     turns = (edges[:-1] * edges[1:]).sum(axis=1) / (lengths[:-1] * lengths[1:])
     assert turns.min() >= np.cos(max_turn) - 1e-6
     motions = np.zeros((181, 7))
@@ -91,7 +91,7 @@ def test_paths_keep_their_promises(seed: int, max_turn: float) -> None:
     speeds = np.hypot(motions[:, 2], motions[:, 3])
     assert (np.abs(motions[:, :2]) <= plan.room).all()
     assert speeds.max() <= plan.longest * plan.rate + 1e-6
-    assert speeds.min() >= 0.9 * np.cos(max_turn) * SHORTEST * plan.longest * plan.rate
+    assert speeds.min() >= 0.9 * np.cos(max_turn) * MIN_EDGE_SHARE * plan.longest * plan.rate
     assert (speeds + np.abs(motions[:, 6]) * plan.reach).max() <= 1.1 * plan.top
     assert np.abs(np.diff(motions[:, 2:4], axis=0)).max() < 0.02, "the velocity jumps"
 

@@ -32,8 +32,8 @@ def test_floor_walls_robots_and_goals_are_where_they_are() -> None:
     image = draw(SPEC, EMPTY, STATE)
     assert image.shape == (512, 512, 3)
     assert image.dtype == np.uint8
-    assert pixel(image, 0.3, 0.5) == ink.FLOOR
-    assert pixel(image, 2.06, 0) == pixel(image, 0, -2.06) == ink.SOLID
+    assert pixel(image, 0.3, 0.5) == ink.FLOOR_COLOR
+    assert pixel(image, 2.06, 0) == pixel(image, 0, -2.06) == ink.OBSTACLE_COLOR
     assert pixel(image, -1, 1.09) == LEFT
     assert pixel(image, 1, 1.09) == RIGHT
     assert pixel(image, -0.94, 1) == ink.WHITE  # the wedge points along the velocity
@@ -54,7 +54,7 @@ def test_obstacles_are_drawn_from_the_same_bars_as_the_physics() -> None:
     image = draw(SPEC, layout, STATE)
     solid = {(-1.5, 0.15), (0, 0.25), (1.4, -1.25), (1.13, -0.8), (1.67, -0.8)}
     free = {(-1.5, 0.25), (0.15, 0), (1.4, -1.0), (1.4, -0.72)}
-    assert {p for p in solid | free if pixel(image, *p) == ink.SOLID} == solid
+    assert {p for p in solid | free if pixel(image, *p) == ink.OBSTACLE_COLOR} == solid
 
 
 def test_a_unicycle_at_rest_shows_its_heading() -> None:
@@ -88,9 +88,9 @@ def test_a_contact_has_a_halo_only_around_those_who_touch() -> None:
     events = np.zeros((2, 4), np.uint8)
     events[1, 1] = 1
     image = draw(SPEC, EMPTY, STATE, events=events)
-    assert pixel(image, 1, 1.155) == ink.CONTACT
-    assert pixel(image, -1, 1.155) != ink.CONTACT
-    assert n_near(draw(SPEC, EMPTY, STATE), ink.CONTACT) == 0
+    assert pixel(image, 1, 1.155) == ink.CONTACT_COLOR
+    assert pixel(image, -1, 1.155) != ink.CONTACT_COLOR
+    assert n_near(draw(SPEC, EMPTY, STATE), ink.CONTACT_COLOR) == 0
 
 
 def test_trails_fade_into_the_past() -> None:
@@ -98,7 +98,7 @@ def test_trails_fade_into_the_past() -> None:
     trails[:, 0] = np.linspace(-1.9, -1.0, 21)
     image = draw(SPEC, EMPTY, STATE, trails=trails).astype(int)
     old, new = pixel(image, -1.85, 1), pixel(image, -1.2, 1)
-    assert sum(ink.FLOOR) > sum(old) > sum(new) > sum(LEFT)
+    assert sum(ink.FLOOR_COLOR) > sum(old) > sum(new) > sum(LEFT)
 
 
 @pytest.mark.parametrize(
@@ -121,8 +121,8 @@ def test_unassigned_goals_are_neutral_and_filled_by_any_robot() -> None:
     state[6:8] = state[14:16] = 0.0  # targets are not what is drawn
     state[8:10] = [-1.0, -0.88]  # robot 1 on goal 0
     image = draw(spec, EMPTY, state)
-    assert pixel(image, -1, -1.1) == ink.tint(ink.NEUTRAL, 0.5)
-    assert pixel(image, 1, 1.1) == ink.tint(ink.NEUTRAL, 0.1)
+    assert pixel(image, -1, -1.1) == ink.tint(ink.UNASSIGNED_COLOR, 0.5)
+    assert pixel(image, 1, 1.1) == ink.tint(ink.UNASSIGNED_COLOR, 0.1)
 
 
 def test_rings_of_one_place_nest() -> None:
@@ -138,7 +138,7 @@ def test_formation_slots_are_crosses_that_light_up_when_held() -> None:
     image = draw(spec, EMPTY, STATE)
     assert pixel(image, -1, -1) == LEFT
     assert pixel(image, -1.05, -0.95) == LEFT  # diagonal arms, no ring
-    assert pixel(image, -0.9, -1.05) == ink.FLOOR
+    assert pixel(image, -0.9, -1.05) == ink.FLOOR_COLOR
     assert pixel(image, 1.0, 1.17) == ink.tint(RIGHT, 0.3)
     column = [pixel(image, -1, y) for y in np.arange(-0.8, 0.8, 0.01)]
     assert 0.2 < np.mean([red < 180 for red, _, _ in column]) < 0.8  # a dashed tie to the robot
@@ -157,25 +157,25 @@ def transport(rules: TransportRules, body: tuple[float, ...], *extras: float) ->
 
 def test_a_payload_is_solid_with_its_shape_and_direction() -> None:
     image = transport(TransportRules(payload=BRICK), BODY)
-    assert pixel(image, -0.28, 0.12) == pixel(image, 0.3, -0.15) == ink.PAYLOAD
-    assert pixel(image, 0.1, 0.25) == pixel(image, 0.42, 0.1) == ink.FLOOR
-    assert pixel(image, 0.1, 0) == ink.PAYLOAD_EDGE  # the arrow
-    assert pixel(image, -0.28, 0) == ink.PAYLOAD
+    assert pixel(image, -0.28, 0.12) == pixel(image, 0.3, -0.15) == ink.PAYLOAD_COLOR
+    assert pixel(image, 0.1, 0.25) == pixel(image, 0.42, 0.1) == ink.FLOOR_COLOR
+    assert pixel(image, 0.1, 0) == ink.PAYLOAD_EDGE_COLOR  # the arrow
+    assert pixel(image, -0.28, 0) == ink.PAYLOAD_COLOR
     turned = transport(TransportRules(payload=BRICK), (*BODY[:4], 0.0, 1.0, 0.0))
-    assert pixel(turned, 0, 0.3) == ink.PAYLOAD
-    assert pixel(turned, 0.28, 0.1) == ink.FLOOR
+    assert pixel(turned, 0, 0.3) == ink.PAYLOAD_COLOR
+    assert pixel(turned, 0.28, 0.1) == ink.FLOOR_COLOR
     disc = transport(TransportRules(payload=Payload(shape="circle")), BODY)
-    assert pixel(disc, 0, 0.3) == ink.PAYLOAD
-    assert pixel(disc, 0.3, 0.3) == ink.FLOOR
+    assert pixel(disc, 0, 0.3) == ink.PAYLOAD_COLOR
+    assert pixel(disc, 0.3, 0.3) == ink.FLOOR_COLOR
 
 
 def test_the_payload_goal_has_the_pose_that_the_task_asks_for() -> None:
     any_pose = transport(TransportRules(payload=BRICK), BODY, 0.0, 1.0)
-    assert pixel(any_pose, 1.28, -1.1) != ink.FLOOR  # as the payload is turned now
-    assert pixel(any_pose, 1.1, -0.72) == ink.FLOOR
+    assert pixel(any_pose, 1.28, -1.1) != ink.FLOOR_COLOR  # as the payload is turned now
+    assert pixel(any_pose, 1.1, -0.72) == ink.FLOOR_COLOR
     upright = transport(TransportRules(payload=BRICK, goal_angle=0.2), BODY, 0.0, 1.0)
-    assert pixel(upright, 1.28, -1.1) == ink.FLOOR
-    assert pixel(upright, 1.1, -0.72) != ink.FLOOR
+    assert pixel(upright, 1.28, -1.1) == ink.FLOOR_COLOR
+    assert pixel(upright, 1.1, -0.72) != ink.FLOOR_COLOR
 
 
 def test_a_delivered_payload_lights_its_goal() -> None:
@@ -207,7 +207,9 @@ def test_a_long_caption_shrinks_to_fit() -> None:
 
 def test_colors_are_distinct_and_none_is_like_a_contact() -> None:
     assert len(set(ROBOT_COLORS)) == len(ROBOT_COLORS) == 32
-    shades = np.array([*ROBOT_COLORS, ink.CONTACT, ink.SOLID, ink.FLOOR], float)
+    shades = np.array(
+        [*ROBOT_COLORS, ink.CONTACT_COLOR, ink.OBSTACLE_COLOR, ink.FLOOR_COLOR], float
+    )
     gaps = np.linalg.norm(shades[:, None] - shades, axis=-1) + 999 * np.eye(len(shades))
     assert gaps.min() > 35
     assert gaps[32].min() > 80

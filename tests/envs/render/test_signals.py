@@ -42,8 +42,8 @@ def test_a_fan_is_an_arc_where_nothing_is_and_does_not_shade_obstacles() -> None
     scan = np.ones((2, 4), np.float32)
     layout = np.array([[CIRCLE, 0.5, 0.5, 1, 0, 0.1, 0.1, 0]], np.float32)
     image = draw(LIDAR, layout, STATE, scan=scan)
-    assert pixel(image, 0.34, 0.42) != ink.FLOOR  # beyond the chord between two rays
-    assert pixel(image, 0.5, 0.5) == ink.SOLID
+    assert pixel(image, 0.34, 0.42) != ink.FLOOR_COLOR  # beyond the chord between two rays
+    assert pixel(image, 0.5, 0.5) == ink.OBSTACLE_COLOR
 
 
 def test_robots_with_a_shorter_range_have_shorter_rays() -> None:
@@ -105,11 +105,11 @@ def test_a_dropped_message_differs_from_a_delivered_one_and_never_arrives() -> N
     attempted = links((1, 0))
     lost = draw(SPEC, EMPTY, STATE, messages=(links(), attempted))
     plain = draw(SPEC, EMPTY, STATE)
-    assert n_near(lost, ink.DROPPED, 30) > 5
+    assert n_near(lost, ink.DROPPED_COLOR, 30) > 5
     assert n_near(lost, LEFT) <= n_near(plain, LEFT)
     assert np.argwhere(changed(lost, plain))[:, 1].max() < 330
     arrived = draw(SPEC, EMPTY, STATE, messages=(attempted, attempted))
-    assert n_near(arrived, ink.DROPPED, 30) == n_near(plain, ink.DROPPED, 30)
+    assert n_near(arrived, ink.DROPPED_COLOR, 30) == n_near(plain, ink.DROPPED_COLOR, 30)
 
 
 def test_robots_do_not_talk_to_themselves_and_places_may_coincide() -> None:

@@ -77,7 +77,7 @@ def test_a_gif_plays_in_real_time_and_shows_the_end(tmp_path: Path) -> None:
 def test_a_contact_between_two_pictures_is_shown_in_pure_red(tmp_path: Path) -> None:
     animate(EPISODE, SPEC, tmp_path / "episode.gif", size=128, stride=6)
     frames, _ = frames_of(tmp_path / "episode.gif")
-    red = [int((frame == ink.CONTACT).all(axis=-1).sum()) for frame in frames]
+    red = [int((frame == ink.CONTACT_COLOR).all(axis=-1).sum()) for frame in frames]
     assert [count > 5 for count in red] == [False, False, True, False, False]
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.envs.transport.payload import (
-    TOUCH,
+    CONTACT_GAP,
     Shape,
     count_contacts,
     count_pushes,
@@ -93,7 +93,7 @@ def test_the_gap_to_a_wall_is_the_smallest_over_the_outline(
 def test_contacts_with_obstacles_and_walls_are_counted_when_they_begin() -> None:
     layout = obstacle(CIRCLE, 1.0, 0.0, 0.0)[None]
     touch = 0.4  # x at which the disc touches the obstacle
-    ways = [0.0, touch, touch + 0.001, touch - TOUCH, touch - 0.1, touch, touch]
+    ways = [0.0, touch, touch + 0.001, touch - CONTACT_GAP, touch - 0.1, touch, touch]
     bodies = np.stack([body(x, 0.0) for x in ways])
     assert count_contacts(bodies, DISC, layout, HALF) == 2
     assert count_contacts(bodies, DISC, NOTHING, HALF) == 0

@@ -9,11 +9,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from swarmdata.envs.warehouse.floor_plan import (
-    STANDOFF,
+    STANDOFF_GAP,
     FloorPlan,
     corridor,
     next_corner,
-    way_length,
+    shortest_path_length,
 )
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
@@ -77,7 +77,7 @@ def test_robots_fit_at_every_place_of_every_preset(name: str) -> None:
     n_picks = rules.aisles * rules.blocks * rules.bays * 2
     assert len(plan.places) == n_picks + rules.stations
     for x, y in plan.places:
-        assert clearance(x, y, plan.shelves, half_of(spec)) >= radius + STANDOFF - 1e-6
+        assert clearance(x, y, plan.shelves, half_of(spec)) >= radius + STANDOFF_GAP - 1e-6
 
 
 @given(plans())
@@ -95,7 +95,7 @@ def test_shelves_and_places_are_where_they_belong(case: tuple[TaskSpec, FloorPla
     assert overlap.sum() == len(x) == rules.aisles * rules.blocks
     np.testing.assert_allclose(np.diff(plan.lanes, axis=1), rules.lane_width)
     for index, (px, py) in enumerate(plan.places):
-        assert clearance(px, py, plan.shelves, half) >= radius + STANDOFF - 1e-5
+        assert clearance(px, py, plan.shelves, half) >= radius + STANDOFF_GAP - 1e-5
         assert (corridor(py, plan.rows) > 0) == (index < plan.n_picks)
 
 
@@ -115,7 +115,7 @@ def grid_distances(free: Bool, start: tuple[int, int]) -> Int:
 
 
 @pytest.mark.parametrize("blocks", [1, 2])
-def test_way_lengths_are_those_of_a_search_on_a_grid(blocks: int) -> None:
+def test_path_lengths_are_those_of_a_search_on_a_grid(blocks: int) -> None:
     spec = spec_of(aisles=2, blocks=blocks, aisle_width=0.8, lane_width=0.6, front=0.8)
     plan, half = FloorPlan.of(spec), half_of(spec)
     axis = np.arange(-2.0 + CELL / 2, 2.0, CELL)
@@ -128,21 +128,21 @@ def test_way_lengths_are_those_of_a_search_on_a_grid(blocks: int) -> None:
         assert (steps[free] >= 0).all()
         for end in rng.choice(cells[in_corridor], 60, replace=False):
             x, y, tx, ty = axis[start[0]], axis[start[1]], axis[end[0]], axis[end[1]]
-            length = way_length(x, y, tx, ty, plan.lanes, plan.rows)
+            length = shortest_path_length(x, y, tx, ty, plan.lanes, plan.rows)
             # a detour turns at the lane's edge, on the grid in the first cell beside it
             assert length - 1e-9 <= CELL * steps[tuple(end)] <= length + CELL + 1e-9
 
 
 @given(trips(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
-def test_way_lengths_change_no_more_than_the_robot_moves(
+def test_path_lengths_change_no_more_than_the_robot_moves(
     trip: tuple[TaskSpec, FloorPlan, Point, Point], dx: float, dy: float
 ) -> None:
     spec, plan, (x, y), target = trip
     half, end = half_of(spec), (x + dx, y + dy)
     path = np.linspace((x, y), end, 20)
     assume(all(clearance(px, py, plan.shelves, half) > 1e-5 for px, py in path))
-    old = way_length(x, y, *target, plan.lanes, plan.rows)
-    new = way_length(*end, *target, plan.lanes, plan.rows)
+    old = shortest_path_length(x, y, *target, plan.lanes, plan.rows)
+    new = shortest_path_length(*end, *target, plan.lanes, plan.rows)
     assert abs(new - old) <= abs(dx) + abs(dy) + 1e-9
 
 
@@ -152,10 +152,10 @@ def test_the_way_back_is_as_long_and_no_way_is_shorter_than_direct(
 ) -> None:
     _, plan, start, end = trip
     assume(corridor(start[1], plan.rows) >= 0)
-    there = way_length(*start, *end, plan.lanes, plan.rows)
-    assert there == pytest.approx(way_length(*end, *start, plan.lanes, plan.rows))
+    there = shortest_path_length(*start, *end, plan.lanes, plan.rows)
+    assert there == pytest.approx(shortest_path_length(*end, *start, plan.lanes, plan.rows))
     assert there >= abs(start[0] - end[0]) + abs(start[1] - end[1]) - 1e-12
-    assert way_length(*end, *end, plan.lanes, plan.rows) == 0.0
+    assert shortest_path_length(*end, *end, plan.lanes, plan.rows) == 0.0
 
 
 @given(trips())
@@ -166,7 +166,7 @@ def test_corners_lead_to_the_target_around_shelves(
     rules: Any = spec.rules
     half, driven, step = half_of(spec), 0.0, 0.02
     slack = rules.lane_width + rules.aisle_width + rules.front + spec.arena.height
-    most = way_length(x, y, *target, plan.lanes, plan.rows) + slack
+    most = shortest_path_length(x, y, *target, plan.lanes, plan.rows) + slack
     while (x, y) != target:
         corner = next_corner(x, y, target, plan.lanes, plan.rows, plan.middles)
         dx, dy = corner[0] - x, corner[1] - y

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
-from swarmdata.envs.warehouse.floor_plan import FloorPlan, way_length
-from swarmdata.envs.warehouse.warehouse import METRICS, OWN, Warehouse
-from swarmdata.envs.world.spawn import SHAPES
+from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
+from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
+from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
@@ -42,7 +42,7 @@ NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
 def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
     team = [{"count": n_agents, "robot": robot or {}}]
     rules = {"task": "warehouse", **rules}
-    nothing = dict.fromkeys(SHAPES, 0)
+    nothing = dict.fromkeys(OBSTACLE_COUNTS, 0)
     return TaskSpec.parse({"rules": rules, "team": team, "horizon": 400, "obstacles": nothing})
 
 
@@ -52,7 +52,9 @@ def seeds(*values: int) -> Seeds:
 
 def own_of(states: Float, n_agents: int) -> Float:
     """The task's columns (carrying, deliveries), [..., N, 2]."""
-    return states[..., N_COLUMNS * n_agents :].reshape(*states.shape[:-1], n_agents, len(OWN))
+    return states[..., N_COLUMNS * n_agents :].reshape(
+        *states.shape[:-1], n_agents, len(ROBOT_EXTRAS)
+    )
 
 
 def drawn_target(plan: FloorPlan, seed: int, robot: int, order: int, carries: bool) -> Double:
@@ -140,7 +142,7 @@ def account(spec: TaskSpec, episode: Episode) -> tuple[Double, Bool]:
         for i in range(n):
             target = robots[t, i, TX:]
             old, new = robots[t, i, : Y + 1], robots[t + 1, i, : Y + 1]
-            lengths = [way_length(*p, *target, plan.lanes, plan.rows) for p in (old, new)]
+            lengths = [shortest_path_length(*p, *target, plan.lanes, plan.rows) for p in (old, new)]
             served = np.linalg.norm(new - target) <= rules.goal_radius
             carries, order = bool(own[t, i, 0]), int(own[t, i, 1])
             rewards[t, i] = w.progress * (lengths[0] - lengths[1]) - w.time
@@ -289,7 +291,7 @@ def test_metrics_are_what_their_names_say() -> None:
     own[40:, 0, 1] = 1.0
     own[:, 1, 1] = 2.0
     values = Warehouse(spec).episode_metrics(cut(episode, states))
-    assert set(values) == set(METRICS)
+    assert set(values) == set(Warehouse.metrics)
     assert values["deliveries"] == 3.0
     assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
     assert values["deadlocks"] == 1.0

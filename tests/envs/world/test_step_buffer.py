@@ -5,7 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from swarmdata.envs.world.step_buffer import BLOCK_STEPS, LASTING, WRITTEN, StepMaker, keep_ended
+from swarmdata.envs.world.step_buffer import (
+    BLOCK_STEPS,
+    LASTING_FIELDS,
+    WRITTEN_FIELDS,
+    StepMaker,
+    keep_ended,
+)
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step, copy_step
@@ -23,7 +29,7 @@ def test_no_two_steps_share_what_is_written(spec: TaskSpec, n_copies: int) -> No
     first = first_step(spec, n_copies)
     maker = StepMaker(first)
     steps = [first, *(maker.after(first) for _ in range(2 * BLOCK_STEPS + 3))]
-    names = (*WRITTEN, "sent", "delivered", "ages") if spec is TALKING else WRITTEN
+    names = (*WRITTEN_FIELDS, "sent", "delivered", "ages") if spec is TALKING else WRITTEN_FIELDS
     for name in names:
         arrays = [getattr(step, name) for step in steps]
         assert {(a.shape, a.dtype) for a in arrays} == {(arrays[0].shape, arrays[0].dtype)}
@@ -72,10 +78,10 @@ def test_ended_copies_stay_as_they_are_with_zero_rewards() -> None:
 def test_keep_ended_leaves_active_copies_alone() -> None:
     before = first_step(TaskSpec(), 3)
     now = StepMaker(before).after(before)
-    for name in LASTING:
+    for name in LASTING_FIELDS:
         getattr(now, name)[:] = 1
     keep_ended(before, now, np.array([True, False, True]))
-    for name in LASTING:
+    for name in LASTING_FIELDS:
         values = getattr(now, name)
         np.testing.assert_array_equal(values[1], getattr(before, name)[1])
         assert np.all(values[[0, 2]] == 1)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmdata.envs.physics.dynamics import GRIP, SPEED, limits_of
+from swarmdata.envs.physics.dynamics import GRIP_ACCELERATION, SPEED, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import PROXIMITY
+from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import TASKS, make_env, make_task
@@ -183,7 +183,7 @@ def test_shared_rewards_follow_their_formula() -> None:
             )
             own = w.progress * (d_old - d_new) - w.time * (d_new > rules.goal_radius)
             own += w.success * step.successes[b] - costs
-            own -= w.proximity * np.clip(1 - gaps / PROXIMITY, 0, 1)
+            own -= w.proximity * np.clip(1 - gaps / PROXIMITY_RANGE, 0, 1)
             expected = 0.75 * own + 0.25 * own.mean()
             np.testing.assert_allclose(step.rewards[b], expected, atol=1e-6)
 
@@ -217,7 +217,7 @@ def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend
         start[:, UX] * now[:, UX] + start[:, UY] * now[:, UY],
     )
     np.testing.assert_allclose(turned, 5 * 0.1 * 0.6 * 3.0, rtol=5e-3)
-    assert GRIP > 0.6 * 3.0, "wheels that slip in every turn at top speed"
+    assert GRIP_ACCELERATION > 0.6 * 3.0, "wheels that slip in every turn at top speed"
 
 
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])

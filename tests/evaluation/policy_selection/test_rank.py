@@ -16,7 +16,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
@@ -27,7 +28,7 @@ from tests.support.tiny import make_tiny
 SMALL = FQEConfig(n_updates=20, hidden=(8,), batch_size=16)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
-    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 2},
+    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 2},
 }
 
 

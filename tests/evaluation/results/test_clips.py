@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results import report
-from swarmdata.evaluation.results.clips import write_clip
-from swarmdata.evaluation.results.report import draw_target
+from swarmdata.evaluation.results import clips
+from swarmdata.evaluation.results.clips import draw_target, write_clip
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
@@ -52,8 +51,8 @@ def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
         id = "coop_nav-recorded-v0"
 
     episode = play(Recorded.task)
-    monkeypatch.setattr(report, "is_dataset", lambda _: True)
-    monkeypatch.setattr(report, "load_dataset", lambda _: Recorded([episode]))
+    monkeypatch.setattr(clips, "is_dataset", lambda _: True)
+    monkeypatch.setattr(clips, "load", lambda _: Recorded([episode]))
     seen = draw_target("x", tmp_path / "seen.png", 0, "coop_nav", "lidar", "lossy-40")
     plain = draw_target("x", tmp_path / "plain.png", 0, "coop_nav")
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.evaluation.results.curve_plots import Curve, plot_curves, plot_estimates, read_curve
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.evaluation.results.curve_plots import plot_curves
+from swarmdata.evaluation.results.learning_curves import Curve, read_curve
+from swarmdata.evaluation.results.result_plots import plot_estimates
+from swarmdata.rollouts.score_statistics import Estimate
 
 pytest.importorskip("matplotlib")
 
@@ -49,7 +51,7 @@ def test_files_without_seeds_are_one_run_each(tmp_path: Path) -> None:
     [
         ("updates,success\n0,high\n", r"line 2: column 'success' is 'high', expected a number"),
         ("updates,score\n0,1\n", "column 'success' is None.*Columns: updates, score"),
-        ("updates,seed,success\n0,1,1\n0,2,1\n9,2,1\n", "not those of the first run"),
+        ("updates,seed,success\n0,1,1\n0,2,1\n9,2,1\n", "differ from the 1 of the first run"),
         ("updates,success\n5,1\n5,2\n", "do not increase"),
         ("updates,success\n", "no rows"),
     ],

@@ -17,7 +17,7 @@ from swarmdata.evaluation.results.estimate_table import (
     format_estimate,
     format_number,
 )
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 TABLE = Table(
     (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),

@@ -8,13 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import Curve
-from swarmdata.evaluation.results.learning_curves import (
-    group_files,
-    interval_of,
-    plot_learning,
-    spread_labels,
-)
+from swarmdata.evaluation.results.curve_plots import plot_learning, spread_labels
+from swarmdata.evaluation.results.learning_curves import Curve, group_files, interval_of
 
 
 def paths(*names: str) -> list[Path]:
@@ -38,7 +33,9 @@ def test_patterns_name_both_once(pattern: str) -> None:
 
 
 def test_files_that_do_not_fit_are_named() -> None:
-    with pytest.raises(SchemaError, match=r"coop_nav.csv does not end as 'algorithm-task' says"):
+    with pytest.raises(
+        SchemaError, match=r"coop_nav.csv does not match the pattern 'algorithm-task'"
+    ):
         group_files(paths("mappo/coop_nav.csv"), "algorithm-task")
 
 

@@ -13,7 +13,7 @@ from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.specs.task_spec import TaskSpec
 
-SMALL = MAPPOConfig(n_frames=128, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+SMALL = MAPPOConfig(n_steps=128, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
 
 
 def train(folder: Path, seeds: tuple[int, ...], horizon: int = 20) -> Path:

@@ -10,12 +10,13 @@ from swarmdata import __version__
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target, kept_result
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.provenance import file_name
-from swarmdata.hub.catalog import catalog
+from swarmdata.hub.catalog import request
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.specs.model_choice import with_models
@@ -80,7 +81,7 @@ def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> 
         spec = with_models(task, "lidar", "lossy-30")
         monkeypatch.setattr(policy_names, "find_spec", lambda _, spec=spec: spec)
         target = find_target("idle")
-        (case,) = gather(evaluate_target(target, 2, progress=False)).baselines
+        (case,) = group_results(evaluate_target(target, 2, progress=False)).baselines
         table = case_table(case, n_resamples=10)
         assert ("score" in [column.key for column in table.columns]) == has_score
 
@@ -101,7 +102,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
         n_steps=400,
         part_episodes=8,
     )
-    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
     models = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
@@ -191,7 +192,7 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
         n_steps=400,
         part_episodes=8,
     )
-    monkeypatch.setattr(catalog, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
     out = str(tmp_path / "run")
     words = ["train", algorithm, "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
     settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]

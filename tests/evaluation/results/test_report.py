@@ -8,7 +8,7 @@ import pytest
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.report import shown_cases, tables_of, write_report
 from swarmdata.evaluation.results.result_files import save_result
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
@@ -34,11 +34,11 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
 
 
 def test_one_case_is_the_table() -> None:
-    assert list(shown_cases(gather([result("idle", None)]))) == ["table"]
-    assert list(tables_of(gather([result("idle", None)]))) == ["table"]
-    one = tables_of(gather(grid({"bc": {MEDIUM: 1.0}}, 2)))
+    assert list(shown_cases(group_results([result("idle", None)]))) == ["table"]
+    assert list(tables_of(group_results([result("idle", None)]))) == ["table"]
+    one = tables_of(group_results(grid({"bc": {MEDIUM: 1.0}}, 2)))
     assert list(one) == ["scores", "aggregates", "table"]  # nobody to beat
-    whole = shown_cases(gather([result(), result("idle", None)]))
+    whole = shown_cases(group_results([result(), result("idle", None)]))
     assert list(whole["table"].runs) == ["idle", "bc"]
 
 

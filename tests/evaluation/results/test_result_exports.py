@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.evaluation.results.result_exports import episode_values, marl_eval, runs_csv
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import metrics_of
 from tests.support.measured import EXPERT, MEDIUM, grid, result
@@ -17,7 +17,7 @@ MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 
 def test_one_row_per_run_with_every_metric() -> None:
-    results = gather([*grid(MEANS), result("idle", None)])
+    results = group_results([*grid(MEANS), result("idle", None)])
     rows = list(csv.DictReader(io.StringIO(runs_csv(results))))
     assert len(rows) == 2 * 2 * 3 + 1
     assert set(metrics_of("coop_nav")) < set(rows[0])
@@ -34,12 +34,14 @@ def test_one_row_per_run_with_every_metric() -> None:
 def test_undefined_values_are_empty() -> None:
     made = result()
     made.evaluation.metrics["min_separation"][3] = np.nan
-    (row,) = csv.DictReader(io.StringIO(runs_csv(gather([made]))))
+    (row,) = csv.DictReader(io.StringIO(runs_csv(group_results([made]))))
     assert row["min_separation"] == ""
 
 
 def test_marl_eval_is_nested_as_its_readme_says() -> None:
-    results = gather([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), *grid({"few": MEANS["bc"]}, 2)])
+    results = group_results(
+        [*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), *grid({"few": MEANS["bc"]}, 2)]
+    )
     document, left_out = marl_eval(results)
     assert left_out == ("iql", "few")
     assert json.loads(json.dumps(document, allow_nan=False)) == document
@@ -64,7 +66,7 @@ def test_marl_eval_is_nested_as_its_readme_says() -> None:
 def test_marl_eval_leaves_out_what_is_undefined_somewhere() -> None:
     results = grid(MEANS)
     results[0].evaluation.metrics["min_separation"][3] = np.nan
-    document = marl_eval(gather(results)).document
+    document = marl_eval(group_results(results)).document
     runs = document["coop_nav"][EXPERT]["omar"]["run_0"]
     assert "min_separation" not in runs["absolute_metrics"]
     assert "time_to_goal" in runs["absolute_metrics"]  # censored, so defined
@@ -72,7 +74,7 @@ def test_marl_eval_leaves_out_what_is_undefined_somewhere() -> None:
 
 def test_without_datasets_the_tasks_stand_for_themselves() -> None:
     n8 = preset("coop_nav-n8")
-    results = gather([result("idle", None), result("idle", None, spec=n8)])
+    results = group_results([result("idle", None), result("idle", None, spec=n8)])
     document = marl_eval(results).document
     assert [name.rpartition("-")[0] for name in document["coop_nav"]] == ["coop_nav", "coop_nav"]
     assert len(document["coop_nav"]) == 2

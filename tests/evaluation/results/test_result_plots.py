@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.aggregate import complete
+from swarmdata.evaluation.results.aggregates import complete
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
     plot_improvements,
@@ -13,14 +13,14 @@ from swarmdata.evaluation.results.result_plots import (
     plot_profiles,
     plot_scores,
 )
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import EXPERT, MEDIUM, grid, result
 
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
-RESULTS = gather([*grid(MEANS), result("idle", None, mean=-12.0)])
+RESULTS = group_results([*grid(MEANS), result("idle", None, mean=-12.0)])
 
 
 def words(path: Path) -> str:
@@ -42,7 +42,7 @@ def test_scores_name_datasets_labels_and_the_data(tmp_path: Path) -> None:
     for name in ("bc", "omar", "the data's mean", "medium", "expert"):
         assert f"<!-- {name} -->" in text
     with pytest.raises(SchemaError, match="no dataset has scores"):
-        plot_scores(gather([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
+        plot_scores(group_results([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
 
 
 def test_profiles_and_improvements_name_every_label(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.evaluation.results.result_files import Result, save_result
-from swarmdata.evaluation.results.result_set import gather, read_results, reference_of
-from swarmdata.evaluation.runs.run_files import run_hash
+from swarmdata.evaluation.results.result_set import group_results, read_results, reference_of
+from swarmdata.learn.training.run_files import run_hash
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import with_models
@@ -45,7 +45,7 @@ def test_results_are_sorted_by_dataset_label_and_seed(tmp_path: Path) -> None:
 
 
 def test_the_score_and_the_mean_of_the_data_stand_beside() -> None:
-    found = gather(grid({"bc": {MEDIUM: 2.0}}))
+    found = group_results(grid({"bc": {MEDIUM: 2.0}}))
     (case,) = found.cases
     reference = reference_of(COOP_NAV)
     assert reference is not None
@@ -61,7 +61,7 @@ def test_the_score_and_the_mean_of_the_data_stand_beside() -> None:
 
 def test_a_view_is_scored_like_its_world_and_is_a_case_of_its_own() -> None:
     lidar = with_models(COOP_NAV, "lidar")
-    found = gather([result(), result(spec=lidar, view="{lidar}")])
+    found = group_results([result(), result(spec=lidar, view="{lidar}")])
     assert len(found.cases) == 2
     assert {case.reference for case in found.cases} == {reference_of(COOP_NAV)}
     assert sum(name.startswith(f"{MEDIUM}@") for name in found.datasets) == 1
@@ -69,7 +69,7 @@ def test_a_view_is_scored_like_its_world_and_is_a_case_of_its_own() -> None:
 
 def test_worlds_without_references_have_no_score() -> None:
     assert reference_of(TaskSpec(horizon=7)) is None
-    (case,) = gather([result(spec=TaskSpec(horizon=7))]).cases
+    (case,) = group_results([result(spec=TaskSpec(horizon=7))]).cases
     with pytest.raises(SchemaError, match="no references were measured in coop_nav"):
         case.scores("bc")
     assert case.data_score is None
@@ -88,17 +88,17 @@ def test_the_mean_of_an_own_dataset_is_read_from_its_files(tmp_path: Path) -> No
     own = result()
     provenance = own.provenance.model_copy(update={"dataset": "coop_nav-tiny-v0", "digest": digest})
     own = replace(own, provenance=provenance)
-    assert gather([own]).cases[0].data is None
-    figures = gather([own], data=[folder]).cases[0].data
+    assert group_results([own]).cases[0].data is None
+    figures = group_results([own], data=[folder]).cases[0].data
     assert figures is not None
     assert figures.n_steps > 0
     other = replace(own, provenance=provenance.model_copy(update={"digest": "0" * 64}))
-    assert gather([other], data=[folder]).cases[0].data is None
+    assert group_results([other], data=[folder]).cases[0].data is None
 
 
 def test_baselines_stand_beside_the_dataset_and_online_ones_are_marked() -> None:
     online = result("bc", None, frames=100, algorithm="mappo")
-    found = gather([result(), result("idle", None, mean=-12.0), online])
+    found = group_results([result(), result("idle", None, mean=-12.0), online])
     (case,) = found.cases
     whole = found.with_baselines(case)
     assert list(whole.runs) == ["idle", "bc (online)", "bc"]
@@ -108,7 +108,7 @@ def test_baselines_stand_beside_the_dataset_and_online_ones_are_marked() -> None
 
 
 def test_several_tasks_may_stand_together() -> None:
-    found = gather([result("idle", None), result("idle", None, spec=FORMATION), result()])
+    found = group_results([result("idle", None), result("idle", None, spec=FORMATION), result()])
     assert [case.spec.task for case in found.baselines] == ["coop_nav", "formation"]
     with pytest.raises(UnknownNameError, match="unknown dataset with results"):
         found.case("coop_nav-medum-v0")
@@ -162,8 +162,8 @@ LIDAR = with_models(COOP_NAV, "lidar")
 )  # fmt: skip
 def test_mixed_results_are_refused(results: list[Result], message: str) -> None:
     with pytest.raises(ResultsError, match=message):
-        gather(results)
-    gather(results, is_checked=False)
+        group_results(results)
+    group_results(results, is_checked=False)
 
 
 def test_every_reason_is_named_with_its_files(tmp_path: Path) -> None:

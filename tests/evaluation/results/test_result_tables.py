@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Table
-from swarmdata.evaluation.results.result_set import gather
+from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
@@ -15,8 +15,8 @@ from swarmdata.evaluation.results.result_tables import (
     metric_table,
 )
 from swarmdata.registry.published import published
-from swarmdata.rollouts import metrics
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts import score_statistics
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
@@ -32,7 +32,7 @@ def cells(table: Table, label: str) -> dict[str, Estimate]:
 
 def test_one_run_is_averaged_over_episodes() -> None:
     made = result(n=40)
-    (case,) = gather([made]).cases
+    (case,) = group_results([made]).cases
     row = cells(case_table(case), "bc")
     assert list(row)[:2] == ["score", "return"]
     returns = made.evaluation.metrics["return"]
@@ -40,14 +40,14 @@ def test_one_run_is_averaged_over_episodes() -> None:
     assert row["score"].value == pytest.approx(case.scores("bc").mean())
     standard_error = returns.std() / math.sqrt(40)
     assert row["return"].high - returns.mean() == pytest.approx(1.96 * standard_error, rel=0.15)
-    assert row["success"] == metrics.wilson_interval(30, 40)
-    assert row["clean_success"] == metrics.wilson_interval(20, 40)
+    assert row["success"] == score_statistics.wilson_interval(30, 40)
+    assert row["clean_success"] == score_statistics.wilson_interval(20, 40)
     assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
 
 
 def test_several_runs_give_the_iqm_over_runs() -> None:
     runs = [result(index=k, mean=m) for k, m in enumerate((0.0, 1.0, 2.0, 3.0, 50.0))]
-    (case,) = gather(runs).cases
+    (case,) = group_results(runs).cases
     table = case_table(case)
     row = cells(table, "bc")
     means = sorted(run.evaluation.metrics["return"].mean() for run in runs)
@@ -59,7 +59,7 @@ def test_several_runs_give_the_iqm_over_runs() -> None:
 
 
 def test_the_data_come_first_without_an_interval() -> None:
-    (case,) = gather([result()]).cases
+    (case,) = group_results([result()]).cases
     table = case_table(case, n_resamples=QUICK)
     own = cells(table, f"data of {MEDIUM}")
     entry = published()[MEDIUM]
@@ -73,13 +73,13 @@ def test_the_data_come_first_without_an_interval() -> None:
 
 
 def test_without_references_there_is_no_score() -> None:
-    (case,) = gather([result("idle", None, spec=TaskSpec(horizon=9))]).baselines
+    (case,) = group_results([result("idle", None, spec=TaskSpec(horizon=9))]).baselines
     assert "score" not in cells(case_table(case, n_resamples=QUICK), "idle")
 
 
 def test_other_environments_have_their_own_columns() -> None:
     made = foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0], "success": [math.nan] * 2})
-    (case,) = gather([made]).cases
+    (case,) = group_results([made]).cases
     table = case_table(case, n_resamples=QUICK)
     row = cells(table, "bc")
     assert list(row) == ["return", "success", "length"]
@@ -92,12 +92,12 @@ MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 
 def test_labels_by_dataset() -> None:
-    results = gather([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), result("idle", None)])
+    results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), result("idle", None)])
     table = metric_table(results, n_resamples=QUICK)
     assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
     assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
     row = cells(table, "bc")
-    expected = metrics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
+    expected = score_statistics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
     assert row[EXPERT].value == pytest.approx(float(expected))
     assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
     assert math.isnan(cells(table, "iql")[EXPERT].value)
@@ -110,14 +110,16 @@ def test_labels_by_dataset() -> None:
 
 def test_views_are_explained() -> None:
     lidar = with_models(COOP_NAV, "lidar")
-    table = metric_table(gather([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK)
+    table = metric_table(
+        group_results([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK
+    )
     plain, view = sorted(column.label for column in table.columns)
     assert f"{view}: seen again with observation lidar" in table.caption
     assert f"{plain}: seen" not in table.caption
 
 
 def test_aggregates_stand_below_those_of_the_data() -> None:
-    results = gather([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}})])
+    results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}})])
     table = aggregate_table(results, n_resamples=QUICK)
     assert [row.label for row in table.rows] == ["data", "bc", "omar"]
     own = [case.data_score for case in results.cases]
@@ -126,7 +128,7 @@ def test_aggregates_stand_below_those_of_the_data() -> None:
 
 
 def test_who_beats_whom() -> None:
-    table = improvement_table(gather(grid(MEANS)), n_resamples=QUICK)
+    table = improvement_table(group_results(grid(MEANS)), n_resamples=QUICK)
     assert cells(table, "omar")["bc"].value == 1.0
     assert cells(table, "bc")["omar"].value == 0.0
     assert math.isnan(cells(table, "bc")["bc"].value)

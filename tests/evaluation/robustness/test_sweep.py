@@ -15,11 +15,12 @@ pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
 from swarmdata.errors import CheckpointError, ResultsError, SpecError
-from swarmdata.evaluation.results import policy_names
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results import target_evaluation
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, read_results, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness import sweep as sweep_module
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
@@ -27,8 +28,8 @@ from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.training.run_folder import read_run
+from swarmdata.registry.published import Reference
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.rollouts.metrics import Reference
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult
@@ -140,7 +141,7 @@ def test_a_stopped_sweep_goes_on_where_it_was(
         calls.append(options["name"])
         return evaluate(*arguments, **options)
 
-    monkeypatch.setattr(policy_names, "evaluate", counted)
+    monkeypatch.setattr(target_evaluation, "evaluate", counted)
     with pytest.raises(KeyboardInterrupt):
         run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
     assert len(list(tmp_path.rglob("*.json"))) == 3
@@ -159,7 +160,7 @@ def test_more_axes_and_points_join_what_is_there(
     runs: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_sweep([runs / "talks"], [DROP], tmp_path)
-    monkeypatch.setattr(policy_names, "evaluate", None)  # nothing is left to measure
+    monkeypatch.setattr(target_evaluation, "evaluate", None)  # nothing is left to measure
     (found,) = run_sweep([runs / "talks"], [parse_axis("drop=0.6,0", "communication")], tmp_path)
     assert [point.value for point in found.lines[0].points] == [0.6, 0.3, 0.0]
     assert found.falls
@@ -182,7 +183,7 @@ def test_only_what_changed_is_measured_again(
         )
         return list(calls)
 
-    monkeypatch.setattr(policy_names, "evaluate", counted)
+    monkeypatch.setattr(target_evaluation, "evaluate", counted)
     shutil.copytree(runs, tmp_path / "runs")
     out = tmp_path / "out"
     assert measured_now() == ["talks"] * 4 + ["silent"] * 4

@@ -12,7 +12,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_plots import PANELS, plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 RATES = ("success", "clean_success")
 
@@ -82,6 +82,6 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
         draw(tmp_path / "x.svg")
     with pytest.raises(SchemaError, match="no points"):
         draw(tmp_path / "x.svg", line("bc", 1, None))
-    with pytest.raises(SchemaError, match="draw fewer"):
+    with pytest.raises(SchemaError, match="Sweep fewer"):
         draw(tmp_path / "x.svg", *(line(str(k), 1, 0.0, 1.0) for k in range(19)))
     assert not (tmp_path / "x.svg").exists()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_tables import HEAD, Degradation, Line, Point, to_csv
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 COLUMNS = (Column("return", "return", "", 2), Column("success", "success", "%", 1, 100.0))
 NUMBERS = st.floats(allow_infinity=False)

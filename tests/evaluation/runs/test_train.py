@@ -15,15 +15,15 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.results.policy_names import evaluate_target, find_target
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.runs.run_files import run_hash
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.run_files import run_hash
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy
-from swarmdata.online_algos.shaping.shaping import Shaping
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset
@@ -33,7 +33,7 @@ from swarmdata.specs.task_spec import TaskSpec
 CONFIGS = sorted(
     Path(file.name).stem for file in (files("swarmdata.online_algos") / "configs").iterdir()
 )
-SMALL = {"n_copies": "4", "n_steps": "4", "hidden": "8", "minibatch": "64"}
+SMALL = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "minibatch": "64"}
 
 
 def run(*arguments: str | Path, code: int = 0) -> str:
@@ -70,8 +70,7 @@ def settings() -> list[str]:
 def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> None:
     config = override(MAPPOConfig(), read_settings(name))
     assert config != MAPPOConfig()
-    assert config.n_frames >= 500_000
-    Shaping.of(config)
+    assert config.n_steps >= 500_000
     task = max((each for each in FAMILIES if name.startswith(f"{each}-")), key=len)
     env = make_env(preset(task), 1)
     assert (find_frame(env.features, config.frame) is None) == (config.frame == "world")
@@ -86,12 +85,13 @@ def test_the_shipped_experts_have_settings() -> None:
 def test_settings_are_read_as_the_command_line_takes_them(tmp_path: Path) -> None:
     file = tmp_path / "own.yaml"
     file.write_text(
-        "n_frames: 5000\ncontact_ramp: [-1.0, 0]\nteacher_remembers: false\nhidden: 8\n"
+        "n_steps: 5000\nhidden: 8\n"
+        "shaping:\n  contact_ramp: [-1.0, 0]\nstart:\n  teacher_remembers: false\n"
     )
     config = override(MAPPOConfig(), read_settings(str(file)))
-    assert (config.n_frames, config.hidden) == (5000, 8)
-    assert config.contact_ramp == (-1.0, 0.0)
-    assert not config.teacher_remembers
+    assert (config.n_steps, config.hidden) == (5000, 8)
+    assert config.shaping.contact_ramp == (-1.0, 0.0)
+    assert not config.start.teacher_remembers
 
 
 def test_wrong_settings_are_errors(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_unknown_names_are_code_1(arguments: tuple[str, ...], message: str, tmp_
 
 def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path) -> None:
     out, file = tmp_path / "run", tmp_path / "own.yaml"
-    file.write_text("hidden: 16\nn_frames: 16\n")
+    file.write_text("hidden: 16\nn_steps: 16\n")
     command: tuple[str | Path, ...] = (
         "train", "mappo", "--task", task, "--seeds", "2", "--first-seed", "5", "--steps", "3.2e1",
         "--config", file, "--out", out, *settings(),
@@ -162,7 +162,7 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
     assert (out / "curve.csv").read_bytes() == curve
     assert read_online_run(out).seeds == (5, 6)
     config = read_online_run(out).config
-    assert (config["hidden"], config["n_frames"]) == (8, 32)  # --set wins, --steps too
+    assert (config["hidden"], config["n_steps"]) == (8, 32)  # --set wins, --steps too
     results = tmp_path / "results"
     run("evaluate", out, "--episodes", "2", "--out", results)
     written = [load_result(file) for file in sorted(results.iterdir())]
@@ -174,9 +174,9 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
 @pytest.mark.parametrize("algorithm", ONLINE_ALGORITHMS)
 def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path: Path) -> None:
     kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
-    replay = {"batch_size": "4", "capacity": "64", "margin": "64", "warm_up": "8"}
+    replay = {"batch_size": "4", "capacity": "64", "margin": "64", "warmup_transitions": "8"}
     known = kind.Config.__dataclass_fields__
-    changes = {k: v for k, v in {**SMALL, **replay, "n_frames": "32"}.items() if k in known}
+    changes = {k: v for k, v in {**SMALL, **replay, "n_steps": "32"}.items() if k in known}
     out = tmp_path / "run"
     train_online(algorithm, str(task), out, seeds=(4, 2), changes=changes, progress=False)
     target = find_target(str(out))
@@ -195,7 +195,7 @@ def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path
 
 
 def test_robots_may_learn_under_other_models(task: Path, tmp_path: Path) -> None:
-    changes = {**SMALL, "n_frames": "16", "frame": "world"}
+    changes = {**SMALL, "n_steps": "16", "frame": "world"}
     out = tmp_path / "run"
     train_online(
         "mappo", str(task), out, seeds=(0,), changes=changes, observation="lidar", progress=False
@@ -204,7 +204,7 @@ def test_robots_may_learn_under_other_models(task: Path, tmp_path: Path) -> None
 
 
 def test_a_run_without_checkpoints_is_no_target_yet(task: Path, tmp_path: Path) -> None:
-    changes = {**SMALL, "n_frames": "16"}
+    changes = {**SMALL, "n_steps": "16"}
     train_online("mappo", str(task), tmp_path / "run", seeds=(0,), changes=changes, progress=False)
     last = next((tmp_path / "run" / "policies" / "seed-0").iterdir())
     last.unlink()
@@ -217,7 +217,7 @@ def test_a_run_without_checkpoints_is_no_target_yet(task: Path, tmp_path: Path) 
 def test_processes_share_the_seeds_and_their_failures_are_told(
     task: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    changes, out = {**SMALL, "n_frames": "16"}, tmp_path / "run"
+    changes, out = {**SMALL, "n_steps": "16"}, tmp_path / "run"
 
     def train(**other: str) -> None:
         train_online(

@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="a study needs the torch extra")
 
 from swarmdata.errors import BuildError
 from swarmdata.evaluation.study.cells import run_cells
-from swarmdata.evaluation.study.cells.cell_worker import _handle
+from swarmdata.evaluation.study.cells.cell_worker import run_job
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.runtime.workers import Job, Report
 from tests.support.tiny import make_tiny
@@ -21,7 +21,7 @@ MADDPG = {
     "algorithm": "maddpg_bc",
     "family": "actor-critic",
     "updates": 10,
-    "settings": {"warm_start": 4},
+    "settings": {"bc_warmup_updates": 4},
 }
 
 
@@ -44,7 +44,7 @@ class Here:
     def run(self, jobs: Sequence[Job], progress: Report) -> None:
         for job in jobs:
             try:
-                _handle(job.payload, progress)
+                run_job(job.payload, progress)
             except BuildError as error:
                 raise BuildError(f"{job.name} failed: {error}") from error
 

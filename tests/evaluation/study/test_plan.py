@@ -45,9 +45,9 @@ def test_a_study_survives_its_own_yaml(
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"seeds": [1, 1]}, "are not different"),
+        ({"seeds": [1, 1]}, "repeat, expected different"),
         ({"seed": [1]}, "unknown key. Did you mean 'seeds'"),
-        ({"online": {"bc": {"run": "runs/x"}}}, "labels of offline and online"),
+        ({"online": {"bc": {"run": "runs/x"}}}, "labels of both offline and online"),
         ({"sizes": {"datasets": ["x"], "algorithms": ["bc"]}}, "sizes.datasets has 'x'"),
         ({"sizes": {"datasets": [], "algorithms": ["x"]}}, "sizes.algorithms has 'x'"),
         ({"curves": {"datasets": ["x"]}}, "curves.datasets has 'x'"),

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from swarmdata.cli.main import app
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cell_worker import do_cell
+from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import cells_of
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study
@@ -37,7 +37,7 @@ def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path)
     assert str(tmp_path / "o" / "report.md") in run(file, *folders)
     assert "are the same" in run(file, *folders, "--check", "bc/coop_nav-tiny-v0")
     file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml())
-    assert "--again removes these cells" in run(file, *folders, code=1)
+    assert "--again to delete these cells" in run(file, *folders, code=1)
     file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml() + "seed: 1\n")
     assert "Did you mean 'seeds'" in run(file, *folders, code=1)
 
@@ -75,6 +75,6 @@ def test_a_study_that_is_killed_goes_on_to_the_same_numbers(
     costs = [Cost.from_file(each) for each in tmp_path.glob("work/cells/*/*/cost.json")]
     assert len(costs) == 2
     for cell in cells_of(study, digest_of):
-        do_cell(cell, tmp_path / "whole" / "cells" / cell.label / cell.data)
+        run_cell(cell, tmp_path / "whole" / "cells" / cell.label / cell.data)
     assert returns(tmp_path / "work") == returns(tmp_path / "whole")
     assert len(returns(tmp_path / "work")) == 4

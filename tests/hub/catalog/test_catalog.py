@@ -7,7 +7,7 @@ from types import MappingProxyType
 import pytest
 
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.catalog import catalog, identity
+from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.registry.published import Interval, Published, TaskReferences
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -27,7 +27,7 @@ TINY = Recipe(
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes every id mean a recipe that is built in a second."""
-    monkeypatch.setattr(catalog, "find_recipe", lambda dataset_id: TINY)
+    monkeypatch.setattr(request, "find_recipe", lambda dataset_id: TINY)
 
 
 def test_list_shows_every_tier_and_its_mini() -> None:

@@ -18,12 +18,13 @@ from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, ManifestError, RecipeConflictError
-from swarmdata.hub.catalog import catalog, identity
+from swarmdata.hub.catalog import identity, request
 from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, RebuiltDifferentlyWarning, load
 from swarmdata.hub.catalog.identity import identify, judge
 from swarmdata.hub.catalog.repair import examine
-from swarmdata.hub.catalog.sources import obtain_address
-from swarmdata.hub.publishing.blockers import reasons_against
+from swarmdata.hub.catalog.request import request_of_address
+from swarmdata.hub.catalog.sources import Remotes, obtain
+from swarmdata.hub.publishing.blockers import find_blockers
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.registry.published import Published
 from swarmdata.specs.recipe import Recipe
@@ -33,7 +34,7 @@ from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
-from swarmdata.store.reading import Verify
+from swarmdata.store.stored_dataset import Verify
 from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
@@ -161,7 +162,7 @@ def test_no_command_fetches_a_forgery(
     shelf = Shelf(tmp_path / "shelf", dataset)
     address = f"{shelf.address}/{TINY.id}"
     with pytest.raises(ChecksumError, match=case.words):
-        obtain_address(address, tmp_path / "cache", progress=False)
+        obtain(request_of_address(address), Remotes(progress=False))
     for options in ([address], [address, "--out", str(tmp_path / "out")],
                     [TINY.id, "--from", shelf.address]):  # fmt: skip
         result = RUNNER.invoke(app, ["pull", *options])
@@ -187,7 +188,7 @@ def test_a_manifest_that_lies_about_the_digest_is_not_fetched(
 
 def test_a_forgery_is_not_pushed(dataset: Path, case: Case, tmp_path: Path) -> None:
     (tmp_path / "remote").mkdir()
-    reasons = reasons_against(dataset, FolderRemote(f"file://{tmp_path}/remote"))
+    reasons = find_blockers(dataset, FolderRemote(f"file://{tmp_path}/remote"))
     assert any(case.words in reason for reason in reasons), reasons
 
 
@@ -262,7 +263,7 @@ def test_damage_is_a_verdict_of_its_own(dataset: Path) -> None:
 def test_a_shortened_recipe_in_the_cache_is_not_the_shipped_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(catalog, "find_recipe", lambda name: TINY)
+    monkeypatch.setattr(request, "find_recipe", lambda name: TINY)
     make_tiny(cache_folder() / "datasets" / TINY.id, n_steps=200)
     with pytest.raises(RecipeConflictError, match="made from another recipe"):
         load(TINY.id)
@@ -347,7 +348,7 @@ def test_a_spec_that_contradicts_the_widths_is_refused(
     result = RUNNER.invoke(app, ["verify", str(dataset)])
     assert (result.exit_code, "by the spec" in result.stderr) == (1, True)
     (tmp_path / "remote").mkdir()
-    (reason,) = reasons_against(dataset, FolderRemote(f"file://{tmp_path}/remote"))
+    (reason,) = find_blockers(dataset, FolderRemote(f"file://{tmp_path}/remote"))
     assert "by the spec" in reason
     shelf = Shelf(tmp_path / "shelf", dataset)
     result = RUNNER.invoke(app, ["pull", f"{shelf.address}/{recipe.id}"])
@@ -364,11 +365,11 @@ def _rename(folder: Path, recipe: Recipe) -> None:
 def test_every_preset_has_the_shapes_of_its_worlds() -> None:
     from swarmdata.registry.components import make_env
     from swarmdata.registry.presets import preset, preset_names
-    from swarmdata.store.arrays.row_shapes import row_shapes
+    from swarmdata.store.arrays.row_shapes import task_row_shapes
 
     for name in preset_names():
         spec: TaskSpec = preset(name)
-        env, shapes = make_env(spec, 1), row_shapes(spec)
+        env, shapes = make_env(spec, 1), task_row_shapes(spec)
         assert shapes["observations"] == (spec.n_agents, env.observation_size), name
         assert shapes["states"] == (env.state_size,), name
         assert shapes["actions"] == (spec.n_agents, env.action_size), name

@@ -22,15 +22,16 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.hub.catalog import catalog, identity, sources
+from swarmdata.hub.catalog import identity, request, sources
 from swarmdata.hub.catalog.catalog import find_folder, load
-from swarmdata.hub.catalog.sources import (
-    RemoteSkippedWarning,
+from swarmdata.hub.catalog.request import (
+    Request,
     is_offline,
-    obtain,
-    obtain_address,
-    obtain_foreign,
+    request_of_address,
+    request_of_id,
+    request_of_recipe,
 )
+from swarmdata.hub.catalog.sources import Found, Remotes, RemoteSkippedWarning, obtain
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
@@ -62,6 +63,11 @@ def configure(monkeypatch: pytest.MonkeyPatch, *shelves: Shelf) -> None:
     monkeypatch.setenv("SWARMDATA_REMOTES", ",".join(known))
 
 
+def fetch(wanted: Request, *shelves: Shelf) -> Found:
+    """The dataset from the first source that has it, these remotes among them."""
+    return obtain(wanted, Remotes([shelf.address for shelf in shelves], progress=False))
+
+
 def _locate(known: dict[str, Remote], text: str) -> tuple[Remote, Release]:
     remote = known[text.rpartition("/")[0]]
     release = remote.find(text.rpartition("/")[2])
@@ -75,7 +81,7 @@ def shipped(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> None:
     entry = publication(Dataset.open(tiny).stored)
     monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: entry}))
     monkeypatch.setattr(
-        catalog, "find_recipe", lambda name: TINY if name in TINY.id else find_recipe(name)
+        request, "find_recipe", lambda name: TINY if name in TINY.id else find_recipe(name)
     )
 
 
@@ -158,7 +164,9 @@ def test_a_copy_of_another_recipe_is_skipped(tmp_path: Path, other: Path) -> Non
     """Where no digest is published, the recipe must be the same."""
     shelf = Shelf(tmp_path / "shelf", other)
     with pytest.warns(RemoteSkippedWarning, match=f"expected {TINY.hash()[:12]}"):
-        found = obtain(TINY, tmp_path / "d", remotes=[shelf.address], progress=False)
+        found = obtain(
+            request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
+        )
     assert found.source == "rebuilt"
 
 
@@ -166,7 +174,9 @@ def test_a_damaged_copy_is_skipped(tmp_path: Path, tiny: Path) -> None:
     shelf = Shelf(tmp_path / "shelf", tiny)
     flip(tmp_path / "shelf" / TINY.id / "data.zarr" / "actions" / "c.0.0.0", 99)
     with pytest.warns(RemoteSkippedWarning, match="actions"):
-        found = obtain(TINY, tmp_path / "d", remotes=[shelf.address], progress=False)
+        found = obtain(
+            request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
+        )
     assert found.source == "rebuilt"
 
 
@@ -175,7 +185,9 @@ def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Pat
     arriving = Path(shutil.copytree(tiny, scratch_folder(tmp_path / "d", "arriving")))
     flip(arriving / "recipe.json", 30)
     build_folder(tmp_path / "d").mkdir()
-    found = obtain(TINY, tmp_path / "d", remotes=[shelf.address], progress=False)
+    found = obtain(
+        request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
+    )
     assert found.source == f"{shelf.address}/{TINY.id}"
     Dataset.open(tmp_path / "d", "full")
     left = {path.name for path in tmp_path.iterdir() if not path.name.endswith(".lock")}
@@ -223,8 +235,9 @@ def test_an_id_that_is_nowhere_says_what_to_run(
 def test_no_text_but_an_id_reaches_a_path_or_a_remote(name: str) -> None:
     if re.fullmatch(r"[a-z0-9_]+(-[a-z0-9_]+)+", name):
         return
-    nowhere = Path("/absent/cache")  # a remote that cannot be opened warns, and warnings are errors
-    assert obtain_foreign(name, nowhere, remotes=["file:///absent"]) is None
+    # a remote that cannot be opened warns, and warnings are errors
+    with pytest.raises(UnknownNameError):
+        obtain(request_of_id(name), Remotes(["file:///absent"]))
 
 
 def test_a_remote_that_cannot_list_is_skipped(tmp_path: Path, foreign: Path) -> None:
@@ -232,13 +245,7 @@ def test_a_remote_that_cannot_list_is_skipped(tmp_path: Path, foreign: Path) -> 
     shutil.rmtree(tmp_path / "broken")
     right = Shelf(tmp_path / "right", foreign)
     with pytest.warns(RemoteSkippedWarning, match="there is no folder"):
-        found = obtain_foreign(
-            "lab-warehouse_run",
-            tmp_path / "cache",
-            remotes=[broken.address, right.address],
-            progress=False,
-        )
-    assert found is not None
+        found = fetch(request_of_id("lab-warehouse_run"), broken, right)
     assert found.folder.name == FOREIGN
 
 
@@ -263,11 +270,10 @@ def test_a_cached_copy_that_lost_its_manifest_says_how_to_repair_it(
     tmp_path: Path, foreign: Path
 ) -> None:
     shelf = Shelf(tmp_path / "1", foreign)
-    found = obtain_foreign(FOREIGN, tmp_path / "c", remotes=[shelf.address], progress=False)
-    assert found is not None
+    found = fetch(request_of_id(FOREIGN), shelf)
     (found.folder / "manifest.json").unlink()
     with pytest.raises(MissingManifestError, match=f"verify {found.folder} --repair"):
-        obtain_foreign(FOREIGN, tmp_path / "c", remotes=[shelf.address], progress=False)
+        fetch(request_of_id(FOREIGN), shelf)
 
 
 def test_a_remote_that_fails_an_address_is_an_error(
@@ -303,14 +309,14 @@ def test_what_is_pinned_on_a_hub_needs_no_request_when_warm(
     shelf = HubShelf(tmp_path / "1", foreign)
     monkeypatch.setattr(sources, "locate", shelf.at)
     address = f"hf://lab/lab-warehouse_run{revision}"
-    first = obtain_address(address, tmp_path / "cache", progress=False)
+    first = obtain(request_of_address(address), Remotes(progress=False))
     assert first.source == f"hf://lab/warehouse_run@{'5' * 40}"
     shelf.requests = 0
-    again = obtain_address(address, tmp_path / "cache", progress=False)
+    again = obtain(request_of_address(address), Remotes(progress=False))
     assert (again.folder, again.source) == (first.folder, "cache")
     assert shelf.requests == requests
     if revision != "@main":
-        offline = obtain_address(address, tmp_path / "cache", offline=True)
+        offline = obtain(request_of_address(address), Remotes(offline=True))
         assert offline.folder == first.folder
 
 
@@ -329,7 +335,7 @@ def test_a_folder_is_a_dataset_and_never_shadows_an_id(
 
 def test_no_two_remotes_share_a_place(tmp_path: Path) -> None:
     slugs: set[Any] = {
-        sources._slug(remote) for remote in ("s3://a/b", "s3://a-b", "s3://a/b-", "hf://a/b")
+        request._slug(remote) for remote in ("s3://a/b", "s3://a-b", "s3://a/b-", "hf://a/b")
     }
     assert len(slugs) == 4
     assert all(len(slug) < 100 and "/" not in slug for slug in slugs)

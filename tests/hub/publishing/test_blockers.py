@@ -10,7 +10,7 @@ from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
 from swarmdata.cards.card import write_card
 from swarmdata.hub.catalog import identity
 from swarmdata.hub.publishing import blockers
-from swarmdata.hub.publishing.blockers import reasons_against
+from swarmdata.hub.publishing.blockers import find_blockers
 from swarmdata.hub.remotes import push
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.registry.published import published
@@ -34,7 +34,7 @@ def remote(tmp_path: Path) -> FolderRemote:
 
 def test_what_is_in_order_passes_and_passes_again(good: Path, remote: FolderRemote) -> None:
     def check(folder: Path) -> tuple[str, ...]:
-        return reasons_against(folder, remote)
+        return find_blockers(folder, remote)
 
     release = push(good, remote, check)
     assert push(good, remote, check) == release
@@ -47,18 +47,18 @@ def test_damage_is_the_only_reason_that_counts(
     file = next(broken.glob("data.zarr/states/c.*"))
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     (broken / "card.md").unlink()
-    (reason,) = reasons_against(broken, remote)
+    (reason,) = find_blockers(broken, remote)
     assert str(file) in reason
 
 
 def test_cards(good: Path, remote: FolderRemote, tmp_path: Path) -> None:
     copy = Path(shutil.copytree(good, tmp_path / "copy"))
     (copy / "card.md").write_text((copy / "card.md").read_text().replace("1", "2"))
-    (reason,) = reasons_against(copy, remote)
+    (reason,) = find_blockers(copy, remote)
     assert "card.md, line" in reason
     assert "swarmdata card" in reason
     (copy / "card.md").unlink()
-    (reason,) = reasons_against(copy, remote)
+    (reason,) = find_blockers(copy, remote)
     assert "there is no card.md" in reason
 
 
@@ -68,7 +68,7 @@ def test_a_version_that_is_taken(
     another = record(tmp_path / "another", SPECS["coop_nav"].with_updates(horizon=60), ("random",))
     write_card(another)
     push(good, remote, lambda folder: ())
-    (reason,) = reasons_against(another, remote)
+    (reason,) = find_blockers(another, remote)
     assert "a published version never changes" in reason
 
 

@@ -1,4 +1,4 @@
-"""Choices among knots: values, interpolation, and the policy that takes the best."""
+"""Choices among bins: values, interpolation, and the policy that takes the best."""
 
 from typing import Any
 
@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
+from torch import Tensor  # noqa: E402
+
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
@@ -16,43 +18,48 @@ from swarmdata.learn.networks.team_networks import Team  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 
 
-def test_knots_are_even_and_symmetric() -> None:
-    assert bins.knots(5).tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
-    assert bins.knots(2).tolist() == [-1.0, 1.0]
-    with pytest.raises(SchemaError, match="got 1 choices"):
-        bins.knots(1)
+def test_bins_are_even_and_symmetric() -> None:
+    assert bins.bin_values(5).tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert bins.bin_values(2).tolist() == [-1.0, 1.0]
+    with pytest.raises(SchemaError, match="got 1 bins"):
+        bins.bin_values(1)
 
 
-@given(n_choices=st.integers(2, 33))
-def test_the_middle_of_an_odd_number_of_knots_is_exactly_zero(n_choices: int) -> None:
-    values = bins.knots(n_choices)
+@given(n_bins=st.integers(2, 33))
+def test_the_middle_of_an_odd_number_of_bins_is_exactly_zero(n_bins: int) -> None:
+    values = bins.bin_values(n_bins)
     assert torch.equal(values, -values.flip(0))
-    assert (values == 0).any() == (n_choices % 2 == 1)
+    assert (values == 0).any() == (n_bins % 2 == 1)
+
+
+def interpolated(utilities: Tensor, actions: Tensor) -> Tensor:
+    """Q_i of continuous actions, as value decomposition has it."""
+    return (bins.two_hot(actions, utilities.shape[-1]) * utilities).sum(-1).mean(-1)
 
 
 @given(st.integers(2, 17), st.integers(0, 999))
-def test_interpolation_meets_the_chosen_utility_at_every_knot(n_choices: int, seed: int) -> None:
+def test_interpolation_meets_the_chosen_utility_at_every_bin(n_bins: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
-    utilities = torch.randn(4, 3, n_choices, generator=generator)
-    choices = torch.randint(n_choices, (4, 3), generator=generator)
-    at_knots = bins.interpolate(utilities, bins.to_actions(choices, n_choices))
-    torch.testing.assert_close(at_knots, bins.chosen(utilities, choices), rtol=0, atol=1e-4)
+    utilities = torch.randn(4, 3, n_bins, generator=generator)
+    choices = torch.randint(n_bins, (4, 3), generator=generator)
+    at_bins = interpolated(utilities, bins.to_actions(choices, n_bins))
+    torch.testing.assert_close(at_bins, bins.chosen(utilities, choices), rtol=0, atol=1e-4)
 
 
 @given(st.integers(2, 17), st.integers(0, 999))
-def test_no_action_beats_the_best_choice(n_choices: int, seed: int) -> None:
+def test_no_action_beats_the_best_choice(n_bins: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
-    utilities = torch.randn(50, 2, n_choices, generator=generator)
+    utilities = torch.randn(50, 2, n_bins, generator=generator)
     actions = torch.rand(50, 2, generator=generator) * 3 - 1.5
     best = bins.chosen(utilities, bins.greedy(utilities))
-    assert (bins.interpolate(utilities, actions) <= best + 1e-5).all()
+    assert (interpolated(utilities, actions) <= best + 1e-5).all()
 
 
 def test_interpolation_by_hand() -> None:
-    utilities = torch.tensor([[0.0, 4.0, 8.0], [1.0, 1.0, 3.0]])  # 2 dimensions, knots -1, 0, 1
-    q = bins.interpolate(utilities, torch.tensor([-0.25, 0.5]))
+    utilities = torch.tensor([[0.0, 4.0, 8.0], [1.0, 1.0, 3.0]])  # 2 dimensions, bins -1, 0, 1
+    q = interpolated(utilities, torch.tensor([-0.25, 0.5]))
     assert q.item() == pytest.approx((3.0 + 2.0) / 2)
-    ends = bins.interpolate(utilities, torch.tensor([-7.0, 7.0]))
+    ends = interpolated(utilities, torch.tensor([-7.0, 7.0]))
     assert ends.item() == pytest.approx((0.0 + 3.0) / 2)
 
 
@@ -70,19 +77,19 @@ def made(parameters: Any = "shared", frame: Frame | None = None) -> bins.BinPoli
         layers=team.extract(0),
         observation_mean=torch.zeros(size, dtype=torch.float64),
         observation_std=torch.ones(size, dtype=torch.float64),
-        n_choices=5,
+        n_bins=5,
         frame=frame,
         parameters=parameters,
     )
 
 
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
-def test_the_policy_takes_the_best_knots(parameters: str) -> None:
+def test_the_policy_takes_the_best_bins(parameters: str) -> None:
     policy = made(parameters)
     observations = np.random.default_rng(0).normal(size=(6, 3, 4)).astype(np.float32)
     actions = policy.actions(observations)
     assert actions.shape == (6, 3, 2)
-    assert set(np.unique(actions)) <= set(bins.knots(5).tolist())
+    assert set(np.unique(actions)) <= set(bins.bin_values(5).tolist())
     expected = bins.to_actions(policy.choices(observations), 5)
     np.testing.assert_array_equal(actions, expected.numpy())
     np.testing.assert_array_equal(policy.actions(observations[2:3]), actions[2:3])

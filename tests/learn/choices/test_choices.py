@@ -1,5 +1,6 @@
-"""What robots choose from: knots, recorded choices, robots that differ, and action masks."""
+"""What robots choose from: bins, recorded choices, robots that differ, and action masks."""
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,7 +10,6 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch.nn.functional import one_hot  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.choices.choices import (  # noqa: E402
     Choices,
     columns_of,
@@ -23,23 +23,28 @@ RECORDED = Sizes(n_agents=2, observation=4, action=2, state=5, choices=UNEQUAL)
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(2, 17), st.integers(0, 999))
-def test_weights_value_actions_as_interpolation_does(n_knots: int, seed: int) -> None:
+def test_weights_value_actions_as_interpolation_does(n_bins: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
-    choices = Choices.of(CONTINUOUS, n_knots)
+    choices = Choices.of(CONTINUOUS, n_bins)
     actions = torch.rand(6, 3, 2, generator=generator) * 2.4 - 1.2
-    utilities = torch.randn(6, 3, 2, n_knots, generator=generator)
+    utilities = torch.randn(6, 3, 2, n_bins, generator=generator)
     weights = choices.weights(actions)
     assert (weights >= 0).all()
     assert ((weights > 0).sum(-1) <= 2).all()
     torch.testing.assert_close(weights.sum(-1), torch.ones(6, 3, 2))
     valued = (utilities * weights).sum(-1).mean(-1)
-    torch.testing.assert_close(valued, bins.interpolate(utilities, actions))
-    # the mean knot is the action itself
+    columns = [
+        np.interp(a, np.linspace(-1, 1, n_bins), u)
+        for a, u in zip(actions.flatten(), utilities.flatten(0, 2), strict=True)
+    ]
+    expected = torch.tensor(np.array(columns), dtype=torch.float32).view(6, 3, 2).mean(-1)
+    torch.testing.assert_close(valued, expected, rtol=1e-4, atol=1e-5)
+    # the mean bin is the action itself
     inside = actions.clamp(-1, 1)
     torch.testing.assert_close((weights * choices.values.float()).sum(-1), inside)
 
 
-def test_knots_need_no_padding_and_come_back() -> None:
+def test_bins_need_no_padding_and_come_back() -> None:
     choices = Choices.of(CONTINUOUS, 5)
     assert choices.exists is None
     numbers = torch.randint(5, (7, 3, 2))

@@ -29,7 +29,7 @@ from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.learn.chain import Constant, chain  # noqa: E402
 
 ACTIONS = (0.5, -0.5)
-SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "step_size": 1e-2}
+SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "learning_rate": 1e-2}
 
 
 def asked(

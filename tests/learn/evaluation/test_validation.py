@@ -19,6 +19,7 @@ from swarmdata.learn.evaluation.validation import (  # noqa: E402
 )
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
@@ -82,12 +83,12 @@ def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing() -> 
     dataset = chain(8, ends=False)
     batch = dataset.sampler(32).gather(np.arange(24)[None]).to_torch()
     config = MADDPGBCConfig(
-        actor_hidden=(8,), critic_hidden=(8,), noise=0.0, max_gradient_norm=None
+        actor_hidden=(8,), critic_hidden=(8,), smoothing=0.0, max_grad_norm=None
     )
     statistics = Statistics.measure(dataset, config.discount)
-    algorithm = MADDPGBC(Sizes.of(batch), [3], config, statistics=statistics)
-    before = algorithm.parts.critics.online.flat.clone()
+    algorithm = MADDPGBC(Setup(Sizes.of(batch), [3], statistics), config)
+    before = algorithm.critics.online.flat.clone()
     found = algorithm.td_error(batch)
-    assert torch.equal(algorithm.parts.critics.online.flat, before)
+    assert torch.equal(algorithm.critics.online.flat, before)
     loss = algorithm.update(batch)["critic_loss"]
     torch.testing.assert_close(found, loss / 2)  # the loss is the sum over two critics

@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from hypothesis import given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
-from swarmdata.learn.networks.actor import DelayedActor  # noqa: E402
+from swarmdata.learn.networks.actor import DelayedActor, StackedActor  # noqa: E402
 from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
 from swarmdata.learn.networks.normalizer import Normalizer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
@@ -29,9 +29,8 @@ def statistics() -> Statistics:
 
 
 def made(n_seeds: int = 2) -> DelayedActor:
-    return DelayedActor(
-        SIZES, range(n_seeds), (8,), statistics(), step_size=1e-2, max_norm=None, device="cpu"
-    )
+    online = StackedActor(SIZES, range(n_seeds), (8,), statistics(), squash=True, device="cpu")
+    return DelayedActor(online, n_seeds, learning_rate=1e-2, max_norm=None)
 
 
 def test_features_are_normalized_with_the_datasets_moments() -> None:

@@ -1,4 +1,4 @@
-"""Fusable functions: plain outside `fused`, compiled inside, with one clear error."""
+"""Compilable functions: plain outside `compiling`, compiled inside, with one clear error."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
 from swarmdata.learn.networks import compilation  # noqa: E402
-from swarmdata.learn.networks.compilation import fusable, fused, has_fusable, unfused  # noqa: E402
+from swarmdata.learn.networks.compilation import compilable, compiling, has_compilable, uncompiled  # noqa: E402
 from swarmdata.learn.networks.perceptrons import (  # noqa: E402
     MLPShape,
     StackedMLP,
@@ -43,7 +43,7 @@ def small(folder: Path) -> Dataset:
     return Dataset.open(folder / "ds").split("train")
 
 
-@fusable
+@compilable
 def distances(values: Tensor, factor: float) -> Tensor:
     return factor * (values - values.mean()).square()
 
@@ -54,21 +54,21 @@ def test_outside_a_function_runs_as_it_is_written() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_inside_each_combination_of_shapes_and_constants_is_compiled_once() -> None:
+def test_inside_each_combination_of_shapes_and_constants_is_compiled() -> None:
     values = torch.arange(4.0)
-    with fused() as fusion:
-        first = fusion.n_graphs
+    with compiling() as compilation:
+        first = compilation.n_graphs
         for _ in range(3):
             torch.testing.assert_close(distances(values, 2.0), 2.0 * (values - 1.5).square())
-        assert fusion.n_graphs == first + 1
+        assert compilation.n_graphs == first + 1
         distances(values, 3.0)
         distances(values[:3], 3.0)
-        assert fusion.n_graphs == first + 3
-        with unfused():
+        assert compilation.n_graphs == first + 3
+        with uncompiled():
             distances(values[:2], 3.0)
-        assert fusion.n_graphs == first + 3
-        assert fusion.seconds > 0
-        assert str(fusion).startswith(f"compiled {first + 3} graphs in ")
+        assert compilation.n_graphs == first + 3
+        assert compilation.seconds > 0
+        assert str(compilation).startswith(f"compiled {first + 3} graphs in ")
 
 
 @pytest.mark.usefixtures("quick")
@@ -76,7 +76,7 @@ def test_a_gradient_is_part_of_the_graph() -> None:
     network = StackedMLP(MLPShape(3, (8,), 2, layer_norm=True), 2, "cpu")
     initialize(network, [0, 1], stream=0)
 
-    @fusable
+    @compilable
     def descend(inputs: Tensor) -> Tensor:
         loss = network(inputs).square().mean((1, 2))
         network.backward(loss.sum())
@@ -85,7 +85,7 @@ def test_a_gradient_is_part_of_the_graph() -> None:
     inputs = torch.randn(2, 5, 3)
     loss, gradient = descend(inputs), network.gradient.clone()
     network.gradient.zero_()
-    with fused():
+    with compiling():
         torch.testing.assert_close(descend(inputs), loss)
     torch.testing.assert_close(network.gradient, gradient)
 
@@ -93,14 +93,14 @@ def test_a_gradient_is_part_of_the_graph() -> None:
 def test_what_does_not_compile_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "BACKEND", "no such backend")
     torch._dynamo.reset()
-    with pytest.raises(ProgramError, match=r"install g\+\+ or clang.*train without"), fused():
+    with pytest.raises(ProgramError, match=r"install g\+\+ or clang.*train without"), compiling():
         raise AssertionError("not reached")
     assert distances(torch.ones(2), 1.0).sum() == 0  # and it is switched off again
 
 
 def test_classes_say_whether_they_have_something_to_compile() -> None:
-    assert has_fusable(BC)
-    assert not has_fusable(StackedMLP)
+    assert has_compilable(BC)
+    assert not has_compilable(StackedMLP)
 
 
 @pytest.mark.usefixtures("quick")
@@ -120,7 +120,7 @@ def test_a_compiled_run_is_recorded_told_and_goes_on_as_it_began(
         train_seeds("bc", data, folder, config=CONFIG, progress=False)
 
 
-def test_an_algorithm_without_fusable_methods_is_refused(
+def test_an_algorithm_without_compilable_methods_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(BC, "_gradient", None)
@@ -131,7 +131,7 @@ def test_an_algorithm_without_fusable_methods_is_refused(
 
 @pytest.mark.slow
 def test_a_machine_without_a_compiler_says_so(tmp_path: Path) -> None:
-    code = "from swarmdata.learn.networks.compilation import fused\nwith fused(): pass"
+    code = "from swarmdata.learn.networks.compilation import compiling\nwith compiling(): pass"
     paths = {"CXX": "/no/compiler", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", code], check=False, env=os.environ | paths,

@@ -9,7 +9,8 @@ from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.networks.critics import JointCritics, information, replace_each  # noqa: E402
+from swarmdata.learn.networks.critics import JointCritics, replace_each  # noqa: E402
+from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
@@ -17,7 +18,7 @@ SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 
 def made(n_seeds: int = 2, n_critics: int = 2, n_values: int = 1) -> JointCritics:
     return JointCritics(
-        SIZES, range(n_seeds), (8,), step_size=1e-2, max_norm=None,
+        SIZES, range(n_seeds), (8,), learning_rate=1e-2, max_norm=None,
         n_critics=n_critics, n_values=n_values,
     )  # fmt: skip
 
@@ -60,7 +61,7 @@ def test_twins_begin_apart_and_each_follows_its_own_error() -> None:
 
 
 def test_a_seed_begins_alike_in_every_stack() -> None:
-    alone = JointCritics(SIZES, [1], (8,), step_size=1e-2, max_norm=None)
+    alone = JointCritics(SIZES, [1], (8,), learning_rate=1e-2, max_norm=None)
     assert torch.equal(made(2).online.flat[2:], alone.online.flat)
 
 

@@ -21,8 +21,10 @@ SEEDS = (3, 8)
 
 
 def made(kind: Any = FreeMixer, seeds: tuple[int, ...] = SEEDS) -> FactoredCritics:
-    mixer = kind(3, 5 + 3 * 4, seeds, MIXER_STREAM, embedding=7, hidden=6, device="cpu", n_twins=2)
-    return FactoredCritics(SIZES, seeds, (8,), mixer, step_size=1e-2, max_norm=None)
+    mixer = kind(
+        3, 5 + 3 * 4, seeds, MIXER_STREAM, embedding=7, hidden=6, device="cpu", n_critics=2
+    )
+    return FactoredCritics(SIZES, seeds, (8,), mixer, learning_rate=1e-2, max_norm=None)
 
 
 def drawn(n_seeds: int = 2, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
@@ -126,7 +128,7 @@ def test_a_seed_of_a_stack_is_what_it_is_alone() -> None:
 
 
 def test_a_mixer_without_parameters_is_possible() -> None:
-    critics = FactoredCritics(SIZES, SEEDS, (8,), MeanMixer(), step_size=1e-2, max_norm=1.0)
+    critics = FactoredCritics(SIZES, SEEDS, (8,), MeanMixer(), learning_rate=1e-2, max_norm=1.0)
     s, o, a = drawn()
     torch.testing.assert_close(critics.q(s, o, a), critics.agent_values(o, a).mean(-1))
     torch.testing.assert_close(critics.policy_values(s, o, a), critics.q(s, o, a)[:, 0])

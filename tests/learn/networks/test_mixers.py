@@ -90,11 +90,11 @@ def test_the_free_mixer_is_the_same_without_the_absolute_values() -> None:
 
 @pytest.mark.parametrize("kind", [MonotonicMixer, FreeMixer])
 def test_twin_mixers_are_neighbors_and_differ(kind: type[MonotonicMixer | FreeMixer]) -> None:
-    twins = kind(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu", n_twins=2)
+    twins = kind(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu", n_critics=2)
     assert twins.network is not None
     assert len(twins.network.flat) == 4
     assert len({tuple(row) for row in twins.network.flat.tolist()}) == 4
-    single = kind(3, 5, SEEDS[1:], 1, embedding=7, hidden=6, device="cpu", n_twins=2)
+    single = kind(3, 5, SEEDS[1:], 1, embedding=7, hidden=6, device="cpu", n_critics=2)
     assert single.network is not None
     assert torch.equal(twins.network.flat[2:], single.network.flat)
 

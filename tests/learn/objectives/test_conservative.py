@@ -13,10 +13,10 @@ from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
 from swarmdata.learn.objectives.conservative import (  # noqa: E402
     counterfactual_samples,
     draw_agents,
+    join_samples,
     noisy_samples,
     replace_drawn,
     soft_maximum,
-    together,
     uniform_samples,
 )
 
@@ -118,7 +118,7 @@ def test_counterfactuals_leave_the_other_agents_in_the_data(
 def test_several_draws_are_one_and_masks_replace_several_agents() -> None:
     noise, actions = generators([0], "cpu"), torch.zeros(1, 3, 2, 2)
     parts = [uniform_samples(noise, actions, 2), noisy_samples(noise, actions, 4, 0.1)]
-    both = together(parts)
+    both = join_samples(parts)
     assert both.actions.shape == (1, 3, 6, 2, 2)
     assert torch.equal(both.log_density[:, :, :2], parts[0].log_density)
     everyone = torch.tensor([True, True]).expand(1, 3, 2)

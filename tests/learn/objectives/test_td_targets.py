@@ -9,7 +9,7 @@ from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.objectives.td_targets import polyak, td_target, team_reward  # noqa: E402
+from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
@@ -50,11 +50,11 @@ def test_the_team_reward_is_the_mean_over_agents() -> None:
     assert team_reward(torch.tensor([[1.0, 3.0], [0.0, -2.0]])).tolist() == [2.0, -1.0]
 
 
-def test_polyak_moves_by_the_rate_and_leaves_the_online_network_alone() -> None:
+def test_targets_move_by_the_rate_and_leaves_the_online_network_alone() -> None:
     target, online = (StackedMLP(MLPShape(1, (), 1), 1, "cpu") for _ in range(2))
     online.flat.fill_(1.0)
-    polyak(target, online, 0.25)
-    polyak(target, online, 0.25)
+    move_target(target, online, 0.25)
+    move_target(target, online, 0.25)
     assert target.flat.tolist() == [[0.4375, 0.4375]]
     assert online.flat.tolist() == [[1.0, 1.0]]
 

@@ -9,17 +9,17 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices.factored_values import FactoredConfig, FactoredValues  # noqa: E402
-from swarmdata.learn.networks.mixers import MeanMixer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
+from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Step, no_messages  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=4, action=2, state=5)
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
 
 
-def made(sizes: Sizes = SIZES, **config: Any) -> FactoredValues:
+def made(sizes: Sizes = SIZES, **config: Any) -> VDN:
     statistics = Statistics(
         observation_mean=np.full(4, 0.5),
         observation_std=np.full(4, 2.0),
@@ -28,8 +28,8 @@ def made(sizes: Sizes = SIZES, **config: Any) -> FactoredValues:
         return_std=1.0,
         max_return=1.0,
     )
-    settings = FactoredConfig(**{"hidden": (16,), **config})
-    return FactoredValues(sizes, (3, 8), settings, MeanMixer, statistics=statistics)
+    settings = VDNConfig(**{"hidden": (16,), **config})
+    return VDN(Setup(sizes, (3, 8), statistics), settings)
 
 
 def step_of(n_copies: int = 40) -> Step:
@@ -60,12 +60,13 @@ def test_it_does_what_training_would_choose(
     learner = made(sizes, regulariser=regulariser, parameters=parameters, behavior_head=head)
     step = step_of()
     seen = torch.from_numpy(step.observations)[None].expand(2, -1, -1, -1)
-    features, _ = learner.normalized(seen, torch.zeros(2, 40, 5))
+    networks = learner.networks
+    features = networks.normalizer.observations(seen)
     with torch.no_grad():
-        weights = learner.act(features)
+        weights = networks.act(networks.utilities(features), networks.log_probs(features))
     for seed in range(2):
         actions = learner.policy(seed).act(step)
-        expected = learner.choices.to_actions(weights[seed]).numpy()
+        expected = networks.choices.to_actions(weights[seed]).numpy()
         np.testing.assert_allclose(actions, expected, atol=1e-6)  # float32 of training
 
 

@@ -13,7 +13,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.compact import compact, is_same
-from swarmdata.learn.training.run_folder import CHECKPOINT, COMPACT, load_run, read_run
+from swarmdata.learn.training.run_files import CHECKPOINT
+from swarmdata.learn.training.run_folder import COMPACT, load_run, read_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from tests.support.tiny import make_tiny

@@ -1,29 +1,51 @@
 """Overrides of algorithm configs from text."""
 
-from dataclasses import dataclass
+import dataclasses
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.overrides import (
+    RENAMED_SETTINGS,
+    as_texts,
+    from_json,
+    override,
+    setting_types,
+)
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+
+
+@dataclass(frozen=True)
+class Cost:
+    weight: float = 1.0
+    ramp: tuple[float, ...] = (0.0, 0.5)
+
+
+@dataclass(frozen=True)
+class BCConfig:
+    learning_rate: float = 1e-3
 
 
 @dataclass(frozen=True)
 class Config:
-    step_size: float = 1e-3
+    learning_rate: float = 1e-3
     n_updates: int = 10
     hidden: tuple[int, ...] = (64, 64)
     output: Literal["tanh", "clip"] = "tanh"
     clip_target: bool = True
     max_norm: float | None = None
     name: str = "x"
+    cost: Cost = field(default_factory=Cost)
 
 
 @pytest.mark.parametrize(
     ("field", "text", "value"),
     [
-        ("step_size", "3e-4", 3e-4),
+        ("learning_rate", "3e-4", 3e-4),
         ("n_updates", "500", 500),
         ("hidden", "32, 16", (32, 16)),
         ("hidden", "8", (8,)),
@@ -48,16 +70,16 @@ def test_other_fields_keep_their_values() -> None:
 
 
 def test_an_unknown_field_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(UnknownNameError, match=r"'step_sise'.*Did you mean 'step_size'"):
-        override(Config(), {"step_sise": "1"})
+    with pytest.raises(UnknownNameError, match=r"'learning_rat'.*Did you mean 'learning_rate'"):
+        override(Config(), {"learning_rat": "1"})
 
 
 @pytest.mark.parametrize(
     ("field", "text", "expected"),
     [
         ("n_updates", "1.5", "a whole number"),
-        ("step_size", "fast", "a finite number"),
-        ("step_size", "nan", "a finite number"),
+        ("learning_rate", "fast", "a finite number"),
+        ("learning_rate", "nan", "a finite number"),
         ("output", "relu", "one of 'tanh', 'clip'"),
         ("clip_target", "2", "true or false"),
         ("hidden", "64,x", "values separated by commas, each a whole number"),
@@ -68,3 +90,84 @@ def test_text_of_another_type_is_refused(field: str, text: str, expected: str) -
     with pytest.raises(SpecError) as caught:
         override(Config(), {field: text})
     assert f"setting {field!r} of Config got {text!r}, expected {expected}" in str(caught.value)
+
+
+def test_settings_of_a_section_are_named_after_it() -> None:
+    changed = override(Config(cost=Cost(ramp=(0.1, 0.2))), {"cost.weight": "3", "name": "y"})
+    assert changed == Config(name="y", cost=Cost(3.0, (0.1, 0.2)))
+    with pytest.raises(UnknownNameError, match=r"'weight'.*Did you mean 'cost.weight'"):
+        override(Config(), {"weight": "3"})
+    with pytest.raises(UnknownNameError, match=r"unknown setting 'cost'"):
+        override(Config(), {"cost": "3"})
+
+
+def test_tables_are_settings_as_the_command_line_takes_them() -> None:
+    table = {"hidden": [8, 16], "clip_target": False, "max_norm": None, "cost": {"ramp": [0, 1.5]}}
+    texts = as_texts(table)
+    assert texts == {
+        "hidden": "8,16", "clip_target": "false", "max_norm": "none", "cost.ramp": "0,1.5",
+    }  # fmt: skip
+    changed = override(Config(max_norm=1.0), texts)
+    assert changed == Config(hidden=(8, 16), clip_target=False, cost=Cost(ramp=(0.0, 1.5)))
+
+
+def test_a_config_survives_json() -> None:
+    config = Config(hidden=(3,), max_norm=0.1, cost=Cost(0.3, (-1.0, 2.0)))
+    assert from_json(Config, json.loads(json.dumps(dataclasses.asdict(config)))) == config
+    with pytest.raises(UnknownNameError, match=r"'cost.wait'.*Did you mean 'cost.weight'"):
+        from_json(Config, {"cost": {"wait": 1.0}})
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda: override(BCConfig(), {"step_size": "1"}),
+        lambda: from_json(BCConfig, {"step_size": 1}),
+    ],
+)
+def test_an_old_name_is_refused_with_the_new_one(read: Callable[[], BCConfig]) -> None:
+    with pytest.raises(SpecError) as caught:
+        read()
+    message = "unknown setting 'step_size' of BC; it is called 'learning_rate' now"
+    assert str(caught.value) == message
+
+
+def test_an_old_name_of_another_algorithm_is_just_unknown() -> None:
+    with pytest.raises(UnknownNameError, match="unknown setting 'polyak'"):
+        override(BCConfig(), {"polyak": "1"})
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "old", "new"),
+    [
+        ("bc", "step_size", "learning_rate"),
+        ("maddpg_bc", "alpha", "rl_weight"),
+        ("cfcql", "alpha", "cql_weight"),
+        ("omiga", "alpha", "temperature"),
+        ("iql", "beta", "inverse_temperature"),
+        ("vdn", "conservative_weight", "cql_weight"),
+        ("qmix", "n_choices", "n_bins"),
+        ("omar", "warm_start", "bc_warmup_updates"),
+        ("icql_qs", "noise", "smoothing"),
+        ("facmac_bc", "embedding", "mixer_embedding"),
+    ],
+)
+def test_old_names_of_offline_settings_give_the_new_ones(
+    algorithm: str, old: str, new: str
+) -> None:
+    pytest.importorskip("torch", reason="algorithms need torch")
+    config = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config
+    message = f"unknown setting '{old}' of .*; it is called '{new}' now"
+    with pytest.raises(SpecError, match=message):
+        override(config(), {old: "1"})
+    with pytest.raises(SpecError, match=message):
+        from_json(config, {old: 1})
+
+
+def test_new_names_are_settings_of_an_algorithm() -> None:
+    pytest.importorskip("torch", reason="algorithms need the torch extra")
+    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
+    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
+    known = {name for kind in kinds for name in setting_types(kind)}
+    for old, names in RENAMED_SETTINGS.items():
+        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"

@@ -26,7 +26,8 @@ from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
-from swarmdata.learn.training.run_folder import CHECKPOINT, CONFIG, CURVE, LOSSES, load_run  # noqa: E402
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -37,12 +38,12 @@ SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
     "filtered_bc": {"hidden": (8,), "fraction": 0.5},
-    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6},
     "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6},
+    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6},
     **{
-        name: {"actor_hidden": (8,), "critic_hidden": (8,), "warm_start": 6, "n_samples": 2}
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6, "n_samples": 2}
         for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
     },
     "vdn": {"hidden": (8,)},
@@ -293,8 +294,8 @@ def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
 
 def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> None:
     """Row 64: for real, and no checkpoint ever holds what is not finite."""
-    config = config_of("bc", step_size=1e38)
-    with pytest.raises(DivergedError, match="a smaller step_size"):
+    config = config_of("bc", learning_rate=1e38)
+    with pytest.raises(DivergedError, match="a smaller learning_rate"):
         run("bc", tmp_path / "d", config=config)
     assert not (tmp_path / "d" / CHECKPOINT).exists()
 

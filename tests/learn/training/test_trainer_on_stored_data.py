@@ -18,7 +18,7 @@ from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.testing.synthetic import make_dataset  # noqa: E402
 
 CONFIG = MADDPGBCConfig(
-    n_updates=20, batch_size=8, actor_hidden=(8,), critic_hidden=(8,), warm_start=4
+    n_updates=20, batch_size=8, actor_hidden=(8,), critic_hidden=(8,), bc_warmup_updates=4
 )
 
 

@@ -35,7 +35,7 @@ def test_the_figures_are_those_of_what_the_robots_saw() -> None:
     def watch(actions: np.ndarray) -> object:
         assert np.abs(actions).max() <= 1
         reached = advance(actions)
-        seen.append(worlds.seen(reached).reshape(-1, worlds.sizes.observation))
+        seen.append(worlds.observations(reached).reshape(-1, worlds.sizes.observation))
         return reached
 
     worlds.advance = watch  # type: ignore[method-assign, assignment]
@@ -69,10 +69,10 @@ def test_a_seed_measures_the_same_in_any_stack() -> None:
 
 def test_new_episodes_begin_afterwards() -> None:
     worlds = worlds_of([2, 7])
-    before = worlds.present.seeds.copy()
+    before = worlds.current_step.seeds.copy()
     measure_moments(worlds, generators([2, 7], "cpu"), 4)
-    assert (worlds.present.times == 0).all()
-    assert not np.isin(worlds.present.seeds, before).any()
+    assert (worlds.current_step.times == 0).all()
+    assert not np.isin(worlds.current_step.seeds, before).any()
 
 
 def test_a_missing_generator_is_an_error() -> None:

@@ -17,14 +17,14 @@ from swarmdata.types import Batch  # noqa: E402
 
 def plan(**changes: Any) -> Plan:
     small: dict[str, Any] = {
-        "n_frames": 100,
+        "n_steps": 100,
         "n_copies": 4,
-        "n_steps": 10,
+        "rollout_steps": 10,
         "n_gradient_steps": 1,
         "batch_size": 300,
         "capacity": 400,
         "margin": 40,
-        "warm_up": 0,
+        "warmup_transitions": 0,
         "frame": "world",
         "n_measured": 3,
     }
@@ -67,7 +67,7 @@ def test_what_follows_a_step_is_what_was_reached(two_episodes: Any, tmp_path: Pa
 
 def test_a_round_learns_after_every_step_once_it_is_warm(two_episodes: Any, tmp_path: Path) -> None:
     collector, learn = (
-        Collector(two_episodes, [3], plan(warm_up=20, n_gradient_steps=2), tmp_path),
+        Collector(two_episodes, [3], plan(warmup_transitions=20, n_gradient_steps=2), tmp_path),
         Watch(),
     )
     losses = collector.round(act, learn, ["number", "never"])

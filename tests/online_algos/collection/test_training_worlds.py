@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.online_algos.collection.training_worlds import Worlds, reweighted
+from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
@@ -22,7 +22,7 @@ def play(seeds: tuple[int, ...], n_steps: int = 20) -> list[np.ndarray]:
     for t in range(n_steps):
         actions = np.full((len(seeds), 3, 4, 2), 0.1 * t - 1, np.float32)
         worlds.advance(actions)
-        seen.append(worlds.seen(worlds.present)[-1].copy())
+        seen.append(worlds.observations(worlds.current_step)[-1].copy())
     return seen
 
 
@@ -33,23 +33,21 @@ def test_a_seeds_episodes_do_not_depend_on_the_others() -> None:
 
 def test_training_seeds_never_meet_the_evaluation_seeds_and_never_repeat() -> None:
     worlds = Worlds(make_env(SPEC, 8), (0, 1), None)
-    met = list(worlds.present.seeds)
+    met = list(worlds.current_step.seeds)
     for _ in range(24):
         worlds.advance(np.zeros((2, 4, 4, 2), np.float32))
-        met += list(worlds.present.seeds[worlds.present.times == 0])
+        met += list(worlds.current_step.seeds[worlds.current_step.times == 0])
     assert len(set(met)) == len(met)
     assert max(met) < EVALUATION_BASE
 
 
-def test_what_was_reached_is_not_what_is_played_next() -> None:
+def test_a_copy_that_ended_begins_anew_after_its_last_step() -> None:
     worlds = Worlds(make_env(SPEC, 4), (0,), None)
     for _ in range(6):
-        reached = worlds.advance(np.zeros((1, 4, 4, 2), np.float32))
-    terminations, ended = worlds.ended(reached)
-    assert ended.all()
-    assert not terminations.any()
-    assert (reached.times == 6).all()
-    assert (worlds.present.times == 0).all()
+        last = worlds.advance(np.zeros((1, 4, 4, 2), np.float32))
+    assert last.truncations.all()
+    assert (last.times == 6).all()
+    assert (worlds.current_step.times == 0).all()
 
 
 def test_restored_worlds_begin_the_episodes_that_would_have_come() -> None:
@@ -60,7 +58,7 @@ def test_restored_worlds_begin_the_episodes_that_would_have_come() -> None:
     second = Worlds(make_env(SPEC, 4), (0, 1), None)
     second.load_state_dict(state)
     first.restart()
-    np.testing.assert_array_equal(first.present.seeds, second.present.seeds)
+    np.testing.assert_array_equal(first.current_step.seeds, second.current_step.seeds)
 
 
 def test_actions_in_a_frame_move_robots_along_their_anchor() -> None:
@@ -68,12 +66,12 @@ def test_actions_in_a_frame_move_robots_along_their_anchor() -> None:
     worlds = Worlds(env, (0,), find_frame(env.features, "target"))
     forward = np.zeros((1, 4, 4, 2), np.float32)
     forward[..., 0] = 1.0
-    before = worlds.present.observations[..., 4:6]
-    reached = worlds.advance(forward)
-    speed = reached.observations[..., 2:4]
+    before = worlds.current_step.observations[..., 4:6]
+    after = worlds.advance(forward)
+    speed = after.observations[..., 2:4]
     cross = before[..., 0] * speed[..., 1] - before[..., 1] * speed[..., 0]
     along = (before * speed).sum(-1)
-    free = reached.events.sum(-1) == 0
+    free = after.events.sum(-1) == 0
     np.testing.assert_allclose(cross[free], 0, atol=1e-6)
     assert (along[free] > 0).all()
 
@@ -81,10 +79,3 @@ def test_actions_in_a_frame_move_robots_along_their_anchor() -> None:
 def test_copies_must_divide_among_the_seeds() -> None:
     with pytest.raises(SchemaError, match="4 copies for 3 seeds"):
         Worlds(make_env(SPEC, 4), (0, 1, 2), None)
-
-
-def test_unknown_reward_weights_are_refused() -> None:
-    env = make_env(SPEC, 1)
-    assert reweighted(env, ()) is env
-    with pytest.raises(SpecError, match="nearness"):
-        reweighted(env, ("nearness=2",))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,19 +11,19 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.behavior_policies.tiers import SPECS, checkpoints
-from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
+from swarmdata.errors import BuildError, CheckpointError, SpecError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
-from swarmdata.online_algos.collection.maddpg_learner import MADDPGConfig
-from swarmdata.online_algos.maddpg import MADDPG
+from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
 SPEC = TaskSpec(horizon=20)
-SMALL = MAPPOConfig(n_frames=1024, n_copies=2, n_steps=8, hidden=8, minibatch=64)
+SMALL = MAPPOConfig(n_steps=1024, n_copies=2, rollout_steps=8, hidden=8, minibatch=64)
 
 
 def made(seeds: tuple[int, ...], config: MAPPOConfig = SMALL) -> MAPPO:
@@ -50,10 +51,10 @@ def test_each_seed_starts_from_its_own_last_policy(
     config = replace(SMALL, parameters=parameters)  # type: ignore[arg-type]
     first = made((3, 7), config)
     saved(first, (3, 7), tmp_path / folders)
-    second = made((7, 3), replace(config, start=str(tmp_path)))
+    second = made((7, 3), replace(config, start=StartConfig(policies=str(tmp_path))))
     step = some_step()
     assert not np.array_equal(second.policy(0).act(step), first.policy(1).act(step))
-    second.warm_start()
+    second.prepare()
     for ours, theirs in ((0, 1), (1, 0)):
         np.testing.assert_allclose(
             second.policy(ours).act(step), first.policy(theirs).act(step), atol=1e-6
@@ -71,30 +72,30 @@ def test_each_seed_starts_from_its_own_last_policy(
 )
 def test_other_actors_are_refused(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     saved(made((0,)), (0,), tmp_path)
-    run = made((0,), replace(SMALL, start=str(tmp_path), **changes))  # type: ignore[arg-type]
-    before = run.actor.flat.clone()
+    run = made((0,), replace(SMALL, start=StartConfig(policies=str(tmp_path)), **changes))  # type: ignore[arg-type]
+    before = run.actors.network.flat.clone()
     with pytest.raises(CheckpointError, match=message):
-        run.warm_start()
-    assert (run.actor.flat == before).all()
+        run.prepare()
+    assert (run.actors.network.flat == before).all()
 
 
 def test_squashed_actors_of_the_same_sizes_are_refused(tmp_path: Path) -> None:
     config = MADDPGConfig(
-        n_frames=100, n_copies=2, n_steps=4, batch_size=4, capacity=20, margin=20, warm_up=0,
-        actor_hidden=(8, 8), critic_hidden=(8,),
+        n_steps=100, n_copies=2, rollout_steps=4, batch_size=4, capacity=20, margin=20,
+        warmup_transitions=0, actor_hidden=(8, 8), critic_hidden=(8,),
     )  # fmt: skip
     saved(MADDPG(make_env(SPEC, 2), (0,), config, tmp_path / "replay"), (0,), tmp_path / "run")
-    run = made((0,), replace(SMALL, start=str(tmp_path / "run")))
+    run = made((0,), replace(SMALL, start=StartConfig(policies=str(tmp_path / "run"))))
     with pytest.raises(CheckpointError, match="another algorithm"):
-        run.warm_start()
+        run.prepare()
 
 
 def test_a_shipped_tier_is_a_start() -> None:
     """As rounded as its checkpoint: its actions differ by the rounding of activations only."""
-    config = replace(SMALL, hidden=128, start="coop_nav-expert")
+    config = replace(SMALL, hidden=128, start=StartConfig(policies="coop_nav-expert"))
     env = make_env(SPECS["coop_nav"], 2 * config.n_copies)
     run = MAPPO(env, (2, 0), config)
-    run.warm_start()
+    run.prepare()
     step = make_env(SPECS["coop_nav"], 5).reset(np.arange(5, dtype=np.uint64))
     for index, seed in enumerate((2, 0)):
         shipped = checkpoints("coop_nav", "expert")[seed]
@@ -103,23 +104,50 @@ def test_a_shipped_tier_is_a_start() -> None:
 
 
 def test_a_shipped_tier_starts_a_larger_team() -> None:
-    config = replace(SMALL, hidden=128, start="coop_nav-expert")
+    config = replace(SMALL, hidden=128, start=StartConfig(policies="coop_nav-expert"))
     run = MAPPO(make_env(SPECS["coop_nav-n8"], config.n_copies), (0,), config)
-    run.warm_start()
+    run.prepare()
     run.update()
 
 
 def test_a_shipped_tier_of_fewer_policies_is_an_error() -> None:
     with pytest.raises(BuildError, match=r"seed 4 .* coop_nav-expert ships 4"):
-        made((0, 4), replace(SMALL, start="coop_nav-expert")).warm_start()
+        made((0, 4), replace(SMALL, start=StartConfig(policies="coop_nav-expert"))).prepare()
 
 
 def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:
     saved(made((0,)), (0,), tmp_path)
     with pytest.raises(BuildError, match="no policy of seed 1"):
-        made((0, 1), replace(SMALL, start=str(tmp_path))).warm_start()
+        made((0, 1), replace(SMALL, start=StartConfig(policies=str(tmp_path)))).prepare()
 
 
 def test_an_unknown_teacher_is_an_error() -> None:
     with pytest.raises(UnknownNameError, match="scripted"):
-        made((0,), replace(SMALL, teacher="scriptd")).warm_start()
+        made((0,), replace(SMALL, start=StartConfig(teacher="scriptd"))).prepare()
+
+
+def test_without_a_start_the_weights_are_the_random_ones() -> None:
+    run = made((0, 5))
+    weights = initial_weights(SMALL.start, run.actors, run.worlds, run.generators, run.seeds)
+    for given, own in zip(weights, run.actors.weights, strict=True):
+        np.testing.assert_array_equal(given, own)
+
+
+def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> None:
+    saved(made((0,)), (0,), tmp_path)
+    run = made((0,))
+    before = run.actors.weights
+    start = StartConfig(policies=str(tmp_path), teacher="straight", clone_rounds=1)
+    weights = initial_weights(start, run.actors, run.worlds, run.generators, run.seeds)
+    for left, own in zip(before, run.actors.weights, strict=True):
+        np.testing.assert_array_equal(left, own)
+    assert not (weights.parameters == before.parameters).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"clone_rounds": 0}, "clone_rounds is 0"), ({"clone_noise": -0.1}, "clone_noise is -0.1")],
+)
+def test_impossible_clones_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        StartConfig(**wrong)

@@ -29,7 +29,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
-SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+SMALL = MAPPOConfig(n_steps=320, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
 
 
 @pytest.fixture(scope="module")

@@ -13,22 +13,24 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import BuildError, DivergedError, SpecError
+from swarmdata.errors import BuildError, DivergedError, SpecError, SwarmdataError
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_folder import read_table
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights
+from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 from swarmdata.online_algos.runs import online_training
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path
+from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
-SMALL = MAPPOConfig(n_frames=320, n_copies=4, n_steps=8, hidden=8, minibatch=64)
+SMALL = MAPPOConfig(n_steps=320, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
 RUN = describe_run("mappo", SMALL, SPEC, (0, 3), n_checkpoints=4, n_episodes=2)
 SAME = ("config.json", "curve.csv", "checkpoint.safetensors")
 
@@ -65,9 +67,9 @@ def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        initial_weights, "CloneConfig", partial(CloneConfig, n_steps=8, minibatch=64)
+        initial_weights, "CloneConfig", partial(CloneConfig, rollout_steps=8, minibatch=64)
     )
-    config = replace(SMALL, teacher="straight", clone_rounds=2)
+    config = replace(SMALL, start=StartConfig(teacher="straight", clone_rounds=2))
     run = describe_run("mappo", config, SPEC, RUN.seeds, n_checkpoints=4, n_episodes=2)
     whole = train_run(run, tmp_path / "whole")
 
@@ -137,7 +139,7 @@ def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(MAPPO, "warm_start", interrupt)
+        patch.setattr(MAPPO, "prepare", interrupt)
         with pytest.raises(KeyboardInterrupt):
             train_run(RUN, tmp_path)
     other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
@@ -147,13 +149,16 @@ def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"noise_memory": 2.0}, "noise_memory is 2"), ({"clone_rounds": 0}, "clone_rounds is 0")],
+    [
+        ({"shaping": ShapingConfig(payload_path_weight=1.0)}, "coop_nav has none"),
+        ({"start": StartConfig(teacher="straigt")}, "Did you mean 'straight'"),
+    ],
 )
 def test_a_run_that_cannot_begin_leaves_its_folder_to_others(
     tmp_path: Path, wrong: dict[str, Any], message: str
 ) -> None:
-    config = replace(SMALL, teacher="straight", **wrong)
-    with pytest.raises(SpecError, match=message):
+    config = replace(SMALL, **wrong)
+    with pytest.raises(SwarmdataError, match=message):
         train_run(describe_run("mappo", config, SPEC, (0,)), tmp_path)
     assert not list(tmp_path.iterdir())
     run = describe_run("mappo", SMALL, SPEC, (0,), n_checkpoints=1, n_episodes=2)
@@ -167,7 +172,7 @@ def test_a_run_without_checkpoints_has_no_policy(tmp_path: Path) -> None:
 
 
 def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
-    config = replace(SMALL, critic_warmup=1.0)
+    config = replace(SMALL, critic_warmup_fraction=1.0)
     folder = train_run(
         describe_run("mappo", config, SPEC, (0,), n_checkpoints=2, n_episodes=2), tmp_path
     )
@@ -180,7 +185,7 @@ def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
 
 def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
     config = VDNConfig(
-        n_frames=320, n_copies=4, n_steps=8, batch_size=4, capacity=64, margin=100, hidden=(8,)
+        n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=100, hidden=(8,)
     )
     run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
     with pytest.raises(SpecError, match="margin is 100, expected at least 112"):
@@ -188,9 +193,23 @@ def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_a_run_shorter_than_a_rollout_is_refused(tmp_path: Path) -> None:
+    """Such as one whose n_steps is meant to be the length of a rollout."""
+    run = describe_run("mappo", replace(SMALL, n_steps=8), SPEC, (0,))
+    with pytest.raises(SpecError, match="expected at least the 32 of one rollout"):
+        train_run(run, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_length_of_runs_of_earlier_versions_is_known() -> None:
+    old = {"n_frames": 500, "n_copies": 4, "n_steps": 64}
+    assert RUN.model_copy(update={"config": old}).n_steps == 500
+    assert RUN.n_steps == SMALL.n_steps
+
+
 def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> None:
     config = VDNConfig(
-        n_frames=320, n_copies=4, n_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)
+        n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)
     )
     run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
     folder = train_run(run, tmp_path / "run")

@@ -14,7 +14,7 @@ from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import NEVER, Seeds
+from swarmdata.types import NEVER_RECEIVED, Seeds
 
 NAMES = (
     "perfect",
@@ -46,7 +46,7 @@ def test_in_a_perfect_channel_everybody_hears_everybody_now(lab: Any) -> None:
     np.testing.assert_array_equal(log.sent, robots[..., [0, 1, 4, 5]])
     assert (log.delivered == others).all()
     assert (log.ages[:, :, others] == 0).all()
-    assert (log.ages[:, :, ~others] == NEVER).all()
+    assert (log.ages[:, :, ~others] == NEVER_RECEIVED).all()
     slots = log.slots.reshape(3, 2, 4, 3, 7)
     expected = robots[..., 1, :2].astype(float) - robots[..., 3, :2]
     np.testing.assert_allclose(slots[..., 3, 1, :2], expected, atol=1e-6)  # robot 3 hears robot 1
@@ -114,9 +114,9 @@ def test_ages_follow_from_deliveries(lab: Any, name: str, draw: int) -> None:
 
     assert isinstance(spec.communication, Broadcast)
     delay = spec.communication.delay
-    expected = np.full((2, 4, 4), NEVER)
+    expected = np.full((2, 4, 4), NEVER_RECEIVED)
     for t in range(12):
-        expected = np.where(expected == NEVER, NEVER, expected + 1)
+        expected = np.where(expected == NEVER_RECEIVED, NEVER_RECEIVED, expected + 1)
         expected[log.delivered[t]] = delay
         np.testing.assert_array_equal(log.ages[t], expected)
     assert not log.delivered[:delay].any()
@@ -133,7 +133,9 @@ def test_a_slot_is_masked_and_zero_until_something_arrives(lab: Any, name: str, 
     log = lab.run(spec, states, seeds_from(draw, 2), actions)
 
     slots = log.slots.reshape(6, 2, 4, 3, -1)
-    held = np.array([[log.ages[:, :, i, j] != NEVER for j in range(4) if j != i] for i in range(4)])
+    held = np.array(
+        [[log.ages[:, :, i, j] != NEVER_RECEIVED for j in range(4) if j != i] for i in range(4)]
+    )
     held = held.transpose(2, 3, 0, 1)  # [T, E, receiver, slot]
     np.testing.assert_array_equal(slots[..., -2], held)
     assert not slots[~held].any()

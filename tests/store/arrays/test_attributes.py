@@ -17,7 +17,7 @@ from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.arrays.attributes import FRAMES, attributes_of
+from swarmdata.store.arrays.attributes import FRAME_MEANINGS, attributes_of
 from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
@@ -75,7 +75,7 @@ def check(env: VecEnv) -> None:
             assert len(columns) == shapes[name][-1], name
             assert len({column["name"] for column in columns}) == len(columns), name
             assert all(column["name"] and column["meaning"] for column in columns), name
-            assert {column["frame"] for column in columns} <= {"", *FRAMES}, name
+            assert {column["frame"] for column in columns} <= {"", *FRAME_MEANINGS}, name
             assert {column["unit"] for column in columns} <= {"", "m", "m/s", "rad/s"}, name
 
 

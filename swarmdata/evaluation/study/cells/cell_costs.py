@@ -1,4 +1,4 @@
-"""What a cell costs: time, memory and speed, kept while it runs, so that a kill loses little."""
+"""The cost of a cell in time and memory, recorded while it runs, so that a kill loses little."""
 
 import json
 import os
@@ -15,19 +15,19 @@ from pydantic import Field
 from swarmdata.specs.frozen import Frozen, NonNegative
 from swarmdata.store import write_file
 
-EVERY = 10.0
+RECORD_INTERVAL = 10.0
 """Seconds between two records of an attempt."""
 
 
 class Attempt(Frozen):
     """One process that worked on a cell, until its end or the last record before it was killed."""
 
-    updates: Annotated[int, Field(ge=0)] = 0  # done by this process
+    updates: Annotated[int, Field(ge=0)] = 0  # made by this process
     train_seconds: NonNegative = 0.0  # wall clock, without learning curves
     curve_seconds: NonNegative = 0.0
     evaluate_seconds: NonNegative = 0.0
-    cpu_seconds: NonNegative = 0.0  # of everything
-    peak_mb: NonNegative = 0.0  # resident, memory maps of the dataset included
+    cpu_seconds: NonNegative = 0.0  # of all stages
+    peak_mb: NonNegative = 0.0  # resident, including the memory-mapped dataset
 
 
 class Cost(Frozen):
@@ -38,13 +38,13 @@ class Cost(Frozen):
 
     @property
     def updates_per_second(self) -> float | None:
-        """While training, all seeds at once; None where nothing was trained."""
+        """Of training all seeds at once; None if nothing was trained."""
         seconds = sum(each.train_seconds for each in self.attempts)
         return sum(each.updates for each in self.attempts) / seconds if seconds else None
 
     @property
     def wall_seconds(self) -> float:
-        """Of everything."""
+        """Wall-clock time of all stages and attempts."""
         return sum(
             each.train_seconds + each.curve_seconds + each.evaluate_seconds
             for each in self.attempts
@@ -52,45 +52,45 @@ class Cost(Frozen):
 
     @property
     def cpu_seconds(self) -> float:
-        """Of everything."""
+        """Processor time of all stages and attempts."""
         return sum(each.cpu_seconds for each in self.attempts)
 
     @property
     def peak_mb(self) -> float:
-        """Of the attempt that needed most."""
+        """Peak memory of the attempt that needed most."""
         return max((each.peak_mb for each in self.attempts), default=0.0)
 
 
-def machine() -> dict[str, Any]:
-    """What speed depends on, without the machine's name."""
+def describe_machine() -> dict[str, Any]:
+    """The properties of this machine that speed depends on, without its name."""
     return {
         "cores": os.cpu_count(),
         "platform": f"{platform.system()}-{platform.machine()}",
         "processor": _processor(),
         "python": platform.python_version(),
-        "load": round(os.getloadavg()[0], 1),  # processes that wanted a core when it began
+        "load": round(os.getloadavg()[0], 1),  # runnable processes at the start
     }
 
 
 def _processor() -> str:
-    """The processor's kind, as Linux tells it; elsewhere as Python does."""
+    """The processor's model, as Linux reports it; on other systems, as Python does."""
     file = Path("/proc/cpuinfo")
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return models[0] if models else platform.processor() or "unknown"
 
 
-class Meter:
-    """Measures this process, which works on one cell; `path` holds earlier attempts as well.
+class CostMeter:
+    """Measures the cost of this process, which runs one cell.
 
     Args:
-        path: the cell's `cost.json`.
+        path: the cell's `cost.json`; earlier attempts in it are kept.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.earlier = Cost.from_file(path).attempts if path.exists() else ()
-        self.machine = machine()
+        self.machine = describe_machine()
         self.seconds = {"train_seconds": 0.0, "curve_seconds": 0.0, "evaluate_seconds": 0.0}
         self.updates, self.written = 0, time.perf_counter()
         self.stages: list[str] = []
@@ -98,7 +98,7 @@ class Meter:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Counts the time of a block as `<name>_seconds`; inside another, only as its own."""
+        """Counts the time of a block as `<name>_seconds`; a nested block counts only as its own."""
         self._count()
         self.stages.append(f"{name}_seconds")
         try:
@@ -107,14 +107,14 @@ class Meter:
             self._count()
             self.stages.pop()
 
-    def beat(self, updates: int = 0) -> None:
-        """Adds updates, and writes the cost if that was long ago."""
+    def add_updates(self, updates: int = 0) -> None:
+        """Adds updates, and writes the cost if the last record is old."""
         self.updates += updates
-        if time.perf_counter() - self.written > EVERY:
+        if time.perf_counter() - self.written > RECORD_INTERVAL:
             self.write()
 
     def write(self) -> None:
-        """Puts this attempt after the earlier ones."""
+        """Writes this attempt after the earlier ones."""
         self._count()
         usage = resource.getrusage(resource.RUSAGE_SELF)
         now = Attempt(

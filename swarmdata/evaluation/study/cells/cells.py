@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.run_files import CONFIG, run_folders
-from swarmdata.evaluation.study.cells.study_data import named, short, sized
+from swarmdata.evaluation.study.cells.study_data import dataset_of_size, short_count, short_name
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
-from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
+from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
@@ -23,7 +23,7 @@ ONLINE_FAMILY = "online"
 UNDECISIVE = {"family", "source", "run"}
 """Fields that change neither training nor evaluation: what a family is called, where files are."""
 
-LENGTHS = ("n_updates", "warm_start")
+LENGTHS = ("n_updates", "bc_warmup_updates")
 """Settings that are numbers of updates: a study's budget scales them together."""
 
 
@@ -64,7 +64,7 @@ class Cell(Frozen):
     @property
     def n_updates(self) -> int:
         """Length of training in the algorithm's own unit, 0 of a finished run."""
-        return int(self.config.get("n_updates", self.config.get("n_frames", 0)))
+        return int(self.config.get("n_updates", self.config.get("n_steps", 0)))
 
 
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
@@ -85,7 +85,7 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     ]
     if study.sizes is not None:
         for dataset in study.sizes.datasets:
-            found = (sized(dataset, size) for size in study.sizes.sizes)
+            found = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
             parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in found]
     cells: dict[str, Cell] = {}
     for dataset, n_steps, labels in parts:
@@ -104,8 +104,11 @@ def _check_settings(study: Study) -> None:
     ]
     known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
     if strange := sorted(study.settings.keys() - known):
+        new_names = {new for old in strange for new in RENAMED_SETTINGS.get(old, ())}
+        renamed = f" (called {', '.join(sorted(new_names))} now)" if new_names else ""
         raise SpecError(
-            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has"
+            f"{renamed}; "
             f"expected some of: {', '.join(sorted(known))}"
         )
 
@@ -131,7 +134,7 @@ def offline_cell(
     """The cell of a variant on a dataset, or on its first joint steps, or seen otherwise."""
     variant = study.algorithms[label]
     config = config_of(study, variant)
-    data = named(dataset) + ("" if n_steps is None else f"-{short(n_steps)}")
+    data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
     for model in (observation, communication):
         data += "" if model is None else f"~{model}"
     curves = study.curves
@@ -171,7 +174,7 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
         changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}
     names = {field.name for field in dataclasses.fields(config)}
     changes |= {k: v for k, v in study.settings.items() if k in names}
-    return _json(override(config, _texts({**changes, **variant.settings})))
+    return _json(override(config, as_texts({**changes, **variant.settings})))
 
 
 def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
@@ -181,8 +184,8 @@ def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
     assert baseline.algorithm is not None  # checked by Baseline
     assert baseline.task is not None
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
-    length = {} if baseline.frames is None else {"n_frames": baseline.frames}
-    config = _json(override(kind.Config(), _texts({**length, **baseline.settings})))
+    length = {} if baseline.frames is None else {"n_steps": baseline.frames}
+    config = _json(override(kind.Config(), as_texts({**length, **baseline.settings})))
     return Cell(
         kind="online",
         data=Path(baseline.task).stem,
@@ -219,18 +222,6 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
         seeds=tuple(seed.seed for seed in found),
         **shared,
     )
-
-
-def _texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Settings as `--set` takes them."""
-    return {name: _text(value) for name, value in values.items()}
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ",".join(map(_text, value))
-    words = {True: "true", False: "false", None: "none"}
-    return words[value] if value is None or isinstance(value, bool) else str(value)
 
 
 def _json(config: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Runs the cells of a study, each in a fresh process; what is done is kept, what fails is told."""
+"""Runs the cells of a study, each in a fresh process; a failed cell does not stop the others."""
 
 import queue
 import shutil
@@ -14,31 +14,30 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cell_worker import (
-    COST,
-    ERROR,
-    claimed_by_other,
+from swarmdata.evaluation.study.cells.cell_folder import (
+    COST_FILE,
+    ERROR_FILE,
+    cell_folder,
+    cell_run_folder,
+    find_conflict,
     is_done,
-    run_of,
 )
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.learn.training.run_folder import LOSSES
+from swarmdata.learn.training.run_files import LOSSES
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.workers import Crew, Job
 
-WORKER = "swarmdata.evaluation.study.cells.cell_worker:work"
+MAX_SHOWN_STALE = 3
+"""Stale cells that an error message names; more are counted."""
+
+WORKER = "swarmdata.evaluation.study.cells.cell_worker:serve_cells"
 
 
-def folder_of(work: Path, cell: Cell) -> Path:
-    """Where a study keeps a cell."""
-    return work / "cells" / cell.label / cell.data
-
-
-def chosen(cells: Sequence[Cell], pattern: str | None) -> list[Cell]:
-    """The cells whose names match, such as `bc/*`; all of them for None.
+def select_cells(cells: Sequence[Cell], pattern: str | None) -> list[Cell]:
+    """Returns the cells whose names match a pattern such as `bc/*`; all of them for None.
 
     Raises:
-        UnknownNameError: none does.
+        UnknownNameError: no name matches.
     """
     found = [cell for cell in cells if pattern is None or fnmatch(cell.name, pattern)]
     if not found and pattern is not None:
@@ -54,57 +53,59 @@ def run_cells(
     again: bool = False,
     progress: bool = True,
 ) -> dict[str, str]:
-    """Does what is missing of the cells; the same call goes on after any kill.
+    """Runs the cells that are not done yet; after a kill, the same call resumes.
 
     Args:
         cells: of a study.
         work: the study's folder of cells.
         workers: processes, each with one thread.
-        again: whether stale cells are removed and done again.
-        progress: whether to show one bar (on standard error, if that is a terminal).
+        again: whether stale cells are deleted and run again.
+        progress: whether to show a progress bar on standard error, if that is a terminal.
 
     Returns:
-        the reasons of cells that failed, by name.
+        Why cells failed, by name.
 
     Raises:
         StaleCellError: a folder holds a cell of another key, and `again` is false.
     """
     remove_stale(cells, work, again=again)
-    waiting = [cell for cell in cells if not is_done(cell, folder_of(work, cell))]
+    waiting = [cell for cell in cells if not is_done(cell, cell_folder(work, cell))]
     if not waiting:
         return {}
     total = sum(cell.n_updates for cell in waiting)
-    there = sum(updates_of(cell, folder_of(work, cell)) for cell in waiting)
-    hidden = None if progress else True  # None: hidden where there is no terminal
+    n_done = sum(count_updates(cell, cell_folder(work, cell)) for cell in waiting)
+    hidden = None if progress else True  # None: hidden unless there is a terminal
     with tqdm(
-        total=total, initial=there, unit="update", unit_scale=True, desc="cells", disable=hidden
+        total=total, initial=n_done, unit="update", unit_scale=True, desc="cells", disable=hidden
     ) as bar:
-        return _Shift(longest_first(waiting, work), work, bar, progress).finish(workers)
+        return _CellQueue(longest_first(waiting, work), work, bar, progress).run(workers)
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
-    """Removes the folders of other cells than these, if that is wanted.
+    """Deletes folders that hold a cell of the same name with another configuration.
 
     Raises:
-        StaleCellError: it is not.
+        StaleCellError: there are such folders, and `again` is false.
     """
-    found = [(cell, claimed_by_other(cell, folder_of(work, cell))) for cell in cells]
+    found = [(cell, find_conflict(cell, cell_folder(work, cell))) for cell in cells]
     stale = [(cell, why) for cell, why in found if why is not None]
     if stale and not again:
         lines = [f"{cell.name} ({why})" for cell, why in stale]
-        more = "" if len(lines) <= 3 else f" and {len(lines) - 3} more"
+        n_hidden = len(lines) - MAX_SHOWN_STALE
+        more = f" and {n_hidden} more" if n_hidden > 0 else ""
         raise StaleCellError(
-            f"{work} has results of another configuration: {'; '.join(lines[:3])}{more}. "
-            "--again removes these cells and does them anew; another --work keeps them."
+            f"{work} has results of another configuration: "
+            f"{'; '.join(lines[:MAX_SHOWN_STALE])}{more}. Pass --again to delete these cells and "
+            "run them again, or another --work to keep them."
         )
     for cell, _ in stale:
-        with locked(folder_of(work, cell)):  # whoever works on it is waited for
-            shutil.rmtree(folder_of(work, cell))
+        with locked(cell_folder(work, cell)):  # waits for a process that is running the cell
+            shutil.rmtree(cell_folder(work, cell))
 
 
-def updates_of(cell: Cell, folder: Path) -> int:
-    """Updates that a killed cell has made, by the last row of its losses; 0 if there is none."""
-    file = run_of(cell, folder) / LOSSES
+def count_updates(cell: Cell, folder: Path) -> int:
+    """Updates that a cell had made when it stopped, read from the last row of its losses."""
+    file = cell_run_folder(cell, folder) / LOSSES
     if not file.exists():
         return 0
     first = file.read_text(encoding="utf-8").rstrip().rpartition("\n")[2].partition(",")[0]
@@ -112,10 +113,10 @@ def updates_of(cell: Cell, folder: Path) -> int:
 
 
 def longest_first(cells: Sequence[Cell], work: Path) -> list[Cell]:
-    """Cells by the time that they will take, longest first, so that no core idles at the end.
+    """Sorts cells by their expected time, longest first, so that no core idles at the end.
 
-    The time of an update is that of another cell of the same label, else the longest known: what is
-    not known begins early.
+    The time of an update is taken from finished cells of the same label. A label without any gets
+    the longest known time, so that it starts early.
     """
     speeds = known_speeds(work)
     slowest = max(speeds.values(), default=1.0)
@@ -127,9 +128,9 @@ def longest_first(cells: Sequence[Cell], work: Path) -> list[Cell]:
 
 
 def known_speeds(work: Path) -> dict[str, float]:
-    """Seconds of an update by label, of cells that have trained here."""
+    """Seconds per update by label, from cells that were trained in this folder."""
     found: dict[str, list[float]] = {}
-    for file in sorted((work / "cells").glob(f"*/*/{COST}")):
+    for file in sorted((work / "cells").glob(f"*/*/{COST_FILE}")):
         speed = Cost.from_file(file).updates_per_second
         if speed:
             found.setdefault(file.parent.parent.name, []).append(1.0 / speed)
@@ -137,25 +138,25 @@ def known_speeds(work: Path) -> dict[str, float]:
 
 
 @dataclass
-class _Shift:
-    """Threads that take cells from a queue, each waiting for the process that does its cell."""
+class _CellQueue:
+    """Threads that take cells from a queue; each waits for the process that runs its cell."""
 
     cells: Sequence[Cell]
     work: Path
     bar: "tqdm[Any]"
-    is_told: bool
+    prints_failures: bool
     failures: dict[str, str] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def finish(self, workers: int) -> dict[str, str]:
-        """Does all cells; returns why which ones failed."""
+    def run(self, workers: int) -> dict[str, str]:
+        """Runs all cells; returns the reasons of failures by the cell's name."""
         waiting: queue.SimpleQueue[Cell] = queue.SimpleQueue()
         for cell in self.cells:
             waiting.put(cell)
-        # daemons: after Ctrl-C this process ends, and with it, soon, the workers, which find
-        # nobody to report to
+        # daemons: after Ctrl-C this process ends, and the workers end soon after, because their
+        # next report fails
         threads = [
-            threading.Thread(target=self._take, args=(waiting,), daemon=True)
+            threading.Thread(target=self._run_waiting, args=(waiting,), daemon=True)
             for _ in range(min(workers, len(self.cells)))
         ]
         for thread in threads:
@@ -164,33 +165,33 @@ class _Shift:
             thread.join()
         return self.failures
 
-    def _take(self, waiting: "queue.SimpleQueue[Cell]") -> None:
+    def _run_waiting(self, waiting: "queue.SimpleQueue[Cell]") -> None:
         while True:
             try:
                 cell = waiting.get_nowait()
             except queue.Empty:
                 return
-            self._do(cell)
+            self._run(cell)
 
-    def _do(self, cell: Cell) -> None:
-        """One cell in a new process, so that its memory is its own; killed ones are retried."""
-        folder = folder_of(self.work, cell)
+    def _run(self, cell: Cell) -> None:
+        """Runs a cell in a new process, which frees its memory; a killed process is retried."""
+        folder = cell_folder(self.work, cell)
         job = Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
         try:
             with Crew(WORKER, 1) as crew:
                 crew.run([job], self._report)
         except BuildError as error:
             reason = str(error).removeprefix(f"{cell.name} failed: ").removeprefix("BuildError: ")
-            self._note(cell, folder, reason)
+            self._record_failure(cell, folder, reason)
 
     def _report(self, updates: int) -> None:
         with self.lock:
             self.bar.update(updates)
 
-    def _note(self, cell: Cell, folder: Path, reason: str) -> None:
+    def _record_failure(self, cell: Cell, folder: Path, reason: str) -> None:
         with self.lock:
             self.failures[cell.name] = reason
-            if self.is_told:
-                details = folder / ERROR
+            if self.prints_failures:
+                details = folder / ERROR_FILE
                 where = f" (more in {details})" if details.exists() else ""
                 tqdm.write(f"{cell.name} failed: {reason}{where}", file=sys.stderr)

@@ -1,7 +1,7 @@
-"""Datasets of a study: whole, published minis, or first episodes as a dataset of their own.
+"""Datasets of a study: whole, published minis, or the first episodes as a separate dataset.
 
-The first episodes are written as an edited dataset, so that a run on them names their digest, and
-normalization statistics come from them alone.
+The first episodes are written as an edited dataset, so that a run on them records their digest and
+computes normalization statistics from them alone.
 """
 
 import re
@@ -23,8 +23,8 @@ from swarmdata.store.publication import figures_of
 FULL, MINI = "full", "mini"
 
 
-class Facts(Frozen):
-    """What a dataset's own episodes achieved: the row that every algorithm is compared with."""
+class DatasetFacts(Frozen):
+    """What the episodes of a dataset achieved: the row that every algorithm is compared with."""
 
     id: str
     digest: str
@@ -33,7 +33,7 @@ class Facts(Frozen):
     obstacle_collisions: float
 
     @classmethod
-    def of(cls, dataset: Dataset) -> "Facts":
+    def of(cls, dataset: Dataset) -> "DatasetFacts":
         """Reads the table of episodes."""
         table = dataset.episodes
         return cls(
@@ -45,13 +45,13 @@ class Facts(Frozen):
         )
 
 
-def named(dataset: str) -> str:
-    """Short name of a dataset: its id, or the name of its folder."""
+def short_name(dataset: str) -> str:
+    """Returns the id of a dataset, or the name of its folder."""
     return dataset if is_dataset(dataset) else Path(dataset).resolve().name
 
 
-def sized(dataset: str, size: Size) -> tuple[str, int | None]:
-    """What to load for a size: a dataset, and how many of its first joint steps, None for all.
+def dataset_of_size(dataset: str, size: Size) -> tuple[str, int | None]:
+    """Returns which dataset to load for a size, and how many of its first joint steps; None: all.
 
     Raises:
         SchemaError: a folder has no mini.
@@ -61,18 +61,20 @@ def sized(dataset: str, size: Size) -> tuple[str, int | None]:
     if size != MINI:
         return dataset, int(size)
     if not is_dataset(dataset):
-        raise SchemaError(f"{dataset} is a folder, which has no mini; give a number of joint steps")
+        raise SchemaError(
+            f"{dataset} is a folder, which has no mini. Give a number of joint steps instead."
+        )
     name, version = re.fullmatch(r"(.*?)(-v\d+)?", dataset).groups()  # type: ignore[union-attr]
     return f"{name}-mini{version or ''}", None
 
 
-def short(n_steps: int) -> str:
-    """200000 as 200k, for names."""
+def short_count(n_steps: int) -> str:
+    """Writes 200000 as 200k, for names."""
     return f"{n_steps // 1000}k" if n_steps % 1000 == 0 else str(n_steps)
 
 
 def digest_of(dataset: str, *, progress: bool = True) -> str:
-    """The digest of a dataset's arrays: the published one, else that of what `load` gives."""
+    """Returns the digest of a dataset's arrays: published, else of the loaded dataset."""
     if is_dataset(dataset):
         entry = published().get(find_recipe(dataset).id)
         if entry is not None:
@@ -80,40 +82,40 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
     return load(dataset, progress=progress).digest
 
 
-def open_data(
+def open_dataset(
     dataset: str,
     n_steps: int | None = None,
     *,
     observation: str | None = None,
     communication: str | None = None,
 ) -> Dataset:
-    """Opens a dataset of a study, built where it is absent.
+    """Loads a dataset of a study; it is built if it is not in the cache.
 
     Args:
         dataset: id or folder.
-        n_steps: only its first episodes, of at least so many joint steps in all.
-        observation: seen through another model than the recorded one.
-        communication: the same.
+        n_steps: keeps only the first episodes, with at least this many joint steps in total.
+        observation: observation model to re-observe it with; None keeps the recorded one.
+        communication: communication model, likewise.
 
     Raises:
-        SchemaError: there are not so many steps.
+        SchemaError: the dataset has fewer steps.
     """
     found = load(dataset, progress=False)
     if n_steps is not None:
-        found = _first(found, n_steps)
+        found = _first_episodes(found, n_steps)
     return found.reobserve(observation, communication, progress=False)
 
 
-def _first(dataset: Dataset, n_steps: int) -> Dataset:
-    """The first episodes, as a dataset of their own in the cache, made if need be."""
+def _first_episodes(dataset: Dataset, n_steps: int) -> Dataset:
+    """The first episodes as a separate dataset in the cache, which is made on first use."""
     ends = np.cumsum(dataset.episodes.lengths)
     if ends[-1] < n_steps:
         raise SchemaError(
-            f"{dataset.id} has {int(ends[-1]):,} joint steps, the study asks for its first "
+            f"{dataset.id} has {int(ends[-1]):,} joint steps, but the study asks for its first "
             f"{n_steps:,}"
         )
     count = int(np.searchsorted(ends, n_steps)) + 1
     name, version = dataset.id.rsplit("-", 1)
-    short_id = f"{name}-{short(n_steps)}-{version}"
+    short_id = f"{name}-{short_count(n_steps)}-{version}"
     out = cache_folder() / "first" / f"{short_id}-{dataset.digest[:12]}"
     return filter_dataset(dataset, out, id=short_id, episodes=range(count))

@@ -1,4 +1,4 @@
-"""Board, the estimates of one quantity by dataset and algorithm, and what may be said of them."""
+"""Scoreboard: the estimates of one quantity by dataset and algorithm, and rankings of them."""
 
 import math
 from collections.abc import Mapping
@@ -14,17 +14,17 @@ from swarmdata.evaluation.results.result_tables import (
     estimate,
     quantities_of,
 )
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.rollouts.score_statistics import Estimate
 
 Estimates = Mapping[str, Estimate]
 
 
 @dataclass(frozen=True)
-class Board:
-    """One quantity of every algorithm on every dataset, larger is better.
+class Scoreboard:
+    """One quantity of every algorithm on every dataset; larger is better.
 
     Attributes:
-        column: how its numbers are written.
+        column: the format of its numbers.
         estimates: dataset -> label -> estimate, in stored units; labels in the study's order.
         data: dataset -> mean of its own episodes, where it is known.
         families: label -> family, in the study's order.
@@ -36,11 +36,11 @@ class Board:
     families: Mapping[str, str]
 
     def ranking(self, dataset: str) -> list[str]:
-        """Labels on a dataset, the best first."""
+        """The labels on a dataset, the best first."""
         found = self.estimates[dataset]
         return sorted(found, key=lambda label: -found[label].value)
 
-    def bests(self, dataset: str) -> dict[str, str]:
+    def best_by_family(self, dataset: str) -> dict[str, str]:
         """The best label of each family on a dataset, the best family first."""
         best: dict[str, str] = {}
         for label in self.ranking(dataset):
@@ -48,13 +48,13 @@ class Board:
         return best
 
     def leaders(self, dataset: str) -> list[str]:
-        """The best label, and those whose intervals reach into its own."""
+        """The best label, and those whose intervals overlap its interval."""
         first, *others = self.ranking(dataset)
         found = self.estimates[dataset]
         return [first, *(name for name in others if found[name].high >= found[first].low)]
 
-    def shown(self, dataset: str) -> dict[str, Estimate]:
-        """Estimates in shown units."""
+    def in_shown_units(self, dataset: str) -> dict[str, Estimate]:
+        """The estimates on a dataset in the units of tables and figures."""
         factor = self.column.factor
         return {
             label: Estimate(*(factor * value for value in each))
@@ -63,18 +63,18 @@ class Board:
 
 
 def quantity_of(results: ResultSet) -> Quantity:
-    """The score, or the return where a world of the study has no measured references."""
+    """The score; or the return, if a world of the study has no measured references."""
     is_scored = all(case.reference is not None for case in results.cases)
     return SCORE if is_scored else RETURN
 
 
-def board_of(results: ResultSet, families: Mapping[str, str], key: str) -> Board:
-    """The board of a quantity.
+def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -> Scoreboard:
+    """Makes the scoreboard of a quantity.
 
     Args:
         results: what was measured.
-        families: label -> family, in the order that is shown.
-        key: of `tables.QUANTITIES`.
+        families: label -> family, in the order of the tables.
+        key: of `result_tables.QUANTITIES`.
     """
     quantity = QUANTITIES[key]
     cases = [case for case in results.cases if quantity in quantities_of(case)]
@@ -89,9 +89,9 @@ def board_of(results: ResultSet, families: Mapping[str, str], key: str) -> Board
     }
     known = {case.name: quantity.data(case) for case in cases}
     data = {name: value for name, value in known.items() if value is not None}
-    return Board(quantity.column, estimates, data, families)
+    return Scoreboard(quantity.column, estimates, data, families)
 
 
-def short(dataset: str) -> str:
-    """A dataset's id without the version of all."""
+def strip_version(dataset: str) -> str:
+    """A dataset's id without the version that all first datasets have."""
     return dataset.removesuffix("-v0")

@@ -1,23 +1,25 @@
-"""The figures of a study: scores, return against clean success, sizes of data, training."""
+"""The figures of a study: scores, score against clean success, data efficiency, training curves."""
 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmdata.drawing.style import COLORS, FAINT, INK, figure, thousands
+from swarmdata.drawing.style import (
+    COLORS,
+    DATA_LINE,
+    MARKERS,
+    draw_grid,
+    figure,
+    line_style,
+    thousands,
+)
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import Curve
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.rollouts.score_statistics import Estimate
 
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Of lines, once colors repeat."""
-
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-"""Of points, once colors repeat."""
-
-MOST_SHARED = 6
-"""Lines in all panels together, up to which they share one legend."""
+MAX_LINES_IN_ONE_LEGEND = 6
+"""Up to this number of labels in total, all panels share one legend."""
 
 Estimates = Mapping[str, Estimate]
 
@@ -30,20 +32,20 @@ def plot_scores(
     *,
     label: str,
 ) -> None:
-    """Draws a row for each algorithm and a panel for each dataset, with the data's own mean.
+    """Draws a row for each algorithm and a panel for each dataset, with the mean of the data.
 
     Args:
         panels: dataset -> algorithm -> estimate; an algorithm may be absent.
         data: dataset -> mean of its own episodes, where it is known.
-        families: algorithm -> family, first on top; families have the colors.
+        families: algorithm -> family, the first one on top; each family has a color.
         path: where to save.
-        label: of the value.
+        label: of the horizontal axis.
 
     Raises:
-        SchemaError: nothing to draw.
+        SchemaError: there is nothing to draw.
     """
-    _check(panels, "scores")
-    colors = _by_family(families)
+    _check_not_empty(panels, "scores")
+    colors = _family_colors(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     height = n_rows * (0.75 + 0.21 * len(families)) + 0.4
@@ -52,29 +54,29 @@ def plot_scores(
         for axes, (dataset, estimates) in zip(grid, panels.items(), strict=False):
             for y, (name, family) in enumerate(families.items()):
                 if name in estimates:
-                    _interval(axes, estimates[name], y, colors[family])
+                    _draw_interval(axes, estimates[name], y, colors[family])
             if dataset in data:
-                axes.axvline(data[dataset], color=INK, lw=1.0, ls=(0, (4, 2)), zorder=0)
-            _frame(axes, dataset)
+                axes.axvline(data[dataset], **DATA_LINE, zorder=0)
+            _set_up_panel(axes, dataset)
             axes.tick_params(axis="y", length=0, labelsize=8)
-        _hide(grid[len(panels) :])
+        _hide_unused(grid[len(panels) :])
         grid[0].set_yticks(range(len(families)), families)
         grid[0].set_ylim(len(families) - 0.5, -0.5)
         drawing.supxlabel(label, fontsize=10)
         _family_legend(drawing, grid[0], colors, has_data=bool(data))
 
 
-def _check(panels: Mapping[str, object], what: str) -> None:
+def _check_not_empty(panels: Mapping[str, object], what: str) -> None:
     if not panels:
         raise SchemaError(f"there are no {what} to draw, expected at least one dataset.")
 
 
-def _by_family(families: Mapping[str, str]) -> dict[str, str]:
+def _family_colors(families: Mapping[str, str]) -> dict[str, str]:
     kinds = list(dict.fromkeys(families.values()))
     return {kind: COLORS[k % len(COLORS)] for k, kind in enumerate(kinds)}
 
 
-def _interval(axes: Any, estimate: Estimate, y: int, color: str) -> None:
+def _draw_interval(axes: Any, estimate: Estimate, y: int, color: str) -> None:
     axes.plot([estimate.low, estimate.high], [y, y], color=color, lw=2.2, alpha=0.55)
     axes.plot([estimate.value], [y], "o", color=color, ms=4)
 
@@ -85,11 +87,11 @@ def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_da
         for kind, color in colors.items()
     ]
     if has_data:
-        handles += axes.plot([], [], color=INK, lw=1.0, ls=(0, (4, 2)), label="the data's mean")
+        handles += axes.plot([], [], **DATA_LINE, label="mean of the data")
     _legend_above(drawing, handles)
 
 
-def plot_trade(
+def plot_two_estimates(
     panels: Mapping[str, Mapping[str, tuple[Estimate, Estimate]]],
     families: Mapping[str, str],
     path: Path,
@@ -102,14 +104,14 @@ def plot_trade(
 
     Args:
         panels: dataset -> algorithm -> (horizontal, vertical) in shown units.
-        families: algorithm -> family; families have the colors, members the markers.
+        families: algorithm -> family; a family has a color, its members have markers.
         path: where to save.
         xlabel: of the horizontal axis.
         ylabel: of the vertical axis.
         xlim: ends of the horizontal axis.
     """
-    _check(panels, "points")
-    looks = _looks(families)
+    _check_not_empty(panels, "points")
+    looks = _look_of_labels(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     shown = [name for name in looks if any(name in points for points in panels.values())]
@@ -118,10 +120,10 @@ def plot_trade(
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (dataset, points) in zip(grid, panels.items(), strict=False):
             for name, (x, y) in points.items():
-                _cross(axes, x, y, looks[name])
+                _draw_cross(axes, x, y, looks[name])
             axes.set_xlim(*xlim)
-            _frame(axes, dataset)
-        _hide(grid[len(panels) :])
+            _set_up_panel(axes, dataset)
+        _hide_unused(grid[len(panels) :])
         drawing.supxlabel(xlabel, fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
         handles = [
@@ -130,15 +132,15 @@ def plot_trade(
         drawing.legend(handles=handles, loc="outside right center", fontsize=8)
 
 
-def _cross(axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str]) -> None:
+def _draw_cross(axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str]) -> None:
     axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
     axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
     axes.plot([x.value], [y.value], ls="none", ms=5, **look)
 
 
-def _looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Color of the family, marker of the member."""
-    colors, counts = _by_family(families), dict.fromkeys(families.values(), 0)
+def _look_of_labels(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """The color of the family and the marker of the member, by label."""
+    colors, counts = _family_colors(families), dict.fromkeys(families.values(), 0)
     looks = {}
     for name, family in families.items():
         looks[name] = {"color": colors[family], "marker": MARKERS[counts[family] % len(MARKERS)]}
@@ -161,32 +163,34 @@ def plot_sizes(
         path: where to save.
         ylabel: of the estimate.
     """
-    _check(panels, "sizes")
+    _check_not_empty(panels, "sizes")
     labels = list(dict.fromkeys(name for each in panels.values() for name in each))
     with figure(path, width=1.6 + 2.7 * len(panels), height=3.6) as drawing:
         grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axes, (dataset, lines) in zip(grid, panels.items(), strict=True):
             for name, points in lines.items():
-                steps, look = sorted(points), _line(labels.index(name))
+                steps, look = sorted(points), line_style(labels.index(name))
                 found = [points[step] for step in steps]
-                axes.plot(steps, [e.value for e in found], marker="o", ms=4, label=name, **look)
+                axes.plot(
+                    steps, [e.value for e in found], marker="o", ms=4, lw=1.6, label=name, **look
+                )
                 axes.fill_between(
                     steps, [e.low for e in found], [e.high for e in found],
                     color=look["color"], alpha=0.13, lw=0,
                 )  # fmt: skip
-            own = data.get(dataset, {})
-            axes.plot(sorted(own), [own[k] for k in sorted(own)], color=INK, lw=1, ls=(0, (4, 2)))
+            means = data.get(dataset, {})
+            axes.plot(sorted(means), [means[k] for k in sorted(means)], **DATA_LINE)
             axes.set_xscale("log")
-            axes.set_xticks(sorted(own or {n for each in lines.values() for n in each}))
+            axes.set_xticks(sorted(means or {n for each in lines.values() for n in each}))
             axes.set_xticks([], minor=True)
-            axes.xaxis.set_major_formatter(_rounded)
-            _frame(axes, dataset)
+            axes.xaxis.set_major_formatter(_rounded_thousands)
+            _set_up_panel(axes, dataset)
         drawing.supxlabel("joint steps of data", fontsize=10)
         grid[0].set_ylabel(ylabel)
-        _legend_above(drawing, _handles(grid))
+        _legend_above(drawing, _legend_handles(grid))
 
 
-def plot_tracks(
+def plot_training_curves(
     panels: Mapping[str, Mapping[str, Curve]],
     path: Path,
     *,
@@ -195,84 +199,78 @@ def plot_tracks(
     is_log: bool = False,
     n_columns: int = 3,
 ) -> None:
-    """Draws values over gradient updates: mean over seeds in a band from lowest to highest.
+    """Draws values over gradient updates: the mean over seeds in a band from lowest to highest.
 
-    Few algorithms have one legend for all panels, many one in each, with colors of its own.
+    Few labels share one legend; of many, each panel has its own legend and colors.
 
     Args:
         panels: title -> algorithm -> curve.
         path: where to save.
         ylabel: of the values, with unit.
-        factor: to that unit.
-        n_columns: panels beside each other, at most.
-        is_log: whether the axis is symmetric logarithmic: linear from -2 to 2.
+        factor: from values to that unit.
+        is_log: whether the vertical axis is symmetric logarithmic: linear from -2 to 2.
+        n_columns: panels in a row, at most.
     """
-    _check(panels, "curves")
-    shared = list(dict.fromkeys(name for each in panels.values() for name in each))
-    is_shared = len(shared) <= MOST_SHARED
+    _check_not_empty(panels, "curves")
+    labels = list(dict.fromkeys(name for each in panels.values() for name in each))
+    is_shared = len(labels) <= MAX_LINES_IN_ONE_LEGEND
     n_columns = min(n_columns, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, curves) in zip(grid, panels.items(), strict=False):
             for k, (name, curve) in enumerate(curves.items()):
-                _band(axes, curve, factor, name, shared.index(name) if is_shared else k)
+                _draw_band(axes, curve, factor, name, labels.index(name) if is_shared else k)
             axes.set_yscale("symlog" if is_log else "linear")
             axes.xaxis.set_major_formatter(thousands)
             axes.margins(x=0)
-            _frame(axes, title)
+            _set_up_panel(axes, title)
             if not is_shared:
                 axes.legend(fontsize=7, ncols=2, handlelength=2.2, columnspacing=1.0)
-        _hide(grid[len(panels) :])
+        _hide_unused(grid[len(panels) :])
         drawing.supxlabel("gradient updates", fontsize=10)
         drawing.supylabel(ylabel, fontsize=10)
         if is_shared:
-            _legend_above(drawing, _handles(grid))
+            _legend_above(drawing, _legend_handles(grid))
 
 
-def _band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
-    values, look = factor * curve.values, _line(k)
-    axes.plot(curve.progress, values.mean(0), label=label, **look)
+def _draw_band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
+    values, look = factor * curve.values, line_style(k)
+    axes.plot(curve.progress, values.mean(0), lw=1.6, label=label, **look)
     low, high = values.min(0), values.max(0)
     axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
 
 
-def _rounded(steps: float, position: int = 0) -> str:
-    """200037 as 200k: sizes hold whole episodes, so a few more steps than were asked for."""
+def _rounded_thousands(steps: float, position: int = 0) -> str:
+    """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
     return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
 
 
-def _line(k: int) -> dict[str, Any]:
-    dashes = DASHES[(k // len(COLORS)) % len(DASHES)]
-    return {"color": COLORS[k % len(COLORS)], "ls": dashes, "lw": 1.6}
-
-
-def _hide(spare: Sequence[Any]) -> None:
-    for axes in spare:
+def _hide_unused(panels: Sequence[Any]) -> None:
+    for axes in panels:
         axes.set_visible(False)
 
 
-def _frame(axes: Any, title: str) -> None:
+def _set_up_panel(axes: Any, title: str) -> None:
     axes.set_title(title, loc="left", fontsize=9, fontweight="bold")
-    axes.grid(color=FAINT, lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes, width=0.6)
 
 
 def _legend_above(drawing: Any, handles: Sequence[Any]) -> None:
-    """In as many columns as the figure's width has room for, each as wide as the longest name.
+    """Puts a legend above all panels, in as many columns as fit into the figure's width.
 
     Rows after the first make the figure taller, so that panels keep their height.
     """
-    points = 7 * max(len(handle.get_label()) for handle in handles) + 50  # of 10-point letters
-    columns = int(72 * drawing.get_figwidth() // points)
+    width = 7 * max(len(handle.get_label()) for handle in handles) + 50  # points, at 10 points
+    columns = int(72 * drawing.get_figwidth() // width)
     columns = max(1, min(columns, len(handles)))
     n_rows = math.ceil(len(handles) / columns)
     drawing.set_figheight(drawing.get_figheight() + 0.22 * (n_rows - 1))
     drawing.legend(handles=handles, loc="outside upper center", ncols=columns)
 
 
-def _handles(grid: Sequence[Any]) -> list[Any]:
-    """One line for each label, whatever panels it is in."""
+def _legend_handles(grid: Sequence[Any]) -> list[Any]:
+    """One legend entry for each label of any panel."""
     found: dict[str, Any] = {}
     for axes in grid:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,63 +1,74 @@
-"""Writes a study's folder: tidy tables, figures, and a page whose sentences are computed."""
+"""Writes a study's folder: CSV tables, figures, and a page whose sentences are computed."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata import __version__
-from swarmdata.evaluation.results.aggregate import complete
+from swarmdata.evaluation.results.aggregates import complete
 from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import aggregate_table
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.csv_files import to_csv
-from swarmdata.evaluation.study.pages.data_efficiency import size_section
-from swarmdata.evaluation.study.pages.scoreboard import Board, board_of, quantity_of, short
-from swarmdata.evaluation.study.pages.study_figures import plot_scores, plot_trade
+from swarmdata.evaluation.study.pages.csv_tables import (
+    cost_rows,
+    curve_rows,
+    dataset_rows,
+    run_rows,
+    to_csv,
+)
+from swarmdata.evaluation.study.pages.data_efficiency_section import size_section
+from swarmdata.evaluation.study.pages.scoreboard import (
+    Scoreboard,
+    make_scoreboard,
+    quantity_of,
+    strip_version,
+)
+from swarmdata.evaluation.study.pages.study_figures import plot_scores, plot_two_estimates
 from swarmdata.evaluation.study.pages.study_tables import (
-    board_table,
     cost_table,
     duration,
     online_table,
+    scoreboard_table,
 )
-from swarmdata.evaluation.study.pages.tidy_tables import cost_rows, data_rows, tidy_rows, track_rows
-from swarmdata.evaluation.study.pages.training_tracks import curve_section, loss_sections
+from swarmdata.evaluation.study.pages.training_sections import curve_section, loss_sections
 from swarmdata.runtime.locking import updating
 from swarmdata.store import write_file
 
-REPORT, RESULTS, DATA, COSTS, CURVES, FILE = (
-    "report.md", "results.csv", "data.csv", "costs.csv", "curves.csv", "study.yaml",
-)  # fmt: skip
+REPORT_FILE = "report.md"
+RESULTS_FILE = "results.csv"
+DATA_FILE = "data.csv"
+COSTS_FILE = "costs.csv"
+CURVES_FILE = "curves.csv"
+PLAN_FILE = "study.yaml"
 
-CLEAN, SUCCESS = "clean_success", "success"
-
-MOST_NAMED = 24
-"""Algorithms whose names fit beside a figure; of more, those figures are left out."""
+MAX_ALGORITHMS_IN_FIGURE = 24
+"""Algorithms whose names fit beside a figure; with more, those figures are left out."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the page."""
+    """One section of the page."""
 
     title: str
     body: str
 
     def to_markdown(self) -> str:
-        """With its heading."""
+        """The section with its heading."""
         return f"\n## {self.title}\n\n{self.body.rstrip()}\n"
 
 
 def write_pages(
     found: Findings, out: Path, command: str, sweeps: Mapping[str, str] | None = None
 ) -> list[Path]:
-    """Writes everything of a study; figures of what was not asked for are left out.
+    """Writes the tables, the page, and the figures that the study asks for.
 
     Args:
         found: what was measured.
-        out: folder; files of an earlier writing are replaced.
-        command: that does the study again, for the page.
-        sweeps: parts on robustness by title, whose files are in `out` already.
+        out: folder; existing files are replaced.
+        command: that runs the study again, for the page.
+        sweeps: sections on robustness by title, whose files are in `out` already.
 
     Returns:
         The files, the page first.
@@ -65,49 +76,56 @@ def write_pages(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    with updating(out / REPORT):  # the files belong together
-        return _write(found, out, command, sweeps or {})
+    with updating(out / REPORT_FILE):  # the files belong together
+        return _write_files(found, out, command, sweeps or {})
 
 
-def _write(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> list[Path]:
+def _write_files(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> list[Path]:
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
-    tables = {RESULTS: tidy_rows, DATA: data_rows, COSTS: cost_rows, CURVES: track_rows}
+    tables = {
+        RESULTS_FILE: run_rows,
+        DATA_FILE: dataset_rows,
+        COSTS_FILE: cost_rows,
+        CURVES_FILE: curve_rows,
+    }
     for name, rows_of in tables.items():
         write_file(out / name, to_csv(rows_of(found)).encode())
-    write_file(out / FILE, found.study.to_yaml().encode())
+    write_file(out / PLAN_FILE, found.study.to_yaml().encode())
     page = _page(found, out, command, sweeps)
-    write_file(out / REPORT, page.encode())
+    write_file(out / REPORT_FILE, page.encode())
     files = [path for path in sorted(out.rglob("[!.]*")) if path.is_file()]
     changed = [path for path in files if before.get(path) != path.stat().st_mtime_ns]
-    return [out / REPORT, *(path for path in changed if path != out / REPORT)]
+    return [out / REPORT_FILE, *(path for path in changed if path != out / REPORT_FILE)]
 
 
 def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:
     families = {label: each.family for label, each in found.study.algorithms.items()}
     key = quantity_of(found.results).column.key
     board, clean, success = (
-        board_of(found.results, families, each) for each in (key, CLEAN, SUCCESS)
+        make_scoreboard(found.results, families, each) for each in (key, "clean_success", "success")
     )
+    best = study_text.winners(board) + study_text.families(board)
+    surprises = study_text.surprises(board, clean, _online_means(found, key))
     sections = [
-        Section("What was done", _protocol(found, command)),
-        Section("Who wins", _list(study_text.winners(board) + study_text.families(board))),
-        Section(f"{board.column.label.capitalize()}", _scores(board, out, key)),
+        Section("Protocol", _protocol(found, command)),
+        Section("Best algorithms", _bullets(best)),
+        Section(board.column.label.capitalize(), _scores(board, out, key)),
         *_online(found),
-        Section("Beside the data", _list(study_text.against_data(board))),
+        Section("Comparison with the data", _bullets(study_text.against_data(board))),
         Section("Success", _success(board, success, clean, out)),
         *_pareto(found.results, out),
         *_overall(found.results, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
-        Section("What surprised", _list(study_text.surprises(board, clean, _means(found, key)))),
-        Section("What failed", _list(study_text.failures(board, found.missing))),
-        Section("What it cost", cost_table(found)),
+        Section("Surprises", _bullets(surprises)),
+        Section("Failures", _bullets(study_text.failures(board, found.missing))),
+        Section("Cost", cost_table(found)),
     ]
     title = found.study.title or f"Study {found.study.name}"
     return f"# {title}\n" + "".join(section.to_markdown() for section in sections)
 
 
-def _list(sentences: Sequence[str]) -> str:
-    return "".join(f"- {sentence}\n" for sentence in sentences) or "Nothing.\n"
+def _bullets(sentences: Sequence[str]) -> str:
+    return "".join(f"- {sentence}\n" for sentence in sentences) or "None.\n"
 
 
 def _protocol(found: Findings, command: str) -> str:
@@ -120,43 +138,46 @@ def _protocol(found: Findings, command: str) -> str:
     n_datasets = len(study.datasets)
     where = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
     width = f"Hidden layers of {list(study.hidden)} units. " if study.hidden else ""
-    for_all = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
-    width += f"Where an algorithm has them: {for_all}. " if for_all else ""
+    shared = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
+    width += f"Settings of all algorithms that have them: {shared}. " if shared else ""
     return (
         f"{len(study.algorithms)} offline algorithms on {where}, "
-        f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, one setting of "
-        f"an algorithm for all datasets. {width}The last policy of every seed is measured on the "
-        f"same {study.episodes:,} reserved evaluation seeds. Numbers are interquartile means over "
-        "training seeds with 95 % stratified bootstrap intervals; the data's mean is that of its "
-        f"own episodes, action noise included. Done are {len(found.cells)} cells with swarmdata "
-        f"{__version__}, in {cpu} of processor time and {duration(total)} of work, one thread a "
-        f"process, on {', '.join(machines)}.\n\n```\n{command}\n```\n\n"
-        f"Every run is a row of [{RESULTS}]({RESULTS}), every dataset of [{DATA}]({DATA}), every "
-        f"cell's time of [{COSTS}]({COSTS}); [{FILE}]({FILE}) is the study.\n"
+        f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, the same "
+        f"settings of an algorithm on all datasets. {width}The last policy of every seed is "
+        f"evaluated on the same {study.episodes:,} reserved seeds. Numbers are interquartile means "
+        "over training seeds with 95 % stratified bootstrap intervals; the mean of the data is "
+        f"that of its own episodes, with action noise. {len(found.cells)} cells were run with "
+        f"swarmdata {__version__} in {cpu} of processor time and {duration(total)} of wall-clock "
+        f"time, one thread per process, on {', '.join(machines)}.\n\n```\n{command}\n```\n\n"
+        f"[{RESULTS_FILE}]({RESULTS_FILE}) has a row for every run, [{DATA_FILE}]({DATA_FILE}) for "
+        f"every dataset, [{COSTS_FILE}]({COSTS_FILE}) for every cell; [{PLAN_FILE}]({PLAN_FILE}) "
+        "is the plan of the study.\n"
     )
 
 
-def _scores(board: Board, out: Path, key: str) -> str:
-    meaning = {
+def _scores(board: Scoreboard, out: Path, key: str) -> str:
+    scale = {
         "score": "0 is the better of an idle and a random team, 100 the expert.",
         "return": "Team return; this world has no measured expert.",
     }[key]
-    shown = {short(name): board.shown(name) for name in board.estimates}
-    own = {short(name): board.column.factor * value for name, value in board.data.items()}
-    plot_scores(shown, own, board.families, out / "scores.png", label=f"{board.column.label}")
+    shown = {strip_version(name): board.in_shown_units(name) for name in board.estimates}
+    data_means = {
+        strip_version(name): board.column.factor * value for name, value in board.data.items()
+    }
+    plot_scores(shown, data_means, board.families, out / "scores.png", label=board.column.label)
     return (
-        f"{meaning} Bold: the best of a dataset, and those whose intervals reach into the best "
-        f"one's.\n\n{board_table(board)}\n![{board.column.label} by dataset](scores.png)\n"
+        f"{scale} Bold: the best algorithm of a dataset, and those whose intervals overlap its "
+        f"interval.\n\n{scoreboard_table(board)}\n![{board.column.label} by dataset](scores.png)\n"
     )
 
 
 def _online(found: Findings) -> list[Section]:
     table = online_table(found.results.baselines)
-    return [Section("Online, in the task itself", table)] if table else []
+    return [Section("Online algorithms", table)] if table else []
 
 
-def _means(found: Findings, key: str) -> dict[str, float]:
-    """The main quantity of online algorithms: means over all their runs."""
+def _online_means(found: Findings, key: str) -> dict[str, float]:
+    """The main quantity of the online algorithms: means over all their runs."""
     quantity = quantity_of(found.results)
     return {
         label: float(quantity.values(case, label).mean())
@@ -166,55 +187,51 @@ def _means(found: Findings, key: str) -> dict[str, float]:
     }
 
 
-def _success(board: Board, success: Board, clean: Board, out: Path) -> str:
+def _success(board: Scoreboard, success: Scoreboard, clean: Scoreboard, out: Path) -> str:
     panels = {}
     for dataset in clean.estimates:
         if dataset in board.estimates:
-            tidy, main = clean.shown(dataset), board.shown(dataset)
-            panels[short(dataset)] = {k: (tidy[k], main[k]) for k in tidy if k in main}
-    plot_trade(
+            x, y = clean.in_shown_units(dataset), board.in_shown_units(dataset)
+            panels[strip_version(dataset)] = {k: (x[k], y[k]) for k in x if k in y}
+    plot_two_estimates(
         panels, board.families, out / "clean.png",
         xlabel="clean success (%)", ylabel=board.column.label, xlim=(-3.0, 103.0),
     )  # fmt: skip
     return (
-        f"Episodes solved (%):\n\n{board_table(success)}\n"
-        f"Episodes solved without touching anything (%):\n\n{board_table(clean)}\n"
+        f"Episodes solved (%):\n\n{scoreboard_table(success)}\n"
+        f"Episodes solved without a collision (%):\n\n{scoreboard_table(clean)}\n"
         f"![{board.column.label} against clean success](clean.png)\n"
     )
 
 
 def _pareto(results: ResultSet, out: Path) -> list[Section]:
-    if len(results.labels) > MOST_NAMED:
+    if len(results.labels) > MAX_ALGORITHMS_IN_FIGURE:
         return []
     plot_pareto(results.cases, out / "collisions.png")
     body = (
-        "Filled points are beaten by none of their dataset in both; the dashed line is the return "
-        "of the data.\n\n![team return against collisions](collisions.png)\n"
+        "Filled points are Pareto-optimal on their dataset; the dashed line is the mean return of "
+        "the data.\n\n![team return against collisions](collisions.png)\n"
     )
     return [Section("Return and collisions", body)]
 
 
 def _overall(results: ResultSet, out: Path) -> list[Section]:
-    """Only of algorithms with results on all datasets: a mean over others is another quantity."""
+    """Aggregates of the algorithms that have results on all datasets."""
     tables = complete(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
         return []
     body = aggregate_table(results).to_markdown()
-    if len(tables) <= MOST_NAMED:
+    if len(tables) <= MAX_ALGORITHMS_IN_FIGURE:
         plot_profiles(tables, out / "profiles.png")
         plot_improvements(tables, out / "improvements.png")
         body += (
             "\n![share of runs above a score](profiles.png)\n\n"
-            "![who beats whom](improvements.png)\n"
+            "![probability of improvement](improvements.png)\n"
         )
-    return [Section("Over all datasets", body)]
+    return [Section("Aggregates over datasets", body)]
 
 
 def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
-    """Parts that a study may ask for."""
-    parts: Mapping[str, Callable[[Findings, Path], Mapping[str, str]]] = {
-        "sizes": size_section,
-        "curves": curve_section,
-        "losses": loss_sections,
-    }
-    return [pair for part in parts.values() for pair in part(found, out).items()]
+    """The sections that a study may ask for, by title."""
+    writers = (size_section, curve_section, loss_sections)
+    return [section for write in writers for section in write(found, out).items()]

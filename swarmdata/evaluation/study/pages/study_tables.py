@@ -8,21 +8,24 @@ from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import Board, short
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, strip_version
+from swarmdata.rollouts.score_statistics import Estimate
 
 ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisions",
                   "obstacle_collisions")  # fmt: skip
 
 
-def board_table(board: Board) -> str:
-    """A row for each algorithm, a column for each dataset; the first row is the data's own mean.
+def scoreboard_table(board: Scoreboard) -> str:
+    """A row for each algorithm, a column for each dataset; the first row is the mean of the data.
 
-    Bold are the best of a column and those whose intervals reach into the best one's.
+    The best of a column and those whose intervals overlap its interval are bold.
     """
     names = list(board.estimates)
-    head = ("algorithm", "family", *map(short, names))
-    own = ("the data's mean", "", *(_plain(board, name) for name in names))
+    head = ("algorithm", "family", *map(strip_version, names))
+    data_row = ["mean of the data", ""]
+    for name in names:
+        mean = board.data.get(name)
+        data_row.append(UNDEFINED if mean is None else format_number(mean, board.column))
     bold = {name: board.leaders(name) if board.estimates[name] else [] for name in names}
     rows = [
         (
@@ -32,15 +35,10 @@ def board_table(board: Board) -> str:
         )
         for label, family in board.families.items()
     ]
-    return markdown.table(head, [own, *rows])
+    return markdown.table(head, [data_row, *rows])
 
 
-def _plain(board: Board, dataset: str) -> str:
-    value = board.data.get(dataset)
-    return UNDEFINED if value is None else format_number(value, board.column)
-
-
-def _cell(board: Board, dataset: str, label: str, *, is_bold: bool) -> str:
+def _cell(board: Scoreboard, dataset: str, label: str, *, is_bold: bool) -> str:
     found = board.estimates[dataset].get(label)
     if found is None:
         return UNDEFINED
@@ -49,7 +47,7 @@ def _cell(board: Board, dataset: str, label: str, *, is_bold: bool) -> str:
 
 
 def online_table(cases: Sequence[Case]) -> str:
-    """Algorithms that learned in the task itself, measured in the same way; empty without any."""
+    """The online algorithms, evaluated in the same way; empty if there are none."""
     rows = []
     for case in cases:
         known = {quantity.column.key: quantity for quantity in quantities_of(case)}
@@ -67,33 +65,33 @@ def online_table(cases: Sequence[Case]) -> str:
 
 
 def cost_table(found: Findings) -> str:
-    """What training and measuring took, by algorithm, over all of its cells."""
+    """The cost of training and evaluation by algorithm, over all of its cells."""
     rows = []
     for label in dict.fromkeys(cell.label for cell in found.cells):
         cells = [cell for cell in found.cells if cell.label == label]
         costs = [found.costs[cell.name] for cell in cells]
         updates = sorted({cell.n_updates for cell in cells if cell.kind == "offline"})
-        rows.append((f"`{label}`", str(len(cells)), _span(updates), *_cost_cells(costs)))
+        rows.append((f"`{label}`", str(len(cells)), _range(updates), *_cost_cells(costs)))
     rows.append(
-        ("all", str(len(found.cells)), "", *_cost_cells(list(found.costs.values()), all_of=True))
+        ("all", str(len(found.cells)), "", *_cost_cells(list(found.costs.values()), is_total=True))
     )
-    head = ("algorithm", "cells", "updates of a cell", "updates a second", "processor time",
-            "wall-clock, all cells", "memory of a process")  # fmt: skip
+    head = ("algorithm", "cells", "updates of a cell", "updates per second", "processor time",
+            "wall-clock time", "peak memory")  # fmt: skip
     return markdown.table(head, rows)
 
 
-def _span(values: Sequence[int]) -> str:
+def _range(values: Sequence[int]) -> str:
     if not values:
         return UNDEFINED
     ends = (values[0],) if len(values) == 1 else (values[0], values[-1])
     return " to ".join(f"{value:,}" for value in ends)
 
 
-def _cost_cells(costs: Sequence[Cost], *, all_of: bool = False) -> tuple[str, ...]:
-    """Mean speed, sums of times, largest memory."""
+def _cost_cells(costs: Sequence[Cost], *, is_total: bool = False) -> tuple[str, ...]:
+    """Mean speed, total times, peak memory."""
     speeds = [cost.updates_per_second for cost in costs]
     known = [speed for speed in speeds if speed]
-    speed = f"{sum(known) / len(known):,.0f}" if known and not all_of else UNDEFINED
+    speed = f"{sum(known) / len(known):,.0f}" if known and not is_total else UNDEFINED
     return (
         speed,
         duration(sum(cost.cpu_seconds for cost in costs)),
@@ -103,13 +101,13 @@ def _cost_cells(costs: Sequence[Cost], *, all_of: bool = False) -> tuple[str, ..
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a reader counts them: 42 s, 3.5 min, 2.1 h."""
+    """A duration in a readable unit: 42 s, 3.5 min, 2.1 h."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.1f} h"
 
 
-def written(estimate_: Estimate, board: Board) -> str:
-    """An estimate in words of the board's unit."""
+def format_with_unit(estimate_: Estimate, board: Scoreboard) -> str:
+    """An estimate with its interval and the unit of the scoreboard."""
     unit = f" {board.column.unit}" if board.column.unit else ""
     return format_estimate(estimate_, board.column) + unit

@@ -1,4 +1,4 @@
-"""What the numbers of a study say, in sentences that are computed from them."""
+"""The findings of a study in sentences that are computed from its numbers."""
 
 from collections.abc import Iterator, Mapping
 from itertools import groupby
@@ -6,128 +6,130 @@ from itertools import groupby
 import numpy as np
 
 from swarmdata.evaluation.results.estimate_table import format_number
-from swarmdata.evaluation.study.pages.scoreboard import Board, short
-from swarmdata.evaluation.study.pages.study_tables import written
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, strip_version
+from swarmdata.evaluation.study.pages.study_tables import format_with_unit
 
-FEW_RANKS = 4
-"""A shift by less than a quarter of the ranks between two datasets is no surprise."""
+MIN_RANKED = 4
+"""With fewer algorithms on a dataset, ranks are too coarse for a rank shift to be a surprise."""
+
+MAX_NAMED_ALGORITHMS = 6
+"""Algorithms that a sentence names; more are counted."""
 
 
-def winners(board: Board) -> list[str]:
-    """Which algorithm and which family wins on each dataset, and by how much."""
+def winners(board: Scoreboard) -> list[str]:
+    """Which algorithm and which family is best on each dataset, and by how much."""
     return [_winner(board, dataset) for dataset in board.estimates if board.estimates[dataset]]
 
 
-def _winner(board: Board, dataset: str) -> str:
-    found, families = board.estimates[dataset], board.bests(dataset)
+def _winner(board: Scoreboard, dataset: str) -> str:
+    found, families = board.estimates[dataset], board.best_by_family(dataset)
     family, *others = families
     best = families[family]
-    parts = [f"On {short(dataset)}, `{best}` ({family}) is best with {written(found[best], board)}"]
+    name, result = strip_version(dataset), format_with_unit(found[best], board)
+    sentences = [f"On {name}, `{best}` ({family}) is best with {result}."]
     if others:
         second = families[others[0]]
         gap = found[best].value - found[second].value
         is_apart = found[second].high < found[best].low
-        parts.append(
-            f"; the best of another family, `{second}` ({others[0]}), has "
-            f"{written(found[second], board)}, {_number(gap, board)} less, and their intervals "
-            + ("do not overlap" if is_apart else "overlap")
+        sentences.append(
+            f"The best algorithm of another family, `{second}` ({others[0]}), reaches "
+            f"{format_with_unit(found[second], board)}, which is {_number(gap, board)} less; the "
+            f"intervals {'do not overlap' if is_apart else 'overlap'}."
         )
-    parts.append(f". {_against(board, dataset, best)}")
-    return "".join(parts)
+    return " ".join([*sentences, _compare_with_data(board, dataset, best)])
 
 
-def _against(board: Board, dataset: str, label: str) -> str:
-    """The label beside the data's own mean."""
-    own = board.data.get(dataset)
-    if own is None:
-        return "The data's own mean is not known."
+def _compare_with_data(board: Scoreboard, dataset: str, label: str) -> str:
+    data_mean = board.data.get(dataset)
+    if data_mean is None:
+        return "The mean of the data is not known."
     value = board.estimates[dataset][label].value
-    times = f", {value / own:.1f} times as much" if own > 0 < value else ""
-    more = "above" if value >= own else "below"
+    ratio = f" ({value / data_mean:.1f} times as much)" if data_mean > 0 < value else ""
     return (
-        f"The data's own mean is {_number(own, board)}: it is {_number(abs(value - own), board)} "
-        f"{more}{times}."
+        f"The mean of the data is {_number(data_mean, board)}; `{label}` is "
+        f"{_number(abs(value - data_mean), board)} {'above' if value >= data_mean else 'below'} "
+        f"it{ratio}."
     )
 
 
-def _number(value: float, board: Board) -> str:
+def _number(value: float, board: Scoreboard) -> str:
     unit = f" {board.column.unit}" if board.column.unit else ""
     return format_number(value, board.column) + unit
 
 
-def families(board: Board) -> list[str]:
-    """How often each family has the best algorithm, and how far its best is from it on average.
+def families(board: Scoreboard) -> list[str]:
+    """How often each family has the best algorithm, and how far behind its best algorithm is.
 
-    Of one dataset, `winners` has said it.
+    Empty for a single dataset, where `winners` says the same.
     """
     if len(board.estimates) < 2:
         return []
-    firsts = {dataset: board.bests(dataset) for dataset in board.estimates}
+    firsts = {dataset: board.best_by_family(dataset) for dataset in board.estimates}
     names = list(dict.fromkeys(board.families.values()))
     sentences = []
     for name in names:
-        there = [dataset for dataset, best in firsts.items() if name in best]
-        if not there:
+        tried = [dataset for dataset, best in firsts.items() if name in best]
+        if not tried:
             continue
-        won = [short(dataset) for dataset in there if next(iter(firsts[dataset])) == name]
+        won = [strip_version(dataset) for dataset in tried if next(iter(firsts[dataset])) == name]
         behind = [
             board.estimates[d][board.ranking(d)[0]].value
             - board.estimates[d][firsts[d][name]].value
-            for d in there
+            for d in tried
         ]
         where = f" ({', '.join(won)})" if won else ""
         sentences.append(
-            f"{name.capitalize()} has the best algorithm on {len(won)} of {len(there)} "
-            f"datasets{where}; its best is {_number(float(np.mean(behind)), board)} behind the "
-            f"best of all on average, and {_number(max(behind), board)} at most."
+            f"{name.capitalize()} has the best algorithm on {len(won)} of {len(tried)} "
+            f"datasets{where}. Its best algorithm is {_number(float(np.mean(behind)), board)} "
+            f"behind the overall best on average, and at most {_number(max(behind), board)}."
         )
     return sentences
 
 
-def against_data(board: Board) -> list[str]:
-    """Which algorithms improve on the data's own mean, which do not, and which are worse."""
+def against_data(board: Scoreboard) -> list[str]:
+    """Which algorithms improve on the mean of the data, which do not, and which are worse."""
     sentences = []
-    for dataset, own in board.data.items():
+    for dataset, mean in board.data.items():
         found = board.estimates[dataset]
         groups = {
-            "above it, with the whole interval": [k for k, e in found.items() if e.low > own],
-            "not told apart from it": [k for k, e in found.items() if e.low <= own <= e.high],
-            "below it, with the whole interval": [k for k, e in found.items() if e.high < own],
+            "above it with the whole interval": [k for k, e in found.items() if e.low > mean],
+            "within the interval": [k for k, e in found.items() if e.low <= mean <= e.high],
+            "below it with the whole interval": [k for k, e in found.items() if e.high < mean],
         }
-        parts = [f"{_names(names)} {text}" for text, names in groups.items() if names]
+        parts = [
+            f"{text}: {', '.join(f'`{label}`' for label in labels)}"
+            for text, labels in groups.items()
+            if labels
+        ]
         if parts:
-            mean = f"the data's mean {_number(own, board)}"
-            sentences.append(f"On {short(dataset)}, beside {mean}: {'; '.join(parts)}.")
+            name, shown = strip_version(dataset), _number(mean, board)
+            sentences.append(f"{name}, where the mean of the data is {shown}: {'; '.join(parts)}.")
     return sentences
 
 
-def _names(labels: list[str]) -> str:
-    return ", ".join(f"`{label}`" for label in labels)
-
-
-def surprises(board: Board, clean: Board, online: Mapping[str, float]) -> list[str]:
-    """What one would not expect who knows half of the tables.
+def surprises(board: Scoreboard, clean: Scoreboard, online: Mapping[str, float]) -> list[str]:
+    """Results that the tables of scores alone do not suggest.
 
     Args:
         board: the main quantity.
-        clean: clean success, by the same datasets and labels.
+        clean: clean success, for the same datasets and labels.
         online: the main quantity of algorithms that learned in the task.
     """
-    sentences = [*_shifts(board), *_unclean(board, clean)]
+    sentences = [*_rank_shifts(board), *_unclean_winners(board, clean)]
     if online and board.estimates:
         label = max(online, key=lambda name: online[name])
         best = {d: board.estimates[d][board.ranking(d)[0]].value for d in board.estimates}
-        above = [short(dataset) for dataset, value in best.items() if value > online[label]]
+        above = [strip_version(dataset) for dataset, value in best.items() if value > online[label]]
         sentences.append(
-            f"The best online algorithm, `{label}`, has {_number(online[label], board)}; the best "
-            f"offline one is above that on {len(above)} of {len(best)} datasets"
+            f"The best online algorithm, `{label}`, reaches {_number(online[label], board)}; the "
+            f"best offline algorithm exceeds it on {len(above)} of {len(best)} datasets"
             + (f" ({', '.join(above)})." if above else ".")
         )
     return sentences
 
 
-def _shifts(board: Board) -> Iterator[str]:
-    """Algorithms that are among the first on one dataset and among the last on another."""
+def _rank_shifts(board: Scoreboard) -> Iterator[str]:
+    """Algorithms in the top quarter on one dataset and in the bottom quarter on another."""
     rankings = {dataset: board.ranking(dataset) for dataset in board.estimates}
     for label in board.families:
         ranks = {d: names.index(label) + 1 for d, names in rankings.items() if label in names}
@@ -135,69 +137,70 @@ def _shifts(board: Board) -> Iterator[str]:
             continue
         high, low = min(ranks, key=lambda d: ranks[d]), max(ranks, key=lambda d: ranks[d])
         n_first, n_last = len(rankings[high]), len(rankings[low])
-        if n_first < FEW_RANKS or ranks[high] > n_first / 4 or ranks[low] <= 3 * n_last / 4:
+        if n_first < MIN_RANKED or ranks[high] > n_first / 4 or ranks[low] <= 3 * n_last / 4:
             continue
         yield (
-            f"`{label}` is number {ranks[high]} of {n_first} on {short(high)} and number "
-            f"{ranks[low]} of {n_last} on {short(low)}."
+            f"`{label}` has rank {ranks[high]} of {n_first} on {strip_version(high)}, but rank "
+            f"{ranks[low]} of {n_last} on {strip_version(low)}."
         )
 
 
-def _unclean(board: Board, clean: Board) -> Iterator[str]:
-    """Datasets on which another algorithm is best once contacts count."""
+def _unclean_winners(board: Scoreboard, clean: Scoreboard) -> Iterator[str]:
+    """Datasets on which the best algorithm is not the one with the highest clean success."""
     for dataset, found in clean.estimates.items():
         if not found or not board.estimates.get(dataset):
             continue
         first, cleanest = board.ranking(dataset)[0], clean.ranking(dataset)[0]
         if first in found and first not in clean.leaders(dataset):
             yield (
-                f"On {short(dataset)}, the best by {board.column.label} is not the cleanest: "
-                f"`{first}` solves {written(found[first], clean)} of the episodes without a "
-                f"touch, `{cleanest}` {written(found[cleanest], clean)}."
+                f"On {strip_version(dataset)}, the algorithm with the best {board.column.label} is "
+                f"not the cleanest: `{first}` solves {format_with_unit(found[first], clean)} of "
+                f"the episodes without a contact, `{cleanest}` "
+                f"{format_with_unit(found[cleanest], clean)}."
             )
 
 
-def failures(board: Board, missing: Mapping[str, str]) -> list[str]:
-    """What did not work: no better than no skill, seeds that differ widely, cells without results.
+def failures(board: Scoreboard, missing: Mapping[str, str]) -> list[str]:
+    """Scores below no skill, the widest interval over seeds, and cells without results.
 
     Args:
         board: the main quantity.
         missing: cells that are not done, with the reason.
     """
     worse = [
-        (label, short(dataset))
+        (label, strip_version(dataset))
         for label in board.families
         for dataset, found in board.estimates.items()
         if board.column.key == "score" and label in found and found[label].high < 0
     ]
     sentences = [
-        f"`{label}` is below no skill, with the whole interval, on "
+        f"`{label}` scores below no skill with its whole interval on "
         f"{', '.join(dataset for _, dataset in group)}."
         for label, group in groupby(worse, key=lambda pair: pair[0])
     ]
-    sentences += _spread(board)
-    sentences += _absent(missing)
-    return sentences or ["No cell failed, and no algorithm ended below no skill."]
+    sentences += _widest_interval(board)
+    sentences += _missing_results(missing)
+    return sentences or ["No cell failed, and no algorithm scored below no skill."]
 
 
-MOST_NAMED = 6
-"""Algorithms that a sentence names; more are counted."""
-
-
-def _absent(missing: Mapping[str, str]) -> Iterator[str]:
-    """One sentence for all cells of a dataset that have no results for one reason."""
+def _missing_results(missing: Mapping[str, str]) -> Iterator[str]:
+    """One sentence for all cells of a dataset that lack results for the same reason."""
     for reason in dict.fromkeys(missing.values()):
         labels: dict[str, list[str]] = {}
         for name in (name for name, why in missing.items() if why == reason):
             label, _, dataset = name.rpartition("/")
             labels.setdefault(dataset, []).append(f"`{label}`")
         for dataset, found in labels.items():
-            who = ", ".join(found) if len(found) <= MOST_NAMED else f"{len(found)} algorithms"
+            who = (
+                ", ".join(found)
+                if len(found) <= MAX_NAMED_ALGORITHMS
+                else f"{len(found)} algorithms"
+            )
             yield f"On {dataset}, {who} {'have' if len(found) > 1 else 'has'} no results: {reason}."
 
 
-def _spread(board: Board) -> Iterator[str]:
-    """The widest interval of the board, which one should look at before trusting a mean."""
+def _widest_interval(board: Scoreboard) -> Iterator[str]:
+    """The widest interval of the board: a reason to doubt that mean."""
     widths = {
         (label, dataset): each.high - each.low
         for dataset, found in board.estimates.items()
@@ -207,6 +210,6 @@ def _spread(board: Board) -> Iterator[str]:
         return
     label, dataset = max(widths, key=lambda pair: widths[pair])
     yield (
-        f"Training seeds differ most for `{label}` on {short(dataset)}: "
-        f"{written(board.estimates[dataset][label], board)}."
+        f"The widest interval over training seeds is that of `{label}` on "
+        f"{strip_version(dataset)}: {format_with_unit(board.estimates[dataset][label], board)}."
     )

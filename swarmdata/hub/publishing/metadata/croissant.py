@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.hub.publishing.metadata.episode_parquet import COLUMNS, FILE
-from swarmdata.specs.origins import Edit, Recording
+from swarmdata.hub.publishing.metadata.episode_parquet import (
+    EPISODE_COLUMNS,
+    EPISODES_FILE,
+)
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
 
-CROISSANT = "croissant.json"
+CROISSANT_FILE = "croissant.json"
 
 LICENSES = {
     "apache-2.0": "https://www.apache.org/licenses/LICENSE-2.0",
@@ -123,23 +125,18 @@ def croissant(
         **({"datePublished": published} if published else {}),
         **_responsible(dataset),
         "distribution": _distribution(dataset, tables),
-        **({"recordSet": _record_sets()} if FILE in tables else {}),
+        **({"recordSet": _record_sets()} if EPISODES_FILE in tables else {}),
     }
     return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
 
 
 def license_of(dataset: Dataset) -> str:
-    """The Hub's name of the license: what the recording says, that of ours, or `unknown`."""
-    recipe = dataset.recipe
-    if isinstance(recipe, Recording):
-        return recipe.metadata.get("license", "unknown")
-    return "unknown" if isinstance(recipe, Edit) else "cc-by-4.0"
+    """The Hub's name of the license, or `unknown`."""
+    return dataset.recipe.license
 
 
 def _author(dataset: Dataset) -> str:
-    recipe = dataset.recipe
-    metadata = recipe.metadata if isinstance(recipe, Recording) else {}
-    return metadata.get("author", "swarmdata")
+    return (dataset.recipe.metadata or {}).get("author", "swarmdata")
 
 
 def _description(dataset: Dataset) -> str:
@@ -148,7 +145,7 @@ def _description(dataset: Dataset) -> str:
         f"Offline multi-agent reinforcement learning: {len(dataset):,} episodes, "
         f"{dataset.n_steps:,} joint steps of {dataset.spec.n_agents} agents in {recipe.spec.task}, "
         f"tier {recipe.tier}. Arrays are Zarr v3 without compression; the episode table is "
-        f"{FILE}. Logical digest of the arrays: {dataset.digest}."
+        f"{EPISODES_FILE}. Logical digest of the arrays: {dataset.digest}."
     )
 
 
@@ -216,7 +213,7 @@ def _record_sets() -> list[dict[str, Any]]:
         "name": "episodes",
         "description": "One row per episode.",
         "key": {"@id": "episodes/episode"},
-        "field": [_field(name, meaning) for name, meaning in COLUMNS.items()],
+        "field": [_field(name, meaning) for name, meaning in EPISODE_COLUMNS.items()],
     }
     return [splits, episodes]
 
@@ -229,6 +226,6 @@ def _field(name: str, meaning: str) -> dict[str, Any]:
         "name": f"episodes/{name}",
         "description": meaning,
         "dataType": _TYPES.get(name, "sc:Integer"),
-        "source": {"fileObject": {"@id": FILE}, "extract": {"column": name}},
+        "source": {"fileObject": {"@id": EPISODES_FILE}, "extract": {"column": name}},
         **refers,
     }

@@ -11,10 +11,10 @@ from swarmdata.errors import MissingExtraError
 from swarmdata.store import SPLITS, write_file
 from swarmdata.types import END_REASONS
 
-FILE = "episodes.parquet"
+EPISODES_FILE = "episodes.parquet"
 """The table of all episodes, beside the dataset's files."""
 
-COLUMNS = {
+EPISODE_COLUMNS = {
     "episode": "number in stored order",
     "start": "first row in the arrays with a row per step; with a row per state, start + episode",
     "length": "joint steps",
@@ -79,6 +79,6 @@ def write_episode_parquet(folder: Path) -> Path:
         MissingExtraError: pyarrow is not installed.
         DatasetError: the dataset cannot be used.
     """
-    path = folder / FILE
+    path = folder / EPISODES_FILE
     write_file(path, parquet_bytes(episode_table(Dataset.open(folder))))
     return path

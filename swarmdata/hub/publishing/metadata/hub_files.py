@@ -11,21 +11,30 @@ import yaml
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.hub.publishing.metadata.croissant import CROISSANT, croissant, license_of
-from swarmdata.hub.publishing.metadata.episode_parquet import FILE, episode_table, parquet_bytes
+from swarmdata.hub.publishing.metadata.croissant import CROISSANT_FILE, croissant, license_of
+from swarmdata.hub.publishing.metadata.episode_parquet import (
+    EPISODES_FILE,
+    episode_table,
+    parquet_bytes,
+)
 from swarmdata.runtime.documents import parse_yaml
 from swarmdata.store import SPLITS, write_file
 
-SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+SIZE_CATEGORIES = (
+    (1_000, "n<1K"),
+    (10_000, "1K<n<10K"),
+    (100_000, "10K<n<100K"),
+    (1_000_000, "100K<n<1M"),
+)
 """The Hub's size categories, by joint steps below."""
 
-README = "README.md"
+README_FILE = "README.md"
 """What the Hub shows of a repository."""
 
 _DTYPES = {"double": "float64"}
 """Names of `datasets` for types of Arrow, where they differ."""
 
-CONFIG = "episodes"
+EPISODES_CONFIG = "episodes"
 """Name of the configuration that the Hub's viewer shows."""
 
 
@@ -48,7 +57,7 @@ def metadata_files(
     dataset = Dataset.open(folder)
     tables = _tables(dataset)
     text = croissant(dataset, tables, url=url, published=published)
-    return {**tables, CROISSANT: text}
+    return {**tables, CROISSANT_FILE: text}
 
 
 def write_beside(folder: Path, out: Path) -> None:
@@ -60,7 +69,7 @@ def write_beside(folder: Path, out: Path) -> None:
     """
     for name, content in metadata_files(folder).items():
         write_file(out / name, content)
-    write_file(out / README, hub_card(folder).encode())
+    write_file(out / README_FILE, hub_card(folder).encode())
 
 
 def _tables(dataset: Dataset) -> dict[str, bytes]:
@@ -68,7 +77,7 @@ def _tables(dataset: Dataset) -> dict[str, bytes]:
         return {}
     table = episode_table(dataset)
     parts = {_split_file(name): _part(table, name) for name in _splits(dataset)}
-    files = {FILE: table, **parts}
+    files = {EPISODES_FILE: table, **parts}
     return {path: parquet_bytes(each) for path, each in files.items()}
 
 
@@ -125,7 +134,7 @@ def _parsed(card: str, path: Path) -> tuple[dict[str, Any], str]:
 
 def _front_matter(dataset: Dataset) -> dict[str, Any]:
     recipe = dataset.recipe
-    size = next((name for below, name in SIZES if dataset.n_steps < below), "1M<n<10M")
+    size = next((name for below, name in SIZE_CATEGORIES if dataset.n_steps < below), "1M<n<10M")
     return {
         "pretty_name": dataset.id,
         "license": license_of(dataset),
@@ -146,7 +155,7 @@ def _configuration(dataset: Dataset) -> dict[str, Any]:
         for name, part in parts.items()
     ]
     info = {
-        "config_name": CONFIG,
+        "config_name": EPISODES_CONFIG,
         "features": [
             {"name": f.name, "dtype": _DTYPES.get(str(f.type), str(f.type))} for f in table.schema
         ],
@@ -154,5 +163,5 @@ def _configuration(dataset: Dataset) -> dict[str, Any]:
         "download_size": sum(sizes.values()),
         "dataset_size": sum(part.nbytes for part in parts.values()),
     }
-    configuration = {"config_name": CONFIG, "default": True, "data_files": files}
+    configuration = {"config_name": EPISODES_CONFIG, "default": True, "data_files": files}
     return {"configs": [configuration], "dataset_info": info}

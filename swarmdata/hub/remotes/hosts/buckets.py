@@ -14,23 +14,28 @@ from swarmdata.errors import (
     MissingExtraError,
     VersionTakenError,
 )
-from swarmdata.hub.remotes.hosts.id_index import INDEX, index_bytes
+from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.network.backoff import LOCAL, Backoff, TransientError, refuse_offline
+from swarmdata.hub.remotes.network.backoff import (
+    LOCAL_ERRNOS,
+    Backoff,
+    TransientError,
+    refuse_offline,
+)
 from swarmdata.hub.remotes.network.pace import Meter, Pace
 from swarmdata.hub.remotes.network.threads import watched
 from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 
 T = TypeVar("T")
 
-CLAIM = ".pushing"
+CLAIM_FILE = ".pushing"
 """Object beside a dataset's files while they are sent: the SHA-256 of the manifest to come, then
 the large files that are there already, a line each."""
 
-LARGE = 1 << 20
+LARGE_FILE_BYTES = 1 << 20
 """Bytes from which on an interrupted push notes that a file has been sent."""
 
 S3_OPTIONS: dict[str, Any] = {
@@ -38,7 +43,7 @@ S3_OPTIONS: dict[str, Any] = {
 }
 """Seconds without a byte before a connection counts as lost; `Backoff` does the waiting."""
 
-FINAL = ("NoCredentialsError", "PartialCredentialsError", "ParamValidationError")
+FINAL_ERRORS = ("NoCredentialsError", "PartialCredentialsError", "ParamValidationError")
 """Errors of botocore that another attempt cannot change."""
 
 
@@ -117,9 +122,9 @@ class BucketRemote:
             for name, file in files.items():
                 if name not in (*claim, MANIFEST):
                     self._send(file, self._object(dataset_id, name))
-                    if file.stat().st_size >= LARGE:
+                    if file.stat().st_size >= LARGE_FILE_BYTES:
                         claim.append(name)
-                        self._put(self._object(dataset_id, CLAIM), "\n".join(claim).encode())
+                        self._put(self._object(dataset_id, CLAIM_FILE), "\n".join(claim).encode())
             if not self._create(self._object(dataset_id, MANIFEST), manifest):
                 self._is_published(dataset_id, manifest)
         self._release_claim(dataset_id)
@@ -147,7 +152,8 @@ class BucketRemote:
         """The bytes of a small object, None if it is absent."""
         try:
             return self._try(
-                f"reading {path}", lambda: bytes(self._files.cat_file(path, start=0, end=MAX_BYTES))
+                f"reading {path}",
+                lambda: bytes(self._files.cat_file(path, start=0, end=MAX_MANIFEST_BYTES)),
             )
         except AbsentFileError:
             return None
@@ -158,7 +164,7 @@ class BucketRemote:
         Returns:
             the lines of the claim: digest of the manifest, then files that need not be sent.
         """
-        claim = self._object(dataset_id, CLAIM)
+        claim = self._object(dataset_id, CLAIM_FILE)
         if self._create(claim, digest.encode()):
             return [digest]
         lines = (self._content(claim) or b"").decode(errors="replace").split("\n")
@@ -166,12 +172,12 @@ class BucketRemote:
             raise ConflictError(
                 f"someone else is pushing another {dataset_id} to {self.address}, or was stopped "
                 f"while doing so. Nothing of this push is visible. Wait, pull and compare; if that "
-                f"push is dead, delete {self.address}/{dataset_id}/{CLAIM} and push again."
+                f"push is dead, delete {self.address}/{dataset_id}/{CLAIM_FILE} and push again."
             )
         return lines
 
     def _release_claim(self, dataset_id: str) -> None:
-        claim = self._object(dataset_id, CLAIM)
+        claim = self._object(dataset_id, CLAIM_FILE)
         if self._content(claim) is not None:
             self._try(f"deleting {claim}", lambda: self._files.rm_file(claim))
 
@@ -198,7 +204,7 @@ class BucketRemote:
         listed = None
         while listed != (found := self.ids()):
             listed = found
-            self._put(f"{self._root}/{INDEX}", index_bytes(found))
+            self._put(f"{self._root}/{INDEX_FILE}", index_bytes(found))
 
     def _ask(self, what: str, action: Callable[[], T]) -> T:
         return self._try(what, lambda: watched(action, Meter(self._pace, self.address)))
@@ -215,9 +221,9 @@ class BucketRemote:
             except FileNotFoundError as error:
                 raise AbsentFileError(f"{what} failed: it is not there ({error}).") from error
             except Exception as error:
-                if isinstance(error, OSError) and error.errno in LOCAL:
+                if isinstance(error, OSError) and error.errno in LOCAL_ERRNOS:
                     raise
-                if isinstance(error, PermissionError) or type(error).__name__ in FINAL:
+                if isinstance(error, PermissionError) or type(error).__name__ in FINAL_ERRORS:
                     raise HubError(
                         f"{what} failed: {error}. Look whether your credentials are set and give "
                         "access."

@@ -7,9 +7,9 @@ from urllib.parse import unquote
 from filelock import FileLock
 
 from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
-from swarmdata.hub.remotes.hosts.id_index import INDEX, index_bytes
+from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.network.backoff import LOCAL
+from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS
 from swarmdata.hub.remotes.outside_names import ID_PATTERN, is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
@@ -57,7 +57,7 @@ class FolderRemote:
         try:
             shutil.copyfile(source, part)
         except OSError as error:
-            if error.errno in LOCAL:
+            if error.errno in LOCAL_ERRNOS:
                 raise
             raise HubError(f"{source} cannot be copied to {out}: {error}.") from error
         part.replace(out)
@@ -69,7 +69,7 @@ class FolderRemote:
         target = self._root / dataset_id
         try:
             with FileLock(self._root / ".publish.lock"):
-                remove_leftovers(self._root, INDEX, ID_PATTERN)
+                remove_leftovers(self._root, INDEX_FILE, ID_PATTERN)
                 if not target.exists():
                     with new_folder(target) as scratch:
                         for name, file in files.items():
@@ -80,7 +80,7 @@ class FolderRemote:
                         f"another {dataset_id} is published at {self.address}, and a published "
                         "version never changes. Publish this one under the next version."
                     )
-                write_file(self._root / INDEX, index_bytes(self.ids()))
+                write_file(self._root / INDEX_FILE, index_bytes(self.ids()))
         except HubError:
             raise
         except OSError as error:

@@ -19,13 +19,13 @@ from swarmdata.store.arrays.shards import file_digest
 
 T = TypeVar("T")
 
-KIND = "dataset"
+REPOSITORY_TYPE = "dataset"
 """Of repository."""
 
-TIMEOUT = 30.0
+TIMEOUT_SECONDS = 30.0
 """Seconds without an answer before asking counts as failed; the client would wait for ever."""
 
-TAG = "swarmdata"
+HUB_TAG = "swarmdata"
 """In the front matter of every card, so that a Hub can list our datasets."""
 
 
@@ -80,7 +80,7 @@ class HubCalls:
 
             try:
                 return self._api().dataset_info(
-                    repository, revision=revision, files_metadata=True, timeout=TIMEOUT
+                    repository, revision=revision, files_metadata=True, timeout=TIMEOUT_SECONDS
                 )
             except GatedRepoError:
                 raise
@@ -104,7 +104,7 @@ class HubCalls:
             from huggingface_hub.errors import RepositoryNotFoundError  # noqa: PLC0415
 
             try:
-                refs = self._api().list_repo_refs(repository, repo_type=KIND)
+                refs = self._api().list_repo_refs(repository, repo_type=REPOSITORY_TYPE)
             except RepositoryNotFoundError:
                 return ()
             return tuple(tag.name for tag in refs.tags)
@@ -115,7 +115,7 @@ class HubCalls:
         """The names of an organization's repositories that have our tag."""
 
         def ask() -> tuple[str, ...]:
-            found = self._api().list_datasets(author=organization, filter=TAG)
+            found = self._api().list_datasets(author=organization, filter=HUB_TAG)
             return tuple(info.id.partition("/")[2] for info in found)
 
         return self._ask(f"asking for the datasets of {organization}", ask)
@@ -126,7 +126,7 @@ class HubCalls:
 
         def fetch() -> None:
             self._api().hf_hub_download(
-                repository, path, repo_type=KIND, revision=commit, local_dir=folder
+                repository, path, repo_type=REPOSITORY_TYPE, revision=commit, local_dir=folder
             )
 
         def watch() -> None:
@@ -138,7 +138,7 @@ class HubCalls:
         """Makes an empty repository, unless it is there."""
         self._call(
             f"making {repository}",
-            lambda: self._api().create_repo(repository, repo_type=KIND, exist_ok=True),
+            lambda: self._api().create_repo(repository, repo_type=REPOSITORY_TYPE, exist_ok=True),
         )
 
     def commit(
@@ -171,7 +171,7 @@ class HubCalls:
                     repository,
                     [*adds, *deletes],
                     commit_message=message,
-                    repo_type=KIND,
+                    repo_type=REPOSITORY_TYPE,
                     parent_commit=parent,
                 )
             except Exception:  # whatever it was, the commit may have been made
@@ -188,7 +188,9 @@ class HubCalls:
 
         def make() -> bool:
             try:
-                self._api().create_tag(repository, tag=tag, revision=commit, repo_type=KIND)
+                self._api().create_tag(
+                    repository, tag=tag, revision=commit, repo_type=REPOSITORY_TYPE
+                )
             except Exception as error:
                 if status_of(error) == 409:
                     return False

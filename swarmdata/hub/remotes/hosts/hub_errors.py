@@ -9,9 +9,9 @@ import re
 from typing import Any
 
 from swarmdata.errors import AbsentFileError, ConflictError, HubError
-from swarmdata.hub.remotes.network.backoff import LOCAL, TransientError, seconds
+from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS, TransientError, seconds
 
-LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
+HTTP_LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
 """Whose errors are failures of the network, or of the server behind it."""
 
 
@@ -25,11 +25,11 @@ def explained(error: Exception, what: str) -> Exception | None:
     status = status_of(error)
     if status is not None:
         return _of_status(error, status, what)
-    if isinstance(error, OSError) and (error.filename is not None or error.errno in LOCAL):
+    if isinstance(error, OSError) and (error.filename is not None or error.errno in LOCAL_ERRNOS):
         return None
     problem = _words(error)
     network = OSError | RuntimeError | json.JSONDecodeError  # hf_xet raises RuntimeError
-    if isinstance(error, network) or type(error).__module__.partition(".")[0] in LIBRARIES:
+    if isinstance(error, network) or type(error).__module__.partition(".")[0] in HTTP_LIBRARIES:
         return TransientError(problem)
     if isinstance(error, ValueError):  # of names, and of the card's front matter
         return HubError(f"{what} failed: {problem}")

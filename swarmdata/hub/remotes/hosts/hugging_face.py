@@ -21,10 +21,10 @@ from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.runtime.documents import read_document
 from swarmdata.store.arrays.layout import DATA, MANIFEST
-from swarmdata.store.manifest import MAX_BYTES
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MAIN = "main"
+MAIN_BRANCH = "main"
 """The branch of the newest push."""
 
 _COMMIT = re.compile(r"[0-9a-f]{40}")
@@ -73,7 +73,7 @@ class HubRemote:
             return None
         with tempfile.TemporaryDirectory() as scratch:
             unnamed, manifest = self._release(name, commit), Path(scratch, MANIFEST)
-            self.read(unnamed, MANIFEST, manifest, MAX_BYTES)
+            self.read(unnamed, MANIFEST, manifest, MAX_MANIFEST_BYTES)
             return self._release(_id_in(manifest, unnamed.address), commit)
 
     def ids(self) -> tuple[str, ...]:
@@ -110,12 +110,14 @@ class HubRemote:
         tagged = self._look(name, version)
         if tagged is not None:
             return self._published(dataset_id, name, tagged, files)
-        head = self._look(name, MAIN)
+        head = self._look(name, MAIN_BRANCH)
         if head is None:
             self._calls.create(self._repository(name))
-            head = self._look(name, MAIN)
+            head = self._look(name, MAIN_BRANCH)
         if head is None:
-            raise HubError(f"{self.address}/{name} was made, but has no branch {MAIN}. Try again.")
+            raise HubError(
+                f"{self.address}/{name} was made, but has no branch {MAIN_BRANCH}. Try again."
+            )
         commit = head if self._holds(name, head, files) else self._commit(dataset_id, head, files)
         if not self._calls.tag(self._repository(name), version, commit):
             tagged = self._look(name, version)
@@ -129,7 +131,7 @@ class HubRemote:
 
         def settled() -> str | None:
             """The commit, if an attempt was heard although its answer was lost."""
-            commit = self._look(name, MAIN)
+            commit = self._look(name, MAIN_BRANCH)
             if commit is None or commit == head:
                 return None
             if not self._holds(name, commit, files):

@@ -6,10 +6,10 @@ from swarmdata.errors import HubError, SpecError
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.runtime.documents import parse_json
 
-INDEX = "index.json"
+INDEX_FILE = "index.json"
 """Its name, beside the folders of the datasets."""
 
-MAX_INDEX = 16 << 20
+MAX_INDEX_BYTES = 16 << 20
 """Most bytes of an index; 100,000 ids take 4 MB."""
 
 
@@ -29,7 +29,7 @@ def read_index(content: bytes, address: str) -> tuple[str, ...]:
         HubError: it is not such a list, or one of the names is not an id.
     """
     try:
-        data = parse_json(content, INDEX)
+        data = parse_json(content, INDEX_FILE)
     except SpecError as error:
         raise _wrong(address, f"it is not JSON ({error})") from error
     listed = data.get("ids") if isinstance(data, dict) else None
@@ -45,6 +45,6 @@ def read_index(content: bytes, address: str) -> tuple[str, ...]:
 
 def _wrong(address: str, problem: str) -> HubError:
     return HubError(
-        f"{address}/{INDEX} cannot be used: {problem}. Whoever publishes there makes it anew with "
-        "the next `swarmdata push`."
+        f"{address}/{INDEX_FILE} cannot be used: {problem}. The next `swarmdata push` to "
+        "this remote writes it anew."
     )

@@ -10,7 +10,7 @@ from urllib.error import HTTPError, URLError
 from urllib.parse import quote
 
 from swarmdata.errors import AbsentFileError, HubError
-from swarmdata.hub.remotes.hosts.id_index import INDEX, MAX_INDEX, read_index
+from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, MAX_INDEX_BYTES, read_index
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline, seconds
 from swarmdata.hub.remotes.network.connections import Network, opened, opener
@@ -18,7 +18,7 @@ from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.outside_names import split_id
 from swarmdata.store.arrays.layout import MANIFEST
 
-BLOCK = 1 << 16
+BLOCK_BYTES = 1 << 16
 """Bytes read at a time; what a lost connection has of one is fetched again."""
 
 TRANSIENT_STATUS = frozenset((408, 425, 429, 500, 502, 503, 504))
@@ -59,8 +59,8 @@ class WebRemote:
 
     def ids(self) -> tuple[str, ...]:
         def fetch() -> bytes:
-            with self._open(f"{self.address}/{INDEX}") as response:
-                content = response.read(MAX_INDEX + 1)
+            with self._open(f"{self.address}/{INDEX_FILE}") as response:
+                content = response.read(MAX_INDEX_BYTES + 1)
                 if response.length:
                     raise TransientError(f"the answer was cut, {response.length} bytes are missing")
                 return content
@@ -69,8 +69,8 @@ class WebRemote:
             content = self._backoff.run(f"asking {self.address} for its datasets", fetch)
         except AbsentFileError as error:
             raise HubError(
-                f"{self.address} has no {INDEX}, so it cannot say which datasets it has. An id "
-                "that you know can be pulled all the same."
+                f"{self.address} has no {INDEX_FILE}, so its datasets cannot be listed. A dataset "
+                "whose id you know can still be pulled."
             ) from error
         return read_index(content, self.address)
 
@@ -151,7 +151,7 @@ def _starts_at(response: Response, offset: int) -> bool:
 def _copy(response: Response, file: BinaryIO, limit: int, url: str) -> None:
     """Copies the body, at most `limit` bytes; a body that ends early is a transient failure."""
     left = limit
-    while block := response.read(min(BLOCK, left + 1)):
+    while block := response.read(min(BLOCK_BYTES, left + 1)):
         left -= len(block)
         if left < 0:
             break

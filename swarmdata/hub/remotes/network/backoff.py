@@ -11,13 +11,13 @@ from swarmdata.hub.remotes.network.interruption import pause
 
 T = TypeVar("T")
 
-LOCAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+LOCAL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Failures of this machine's disk, which no other attempt and no other remote can change."""
 
 SLOW_ATTEMPTS = 2
 """How often a server is asked that takes all of its time; `Backoff` asks others more often."""
 
-ADVICE = (
+NETWORK_ADVICE = (
     "Datasets in the cache still load. Try again later, or name another remote "
     "(`swarmdata remote list` shows those that are asked)."
 )
@@ -69,7 +69,7 @@ class Backoff:
                 limit = min(self.attempts, SLOW_ATTEMPTS)
                 if attempt == (limit if isinstance(error, TooSlowError) else self.attempts):
                     times = "once" if attempt == 1 else f"{attempt} times"
-                    raise HubError(f"{what} failed {times}: {error}. {ADVICE}") from error
+                    raise HubError(f"{what} failed {times}: {error}. {NETWORK_ADVICE}") from error
                 wait = self.wait * 2 ** (attempt - 1) if error.after is None else error.after
             self.sleep(min(wait, self.longest))
         raise ValueError(f"attempts is {self.attempts}, expected at least 1")

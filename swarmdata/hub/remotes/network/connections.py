@@ -25,7 +25,7 @@ from urllib.request import (
 )
 
 from swarmdata.errors import HubError
-from swarmdata.hub.remotes.network.interruption import SLICE, check_stop
+from swarmdata.hub.remotes.network.interruption import SLICE_SECONDS, check_stop
 from swarmdata.hub.remotes.network.pace import Meter, Pace
 
 _TRANSLATED = ip_network("64:ff9b::/96")
@@ -232,7 +232,7 @@ class _PacedSocket(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         while True:
             check_stop()
-            self._sock.settimeout(min(SLICE, self._meter.seconds_left()))
+            self._sock.settimeout(min(SLICE_SECONDS, self._meter.seconds_left()))
             try:
                 n_bytes = self._sock.recv_into(buffer)
             except TimeoutError:

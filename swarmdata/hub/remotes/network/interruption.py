@@ -4,10 +4,10 @@ import threading
 import time
 from contextvars import ContextVar
 
-SLICE = 0.25
+SLICE_SECONDS = 0.25
 """Seconds between two looks at whether to stop."""
 
-STOP: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
+STOP_EVENT: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
 """Of the jobs of this thread; set once they are not wanted any more."""
 
 
@@ -21,7 +21,7 @@ def check_stop() -> None:
     Raises:
         StoppedError: another job failed, or the user pressed Ctrl-C.
     """
-    stop = STOP.get()
+    stop = STOP_EVENT.get()
     if stop is not None and stop.is_set():
         raise StoppedError
 
@@ -32,7 +32,7 @@ def pause(seconds: float) -> None:
     Raises:
         StoppedError: it is not.
     """
-    stop = STOP.get()
+    stop = STOP_EVENT.get()
     if stop is None:
         time.sleep(seconds)
     else:

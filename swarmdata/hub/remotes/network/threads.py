@@ -15,12 +15,12 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
-from swarmdata.hub.remotes.network.interruption import SLICE, STOP, check_stop
+from swarmdata.hub.remotes.network.interruption import SLICE_SECONDS, STOP_EVENT, check_stop
 from swarmdata.hub.remotes.network.pace import Meter
 
 T = TypeVar("T")
 
-GRACE = 1.0
+GRACE_SECONDS = 1.0
 """Seconds in which threads may end by themselves."""
 
 
@@ -55,7 +55,7 @@ def run_all(
     waiting, finished = deque(jobs), SimpleQueue[_Outcome[None]]()
 
     def work() -> None:
-        STOP.set(stop)  # a thread has a context of its own
+        STOP_EVENT.set(stop)  # a thread has a context of its own
         while waiting and not stop.is_set():
             try:
                 job = waiting.popleft()
@@ -80,7 +80,7 @@ def run_all(
         tick()
     finally:
         stop.set()
-        end = time.monotonic() + GRACE
+        end = time.monotonic() + GRACE_SECONDS
         for thread in threads:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
@@ -105,7 +105,7 @@ def watched(call: Callable[[], T], meter: Meter, arrived: Callable[[], int] | No
     threading.Thread(target=lambda: finished.put(_Outcome(call)), daemon=True).start()
     while True:
         try:
-            return finished.get(timeout=SLICE).get()
+            return finished.get(timeout=SLICE_SECONDS).get()
         except Empty:
             check_stop()
         if arrived is not None:

@@ -10,22 +10,21 @@ import pytest
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cell_worker import (
-    COST,
-    DATA,
-    ERROR,
-    RESULTS,
-    _handle,
-    claimed_by_other,
-    do_cell,
+from swarmdata.evaluation.study.cells.cell_folder import (
+    COST_FILE,
+    DATA_FILE,
+    ERROR_FILE,
+    RESULTS_FOLDER,
+    cell_run_folder,
+    find_conflict,
     is_done,
-    run_of,
 )
+from swarmdata.evaluation.study.cells.cell_worker import run_cell, run_job
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
-from swarmdata.evaluation.study.cells.study_data import Facts, digest_of, open_data
+from swarmdata.evaluation.study.cells.study_data import DatasetFacts, digest_of, open_dataset
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.checkpoint import load_checkpoint
-from swarmdata.learn.training.run_folder import CHECKPOINT
+from swarmdata.learn.training.run_files import CHECKPOINT
 from tests.evaluation.study.conftest import MADDPG
 
 Make = Callable[..., Study]
@@ -37,7 +36,7 @@ def cell_of(study: Study, name: str | None = None) -> Cell:
 
 
 def returns(folder: Path) -> list[list[float]]:
-    files = sorted((folder / RESULTS).glob("*.json"))
+    files = sorted((folder / RESULTS_FOLDER).glob("*.json"))
     return [load_result(file).evaluation.metrics["return"].tolist() for file in files]
 
 
@@ -45,18 +44,18 @@ def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study(curves={"points": 2, "episodes": 2}))
     told: list[int] = []
     assert not is_done(cell, tmp_path / "c")
-    do_cell(cell, tmp_path / "c", told.append)
+    run_cell(cell, tmp_path / "c", told.append)
     assert is_done(cell, tmp_path / "c")
     assert sum(told) == cell.n_updates == 20
     assert np.shape(returns(tmp_path / "c")) == (2, 4)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
-    do_cell(cell, tmp_path / "c", told.append)
+    run_cell(cell, tmp_path / "c", told.append)
     assert {f: f.stat().st_mtime_ns for f in tmp_path.rglob("*") if f.is_file()} == before
-    cost = Cost.from_file(tmp_path / "c" / COST)
+    cost = Cost.from_file(tmp_path / "c" / COST_FILE)
     assert cost.attempts[0].updates == 20
     assert cost.cpu_seconds > 0
     assert cost.attempts[0].curve_seconds > 0
-    facts = Facts.from_file(tmp_path / "c" / DATA)
+    facts = DatasetFacts.from_file(tmp_path / "c" / DATA_FILE)
     assert (facts.id, facts.digest) == ("coop_nav-tiny-v0", cell.digest)
 
 
@@ -77,28 +76,31 @@ def test_a_killed_cell_goes_on_to_the_same_numbers(
             raise KilledError
 
     with pytest.raises(KilledError):
-        do_cell(cell, tmp_path / "killed", die)
+        run_cell(cell, tmp_path / "killed", die)
     assert not is_done(cell, tmp_path / "killed")
     for name in ("killed", "whole"):
-        do_cell(cell, tmp_path / name)
+        run_cell(cell, tmp_path / name)
     assert returns(tmp_path / "killed") == returns(tmp_path / "whole")
-    losses = [(run_of(cell, tmp_path / n) / "losses.csv").read_text() for n in ("killed", "whole")]
+    losses = [
+        (cell_run_folder(cell, tmp_path / n) / "losses.csv").read_text()
+        for n in ("killed", "whole")
+    ]
     assert losses[0] == losses[1]
 
 
 def test_a_folder_of_another_cell_is_refused(make_study: Make, tmp_path: Path) -> None:
     one, other = (cell_of(make_study(episodes=n)) for n in (4, 5))
-    do_cell(one, tmp_path / "c")
-    assert claimed_by_other(one, tmp_path / "c") is None
-    assert claimed_by_other(other, tmp_path / "c") == "n_episodes was 4, is 5"
+    run_cell(one, tmp_path / "c")
+    assert find_conflict(one, tmp_path / "c") is None
+    assert find_conflict(other, tmp_path / "c") == "n_episodes was 4, is 5"
     with pytest.raises(BuildError, match="holds another bc/coop_nav-tiny-v0: n_episodes was 4"):
-        do_cell(other, tmp_path / "c")
+        run_cell(other, tmp_path / "c")
 
 
 def test_a_finished_run_is_small(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study(algorithms={"m": MADDPG}))
-    do_cell(cell, tmp_path / "c")
-    tensors, metadata = load_checkpoint(run_of(cell, tmp_path / "c") / CHECKPOINT)
+    run_cell(cell, tmp_path / "c")
+    tensors, metadata = load_checkpoint(cell_run_folder(cell, tmp_path / "c") / CHECKPOINT)
     assert [name for name in tensors if name.startswith("algorithm.")] == ["algorithm.actor"]
     assert metadata["update"] == 10
 
@@ -106,22 +108,22 @@ def test_a_finished_run_is_small(make_study: Make, tmp_path: Path) -> None:
 def test_other_content_under_the_same_name_is_refused(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study()).model_copy(update={"digest": "f" * 64})
     with pytest.raises(SchemaError, match="the study expects ffffffffffff"):
-        do_cell(cell, tmp_path / "c")
+        run_cell(cell, tmp_path / "c")
 
 
 def test_failures_are_written_beside_the_cell(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study()).model_copy(update={"config": {"n_updates": 5, "hiden": [8]}})
     payload = {"cell": json.loads(cell.to_json()), "folder": str(tmp_path / "c")}
-    with pytest.raises(BuildError, match=r"TypeError: .*'hiden'"):
-        _handle(payload, lambda amount: None)
-    assert "Traceback" in (tmp_path / "c" / ERROR).read_text()
+    with pytest.raises(BuildError, match=r"UnknownNameError: .*'hiden'"):
+        run_job(payload, lambda amount: None)
+    assert "Traceback" in (tmp_path / "c" / ERROR_FILE).read_text()
 
 
 def test_first_episodes_are_a_dataset_of_their_own(data: Path) -> None:
-    whole, part = open_data(str(data)), open_data(str(data), 100)
+    whole, part = open_dataset(str(data)), open_dataset(str(data), 100)
     assert part.id == "coop_nav-tiny-100-v0"
     assert part.n_steps >= 100 > part.n_steps - part.episodes.lengths[-1]
-    assert part.digest == open_data(str(data), 100).digest != whole.digest
+    assert part.digest == open_dataset(str(data), 100).digest != whole.digest
     assert part.episodes.seeds.tolist() == whole.episodes.seeds[: len(part)].tolist()
-    with pytest.raises(SchemaError, match="the study asks for its first 9,999"):
-        open_data(str(data), 9999)
+    with pytest.raises(SchemaError, match="but the study asks for its first 9,999"):
+        open_dataset(str(data), 9999)

@@ -8,7 +8,12 @@ import pytest
 
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.study.cells.cells import UNDECISIVE, Cell, cells_of
-from swarmdata.evaluation.study.cells.study_data import digest_of, named, short, sized
+from swarmdata.evaluation.study.cells.study_data import (
+    dataset_of_size,
+    digest_of,
+    short_count,
+    short_name,
+)
 from swarmdata.evaluation.study.plan import Study
 from tests.evaluation.study.conftest import BC, MADDPG
 
@@ -32,29 +37,31 @@ def test_every_algorithm_meets_every_dataset(make_study: Make) -> None:
 def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
     algorithms = {
         "half": {"algorithm": "maddpg_bc", "family": "f"},
-        "own": {**MADDPG, "settings": {"actor_hidden": [4, 4], "alpha": 2}},
+        "own": {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}},
     }
     found = cells(make_study(algorithms=algorithms, budget=0.5, datasets=["coop_nav-medium"]))
     half, own = found["half/coop_nav-medium"].config, found["own/coop_nav-medium"].config
-    assert (half["n_updates"], half["warm_start"]) == (4000, 2000)
+    assert (half["n_updates"], half["bc_warmup_updates"]) == (4000, 2000)
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
-    assert (own["n_updates"], own["warm_start"], own["alpha"]) == (10, 5, 2.0)
+    assert (own["n_updates"], own["bc_warmup_updates"], own["rl_weight"]) == (10, 5, 2.0)
     assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
 
 
 def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
-    algorithms = {"bc": BC, "own": {**MADDPG, "settings": {"alpha": 2}}}
+    algorithms = {"bc": BC, "own": {**MADDPG, "settings": {"rl_weight": 2}}}
     found = cells(
-        make_study(algorithms=algorithms, settings={"actor_hidden": [4, 4], "alpha": 3})
+        make_study(algorithms=algorithms, settings={"actor_hidden": [4, 4], "rl_weight": 3})
     ).values()
     bc, own = (each.config for each in found)
     assert (bc["hidden"], own["actor_hidden"], own["critic_hidden"]) == ([8], [4, 4], [8])
-    assert own["alpha"] == 2.0
+    assert own["rl_weight"] == 2.0
 
 
 def test_a_setting_that_nobody_has_is_refused(make_study: Make) -> None:
     with pytest.raises(SpecError, match="settings has sharpness, which none"):
         cells(make_study(settings={"sharpness": 1}))
+    with pytest.raises(SpecError, match=r"has \(called actor_learning_rate, learning_rate now\)"):
+        cells(make_study(settings={"step_size": 1}))
 
 
 def test_sizes_are_datasets_and_a_full_one_is_the_studys_own(make_study: Make) -> None:
@@ -115,10 +122,10 @@ def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
 
 
 def test_names_and_sizes_of_datasets(data: Path) -> None:
-    assert named("coop_nav-medium") == "coop_nav-medium"
-    assert named(str(data)) == "coop_nav-tiny-v0"
-    assert sized("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
-    assert (short(200_000), short(1500)) == ("200k", "1500")
+    assert short_name("coop_nav-medium") == "coop_nav-medium"
+    assert short_name(str(data)) == "coop_nav-tiny-v0"
+    assert dataset_of_size("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
+    assert (short_count(200_000), short_count(1500)) == ("200k", "1500")
     with pytest.raises(SchemaError, match="has no mini"):
-        sized(str(data), "mini")
+        dataset_of_size(str(data), "mini")
     assert len(digest_of("coop_nav-medium")) == 64

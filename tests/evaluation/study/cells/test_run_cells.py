@@ -7,11 +7,17 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import StaleCellError, StudyError, UnknownNameError
-from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, Meter
-from swarmdata.evaluation.study.cells.cell_worker import COST, DONE, RESULTS, is_done
+from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
+from swarmdata.evaluation.study.cells.cell_folder import (
+    COST_FILE,
+    DONE_FILE,
+    RESULTS_FOLDER,
+    cell_folder,
+    is_done,
+)
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
-from swarmdata.evaluation.study.cells.reproduction import check_cell
-from swarmdata.evaluation.study.cells.run_cells import chosen, folder_of, longest_first, run_cells
+from swarmdata.evaluation.study.cells.reproduction import reproduce_cell
+from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study
 from tests.evaluation.study.conftest import BC
@@ -30,8 +36,8 @@ def test_failures_do_not_stop_the_others(make_study: Make, tmp_path: Path) -> No
     failures = run_cells([bad, found[1]], tmp_path, progress=False)
     assert list(failures) == ["bc/coop_nav-tiny-v0"]
     assert failures["bc/coop_nav-tiny-v0"].startswith("SchemaError: ")
-    assert is_done(found[1], folder_of(tmp_path, found[1]))
-    (attempt,) = Cost.from_file(folder_of(tmp_path, found[1]) / COST).attempts
+    assert is_done(found[1], cell_folder(tmp_path, found[1]))
+    (attempt,) = Cost.from_file(cell_folder(tmp_path, found[1]) / COST_FILE).attempts
     assert attempt.updates == 20
     assert run_cells([found[1]], tmp_path, progress=False) == {}
 
@@ -44,9 +50,9 @@ def test_stale_cells_are_refused_and_done_again_when_asked(
     run_cells(before[:1], tmp_path, progress=False)
     with pytest.raises(StaleCellError, match=r"bc/coop_nav-tiny-v0 \(n_episodes was 4.*--again"):
         run_cells(after, tmp_path, progress=False)
-    assert is_done(before[0], folder_of(tmp_path, before[0]))
+    assert is_done(before[0], cell_folder(tmp_path, before[0]))
     run_cells(after[:1], tmp_path, again=True, progress=False)
-    assert is_done(after[0], folder_of(tmp_path, after[0]))
+    assert is_done(after[0], cell_folder(tmp_path, after[0]))
 
 
 @pytest.mark.usefixtures("here")
@@ -54,19 +60,20 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     make_study: Make, tmp_path: Path
 ) -> None:
     (cell, *_) = cells(make_study())
-    folder = folder_of(tmp_path, cell)
+    folder = cell_folder(tmp_path, cell)
     with pytest.raises(StudyError, match="holds no finished cell"):
-        check_cell(folder, progress=False)
+        reproduce_cell(folder, progress=False)
     run_cells([cell], tmp_path, progress=False)
-    same = check_cell(folder, progress=False)
+    same = reproduce_cell(folder, progress=False)
     assert same.is_same
     assert "are the same" in same.sentence()
-    file = sorted((folder / RESULTS).glob("*.json"))[0]
+    file = sorted((folder / RESULTS_FOLDER).glob("*.json"))[0]
     content = json.loads(file.read_text())
     content["metrics"]["return"][0] += 0.5
     file.write_text(json.dumps(content))
-    other = check_cell(folder, progress=False)
-    assert (other.n_different, other.largest, other.first_update) == (1, 0.5, None)
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.largest_difference) == (1, 0.5)
+    assert other.first_differing_update is None
     assert "1 of " in other.sentence()
 
 
@@ -78,7 +85,7 @@ def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None
     found = cells(make_study(algorithms=algorithms))
     for name, seconds in (("slow", 100.0), ("quick", 10.0)):
         attempt = Attempt(updates=100, train_seconds=seconds)
-        file = tmp_path / "cells" / name / "earlier" / COST
+        file = tmp_path / "cells" / name / "earlier" / COST_FILE
         file.parent.mkdir(parents=True)
         file.write_text(Cost(attempts=(attempt,)).to_json())
     order = [cell.label for cell in longest_first(found, tmp_path)]
@@ -87,10 +94,10 @@ def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None
 
 def test_cells_are_chosen_by_pattern(make_study: Make) -> None:
     found = cells(make_study())
-    assert [cell.label for cell in chosen(found, "oth*/*")] == ["other"]
-    assert chosen(found, None) == found
+    assert [cell.label for cell in select_cells(found, "oth*/*")] == ["other"]
+    assert select_cells(found, None) == found
     with pytest.raises(UnknownNameError, match="unknown cell 'bx/coop_nav"):
-        chosen(found, "bx/coop_nav-tiny-v0")
+        select_cells(found, "bx/coop_nav-tiny-v0")
 
 
 def test_stages_inside_others_count_only_as_their_own(
@@ -99,22 +106,22 @@ def test_stages_inside_others_count_only_as_their_own(
     now = [0.0]
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
     earlier = Attempt(updates=5, train_seconds=2.0, peak_mb=1e6)
-    (tmp_path / COST).write_text(Cost(attempts=(earlier,)).to_json())
-    meter = Meter(tmp_path / COST)
+    (tmp_path / COST_FILE).write_text(Cost(attempts=(earlier,)).to_json())
+    meter = CostMeter(tmp_path / COST_FILE)
     with meter.stage("train"):
         now[0] = 3.0
         with meter.stage("curve"):
             now[0] = 7.0
         now[0] = 8.0
-        meter.beat(15)
+        meter.add_updates(15)
     now[0] = 30.0
     with meter.stage("evaluate"):
         now[0] = 35.0
     meter.write()
-    cost = Cost.from_file(tmp_path / COST)
+    cost = Cost.from_file(tmp_path / COST_FILE)
     attempt = cost.attempts[1]
     assert (attempt.train_seconds, attempt.curve_seconds, attempt.evaluate_seconds) == (4, 4, 5)
     assert cost.updates_per_second == pytest.approx(20 / 6)
     assert cost.wall_seconds == 15
     assert cost.peak_mb == 1e6
-    assert not (tmp_path / DONE).exists()
+    assert not (tmp_path / DONE_FILE).exists()

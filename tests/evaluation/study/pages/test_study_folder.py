@@ -13,10 +13,10 @@ import pytest
 from swarmdata.cards.sections.baselines import baselines_section, read_runs
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.study.cells.cell_worker import RESULTS
+from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages import study_folder
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import Options, conduct
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -47,8 +47,8 @@ def test_everything_is_written_and_again_the_same(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
-    options = Options(tmp_path / "out", tmp_path / "work", progress=False)
-    failures, files = conduct(study, options, "swarmdata study tiny.yaml")
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "swarmdata study tiny.yaml")
     assert failures == {}
     assert files[0] == tmp_path / "out" / "report.md"
     assert sorted(file.name for file in files) == [
@@ -57,14 +57,14 @@ def test_everything_is_written_and_again_the_same(
     ]  # fmt: skip
     page = files[0].read_text()
     assert "swarmdata study tiny.yaml" in page
-    for title in ("Who wins", "Return", "Success", "Less data", "Mean Q", "What it cost"):
+    for title in ("Best algorithms", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
     _check_tables(tmp_path)
-    _, again = conduct(study, options, "swarmdata study tiny.yaml")
+    _, again = run_study(study, options, "swarmdata study tiny.yaml")
     assert again[0].read_text() == page
     assert Study.from_file(tmp_path / "out" / "study.yaml") == study
-    monkeypatch.setattr(study_folder, "MOST_NAMED", 1)  # too many names beside a figure
-    _, files = conduct(study, replace(options, out=tmp_path / "few"), "swarmdata study tiny.yaml")
+    monkeypatch.setattr(study_folder, "MAX_ALGORITHMS_IN_FIGURE", 1)
+    _, files = run_study(study, replace(options, out=tmp_path / "few"), "swarmdata study tiny.yaml")
     assert "Return and collisions" not in files[0].read_text()
     assert not (tmp_path / "few" / "collisions.png").exists()
 
@@ -80,7 +80,7 @@ def _check_tables(folder: Path) -> None:
         ("maddpg", "coop_nav-tiny-v0", "0"),
         ("maddpg", "coop_nav-tiny-v0", "1"),
     ]
-    (file, *_) = sorted((folder / "work/cells/maddpg/coop_nav-tiny-v0" / RESULTS).iterdir())
+    (file, *_) = sorted((folder / "work/cells/maddpg/coop_nav-tiny-v0" / RESULTS_FOLDER).iterdir())
     mean = float(np.mean(load_result(file).evaluation.metrics["return"]))
     assert float(runs[4]["return"]) == pytest.approx(mean)
     assert (runs[4]["updates"], runs[4]["episodes"], runs[4]["score"]) == ("10", "4", "")
@@ -99,11 +99,11 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
-    options = Options(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
-    _, files = conduct(study, options, "x")
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
+    _, files = run_study(study, options, "x")
     assert "On other-v0, `bc` has no results: not run yet." in files[0].read_text()
     study = make_study(algorithms={"bc": BC}, device="nowhere")
-    empty = Options(tmp_path / "out", tmp_path / "empty", progress=False)
-    with pytest.raises(StudyError, match="no cell of the study's datasets is done"):
-        conduct(study, empty, "x")
+    empty = StudyOptions(tmp_path / "out", tmp_path / "empty", progress=False)
+    with pytest.raises(StudyError, match="no cell on the study's datasets is done"):
+        run_study(study, empty, "x")
     assert "nowhere" in (tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt").read_text()

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.study.pages import study_text
-from swarmdata.evaluation.study.pages.csv_files import to_csv
-from swarmdata.evaluation.study.pages.scoreboard import Board
-from swarmdata.evaluation.study.pages.study_tables import board_table, duration
-from swarmdata.rollouts.metrics import Estimate
+from swarmdata.evaluation.study.pages.csv_tables import to_csv
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
+from swarmdata.evaluation.study.pages.study_tables import duration, scoreboard_table
+from swarmdata.rollouts.score_statistics import Estimate
 
 FAMILIES = {"bc": "cloning", "vdn": "values", "qmix": "values", "omar": "critics"}
 SCORE, CLEAN = Column("score", "score", "", 1), Column("clean", "clean success", "%", 1, 100.0)
@@ -21,12 +21,12 @@ def make_board(
     data: Mapping[str, float],
     width: float = 1.0,
     column: Column = SCORE,
-) -> Board:
+) -> Scoreboard:
     estimates = {
         dataset: {k: Estimate(v, v - width, v + width) for k, v in found.items()}
         for dataset, found in scores.items()
     }
-    return Board(column, estimates, data, FAMILIES)
+    return Scoreboard(column, estimates, data, FAMILIES)
 
 
 BOARD = make_board(
@@ -38,31 +38,34 @@ BOARD = make_board(
 def test_winners_say_by_how_much_and_whether_it_is_certain() -> None:
     first, second = study_text.winners(BOARD)
     assert first == (
-        "On x, `vdn` (values) is best with 30.0 [29.0, 31.0]; the best of another family, `omar` "
-        "(critics), has 20.0 [19.0, 21.0], 10.0 less, and their intervals do not overlap. The "
-        "data's own mean is 15.0: it is 15.0 above, 2.0 times as much."
+        "On x, `vdn` (values) is best with 30.0 [29.0, 31.0]. The best algorithm of another "
+        "family, `omar` (critics), reaches 20.0 [19.0, 21.0], which is 10.0 less; the intervals "
+        "do not overlap. The mean of the data is 15.0; `vdn` is 15.0 above it (2.0 times as much)."
     )
-    assert "it is 10.0 below, 0.9 times as much." in second
+    assert "`bc` is 10.0 below it (0.9 times as much)." in second
     assert "intervals overlap" in study_text.winners(make_board({"x": {"bc": 1, "vdn": 2}}, {}))[0]
 
 
 def test_families_win_and_lag() -> None:
     sentences = study_text.families(BOARD)
     assert sentences[0].startswith("Cloning has the best algorithm on 1 of 2 datasets (y)")
-    assert "its best is 49.5 behind the best of all on average, and 99.0 at most" in sentences[1]
-    assert "on 0 of 1 datasets; its best is 10.0 behind" in sentences[2]
+    assert (
+        "Its best algorithm is 49.5 behind the overall best on average, and at most 99.0."
+        in sentences[1]
+    )
+    assert "on 0 of 1 datasets. Its best algorithm is 10.0 behind" in sentences[2]
     assert study_text.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
 
 
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
     first, second = study_text.against_data(BOARD)
     assert first == (
-        "On x, beside the data's mean 15.0: `vdn`, `qmix`, `omar` above it, with the whole "
-        "interval; `bc` below it, with the whole interval."
+        "x, where the mean of the data is 15.0: above it with the whole interval: `vdn`, `qmix`, "
+        "`omar`; below it with the whole interval: `bc`."
     )
-    assert "`bc`, `vdn` below it" in second
+    assert "below it with the whole interval: `bc`, `vdn`" in second
     wide = make_board({"x": {"bc": 10, "vdn": 30}}, {"x": 15}, width=6)
-    assert "`bc` not told apart from it" in study_text.against_data(wide)[0]
+    assert "within the interval: `bc`" in study_text.against_data(wide)[0]
 
 
 def test_surprises_are_shifts_touches_and_online_teams() -> None:
@@ -70,15 +73,15 @@ def test_surprises_are_shifts_touches_and_online_teams() -> None:
     scores["y"] = {"bc": 9, "vdn": 2, "qmix": 3, "omar": 4}
     clean = make_board({"x": {"vdn": 0.2, "bc": 0.7}}, {}, width=0.01, column=CLEAN)
     sentences = study_text.surprises(make_board(scores, {}), clean, {"mappo": 8.5})
-    assert "`bc` is number 1 of 4 on y and number 4 of 4 on x." in sentences
+    assert "`bc` has rank 1 of 4 on y, but rank 4 of 4 on x." in sentences
     assert any("`vdn` solves 20.0 [19.0, 21.0] % of the episodes" in each for each in sentences)
-    assert sentences[-1].endswith("is above that on 2 of 2 datasets (x, y).")
+    assert sentences[-1].endswith("exceeds it on 2 of 2 datasets (x, y).")
 
 
 def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
     missing = {"omar/y": "not run yet", "iql/y": "not run yet", "bc/z": "ValueError: oh"}
     sentences = study_text.failures(BOARD, missing)
-    assert sentences[0] == "`vdn` is below no skill, with the whole interval, on y."
+    assert sentences[0] == "`vdn` scores below no skill with its whole interval on y."
     assert sentences[-2:] == [
         "On y, `omar`, `iql` have no results: not run yet.",
         "On z, `bc` has no results: ValueError: oh.",
@@ -99,7 +102,7 @@ def test_any_numbers_give_sentences_that_agree_with_the_table(
     scores: dict[str, dict[str, float]], own: float, width: float
 ) -> None:
     board = make_board(scores, dict.fromkeys(scores, own), width)
-    table = board_table(board)
+    table = scoreboard_table(board)
     for dataset, sentence in zip(board.estimates, study_text.winners(board), strict=True):
         best = board.ranking(dataset)[0]
         assert scores[dataset][best] == max(scores[dataset].values())

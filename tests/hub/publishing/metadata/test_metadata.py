@@ -12,7 +12,7 @@ import yaml
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.hub.publishing.metadata import hub_card, metadata_files, write_episode_parquet
-from swarmdata.hub.publishing.metadata.episode_parquet import COLUMNS
+from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS
 from swarmdata.store import SPLITS, write_file
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS
@@ -46,7 +46,7 @@ def test_the_table_has_the_episodes(folder: Path) -> None:
     dataset = Dataset.open(folder)
     digest = dataset.stored.manifest.transport_digest
     table = parquet.read_table(write_episode_parquet(folder)).to_pydict()
-    assert list(table) == list(COLUMNS)
+    assert list(table) == list(EPISODE_COLUMNS)
     stored = dataset.episodes
     for column in ("lengths", "seeds", "starts"):
         np.testing.assert_array_equal(table[column[:-1]], getattr(stored, column))
@@ -109,7 +109,7 @@ def test_the_hub_card_keeps_the_card(folder: Path) -> None:
     assert all(each["path"] in files for each in config["data_files"])
     info = front["dataset_info"]
     dtypes = {each["name"]: each["dtype"] for each in info["features"]}
-    assert list(dtypes) == list(COLUMNS)
+    assert list(dtypes) == list(EPISODE_COLUMNS)
     assert (dtypes["team_return"], dtypes["seed"], dtypes["success"]) == (
         "float64",
         "uint64",

@@ -17,7 +17,7 @@ from swarmdata.errors import (
     VersionTakenError,
 )
 from swarmdata.hub.remotes.addresses import open_remote
-from swarmdata.hub.remotes.hosts.buckets import CLAIM, BucketRemote
+from swarmdata.hub.remotes.hosts.buckets import CLAIM_FILE, BucketRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
@@ -131,7 +131,7 @@ def test_a_dataset_is_visible_from_its_manifest_on(
             remote.publish(dataset, ID)
     assert remote.find(ID) is None
     assert remote.ids() == ()
-    assert f"{ID}/{CLAIM}" in objects(remote)
+    assert f"{ID}/{CLAIM_FILE}" in objects(remote)
 
     release = remote.publish(dataset, ID)
 
@@ -143,7 +143,7 @@ def test_a_dataset_is_visible_from_its_manifest_on(
 def test_large_files_are_not_sent_twice(
     remote: BucketRemote, dataset: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.hub.remotes.hosts.buckets.LARGE", 2_000)
+    monkeypatch.setattr("swarmdata.hub.remotes.hosts.buckets.LARGE_FILE_BYTES", 2_000)
     create = MemoryFileSystem.pipe_file
 
     def fail_on_manifest(
@@ -172,11 +172,11 @@ def test_large_files_are_not_sent_twice(
 
 
 def test_two_pushers_do_not_mix(remote: BucketRemote, dataset: Path) -> None:
-    claim = f"{remote.address.removeprefix('memory:/')}/{ID}/{CLAIM}"
+    claim = f"{remote.address.removeprefix('memory:/')}/{ID}/{CLAIM_FILE}"
     memory.pipe_file(claim, b"0" * 64)
     with pytest.raises(ConflictError, match=r"delete memory://.*\.pushing and push again"):
         remote.publish(dataset, ID)
-    assert objects(remote) == {f"{ID}/{CLAIM}"}
+    assert objects(remote) == {f"{ID}/{CLAIM_FILE}"}
 
 
 def test_reading_what_is_not_there_or_too_large(

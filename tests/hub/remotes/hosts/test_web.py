@@ -131,7 +131,7 @@ def test_an_index_that_cannot_be_used(
 
 def test_without_an_index(remote: WebRemote, folder: Path) -> None:
     (folder / "index.json").unlink()
-    with pytest.raises(HubError, match="cannot say which datasets"):
+    with pytest.raises(HubError, match="datasets cannot be listed"):
         remote.ids()
     assert remote.find(ID) is not None
 

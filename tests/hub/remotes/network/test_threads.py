@@ -73,7 +73,7 @@ def test_the_first_error_stops_the_rest(wait: Callable[[], None]) -> None:
     started = time.monotonic()
     with pytest.raises(ZeroDivisionError):
         run_all([wait_long, fail_later, lambda: never.append(0)], 2, nothing, 0.1)
-    assert time.monotonic() - started < threads.GRACE + 1.0
+    assert time.monotonic() - started < threads.GRACE_SECONDS + 1.0
     assert ended == [StoppedError]
     assert never == []
 
@@ -83,7 +83,7 @@ def test_nothing_waits_long_for_a_job_that_hangs() -> None:
     started = time.monotonic()
     with pytest.raises(ZeroDivisionError):
         run_all([partial(ignored, hanging), fail], 2, nothing, 0.1)
-    assert time.monotonic() - started < threads.GRACE + 1.0
+    assert time.monotonic() - started < threads.GRACE_SECONDS + 1.0
     hanging.set()
 
 
@@ -94,7 +94,7 @@ def test_ctrl_c_stops_all_jobs() -> None:
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         run_all([partial(pause, 60.0)] * 3, 2, interrupt, 0.05)
-    assert time.monotonic() - started < threads.GRACE + 1.0
+    assert time.monotonic() - started < threads.GRACE_SECONDS + 1.0
 
 
 def test_a_pause_without_jobs_is_a_sleep() -> None:
@@ -136,7 +136,7 @@ def test_a_watched_call_ends_with_the_jobs() -> None:
     started = time.monotonic()
     with pytest.raises(ZeroDivisionError):
         run_all([watch, fail], 2, nothing, 0.1)
-    assert time.monotonic() - started < threads.GRACE + 1.0
+    assert time.monotonic() - started < threads.GRACE_SECONDS + 1.0
     hanging.set()
 
 

@@ -1,0 +1,147 @@
+"""ShapedEnv, copies of a task whose rewards are changed to train on.
+
+The physics, the observations and the ends of episodes stay those of the task; policies are measured
+on the task's own rewards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import VecEnv
+from swarmdata.online_algos.shaping.contact_cost import ContactCost
+from swarmdata.online_algos.shaping.passing_side import PassingSide
+from swarmdata.online_algos.shaping.payload_potential import PayloadPotential
+from swarmdata.online_algos.shaping.team_share import TeamShare
+from swarmdata.registry.components import make_env
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Int, Seeds, Step
+
+
+@dataclass(frozen=True)
+class ShapingConfig:
+    """What is changed in a task's rewards, in the order in which it is applied.
+
+    Raises:
+        SchemaError: the ramp has not two ends in order, or the share does not lie in [0, 1].
+    """
+
+    reward_weights: tuple[str, ...] = ()  # to replace the spec's, such as "proximity=2"
+    contact_cost: float = 4.0  # extra contact and collision costs at the end, times the spec's
+    contact_ramp: tuple[float, ...] = (0.2, 0.75)  # part of training in which they grow from 0
+    keep_right: float = 0.0  # cost per step of an oncoming robot on the right
+    keep_left: float = 0.0  # cost per step of an oncoming robot on the left
+    team_share: float = 0.3  # part of each reward that is the team's mean
+    payload_path_weight: float = 0.0  # reward per metre by which a payload's path gets shorter
+    behind_payload_weight: float = 0.0  # half the reward for moving from in front to behind
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if len(self.contact_ramp) != 2 or self.contact_ramp[0] >= self.contact_ramp[1]:
+            raise SchemaError(
+                f"contact_ramp is {self.contact_ramp}, expected two parts of training, begin "
+                "before end, such as 0.2,0.75; for the whole cost from the start, -1,0"
+            )
+        if not 0 <= self.team_share <= 1:
+            raise SchemaError(f"team_share is {self.team_share}, expected a part, 0 to 1")
+
+
+class RewardTerm(Protocol):
+    """One change of the rewards."""
+
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        """Returns the changed rewards, float32 [E, N].
+
+        Args:
+            rewards: of the task, changed by the terms before this one, [E, N].
+            before: the step in which the robots acted.
+            after: the next step, before any reset.
+            progress: part of the training that is done, in [0, 1].
+        """
+        ...
+
+
+class ShapedEnv:
+    """Implements `interfaces.VecEnv`: the copies of another, with shaped rewards.
+
+    Args:
+        env: the copies.
+        terms: applied to the rewards of every step, one after the other.
+
+    Attributes:
+        progress: part of the training that is done, in [0, 1]; set by the trainer.
+    """
+
+    def __init__(self, env: VecEnv, terms: Sequence[RewardTerm]) -> None:
+        self.env, self.terms, self.progress = env, tuple(terms), 0.0
+        self.spec, self.task, self.n_copies = env.spec, env.task, env.n_copies
+        self.features, self.observation_size = env.features, env.observation_size
+        self.action_size, self.state_size = env.action_size, env.state_size
+        self._current_step: Step | None = None
+
+    def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
+        """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
+        step = self.env.reset(seeds, copies)
+        if self._current_step is not None and copies is not None:
+            rewards = self._current_step.rewards.copy()  # the other copies keep theirs
+            rewards[copies] = 0
+            step = step._replace(rewards=rewards)
+        self._current_step = step
+        return step
+
+    def step(self, actions: Float | Double) -> Step:
+        """Advances the copies that have not ended and shapes their rewards."""
+        before, after = self._current_step, self.env.step(actions)
+        if before is None:
+            raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
+        rewards = after.rewards
+        for term in self.terms:
+            rewards = term.apply(rewards, before, after, self.progress)
+        self._current_step = after._replace(rewards=rewards)
+        return self._current_step
+
+
+def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
+    """Returns copies with the rewards that a config describes.
+
+    Args:
+        env: copies of the task as it is.
+        config: terms whose weight is 0 are left out.
+
+    Raises:
+        SpecError: a reward weight does not exist or cannot have its value, or there is a potential
+            of payloads in a task without payloads.
+    """
+    env = reweighted(env, config.reward_weights)
+    terms: list[RewardTerm] = []
+    if config.contact_cost:
+        weights = env.spec.rules.rewards
+        terms.append(ContactCost(weights, config.contact_cost, config.contact_ramp))
+    if config.keep_right or config.keep_left:
+        terms.append(PassingSide(config.keep_right, config.keep_left))
+    if config.team_share:
+        terms.append(TeamShare(config.team_share))
+    if config.payload_path_weight or config.behind_payload_weight:
+        path, behind = config.payload_path_weight, config.behind_payload_weight
+        terms.append(PayloadPotential(env.spec, env.n_copies, path, behind))
+    return ShapedEnv(env, terms)
+
+
+def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
+    """Returns copies of the same task with other reward weights.
+
+    Args:
+        env: the copies; returned as they are if no weight changes.
+        weights: `name=value` for each field of `spec.rules.rewards` that changes.
+
+    Raises:
+        SpecError: there is no such weight, or it cannot have this value.
+    """
+    if not weights:
+        return env
+    rules = env.spec.rules.model_dump(mode="json")
+    pairs = (text.partition("=") for text in weights)
+    rules["rewards"] |= {name.strip(): value.strip() for name, _, value in pairs}
+    changed = env.spec.model_dump(mode="json") | {"rules": rules}
+    return make_env(TaskSpec.parse(changed, "rewards"), env.n_copies)

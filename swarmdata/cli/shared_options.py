@@ -1,0 +1,47 @@
+"""Arguments and options that several commands have."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+IdOrPath = Annotated[
+    str, typer.Argument(metavar="ID_OR_PATH", help="dataset id, or a dataset's folder")
+]
+Workers = Annotated[
+    int | None, typer.Option(min=1, help="number of processes; default: one per core")
+]
+Episodes = Annotated[
+    int, typer.Option(min=1, help="number of evaluation episodes, each on a reserved seed")
+]
+Task = Annotated[str, typer.Option(help="task of policies and tiers: a preset, or a spec file")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="change a setting; may be repeated"),
+]
+Observation = Annotated[
+    str | None,
+    typer.Option(
+        help="observation model: a name such as lidar or lidar-32+noise-0.05, or a YAML file",
+        show_default="that of the task, the dataset or the training",
+    ),
+]
+Communication = Annotated[
+    str | None,
+    typer.Option(
+        help="communication model: a name such as none, perfect or lossy-30, or a YAML file",
+        show_default="that of the task, the dataset or the training",
+    ),
+]
+Clip = Annotated[Path, typer.Option(help="file to write: .gif, .mp4 or .png")]
+
+
+def parse_settings(texts: list[str] | None) -> dict[str, str]:
+    """Splits the texts of all `--set` options."""
+    settings = {}
+    for text in texts or []:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+        settings[key] = value
+    return settings

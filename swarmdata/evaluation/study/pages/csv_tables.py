@@ -1,0 +1,158 @@
+"""The CSV tables of a study: a row for each run, dataset, cell, and point of a learning curve."""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.result_set import Case
+from swarmdata.evaluation.runs.train import CURVE_METRICS
+from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
+from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
+from swarmdata.registry.published import normalized_score
+from swarmdata.rollouts.metrics import censored_times
+
+RUN_METRICS = (
+    "return",
+    "success",
+    "clean_success",
+    "robot_collisions",
+    "obstacle_collisions",
+    "time_to_goal",
+)
+"""Metrics of the table of runs, as means over the episodes of a run."""
+
+Row = Mapping[str, str | float | int | None]
+
+
+def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """The rows as CSV, with numbers rounded alike on every machine; undefined values are empty."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([[_format_cell(row.get(name)) for name in names] for row in rows])
+    return out.getvalue()
+
+
+def _format_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return format(value, ".8g") if isinstance(value, float) else str(value)
+
+
+def run_rows(found: Findings) -> list[Row]:
+    """One row per run and dataset, without sweeps."""
+    keys = {
+        (cell.label, cell_folder(found.work, cell) / RESULTS_FOLDER): cell for cell in found.cells
+    }
+    rows = []
+    for case in _cases(found):
+        for label, runs in case.runs.items():
+            for result in runs:
+                assert result.path is not None  # all results were read from files
+                cell = keys[label, result.path.parent]
+                rows.append(_run_row(found, case, cell, result))
+    return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"]), str(row["seed"])))
+
+
+def _cases(found: Findings) -> list[Case]:
+    """The cases of all datasets, each once: a full size is a dataset of the grid."""
+    grid = [*found.results.cases, *found.results.baselines]
+    names = {case.name for case in grid}
+    sized = found.sizes.cases if found.sizes else ()
+    return grid + [case for case in sized if case.name not in names]
+
+
+def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
+    origin, metrics = result.provenance, result.evaluation.metrics
+    times = {"time_to_goal": censored_times(metrics["time_to_goal"], case.time_limit)}
+    means = {name: float(np.mean({**metrics, **times}[name])) for name in RUN_METRICS}
+    score = math.nan
+    if case.reference is not None:
+        score = float(normalized_score(means["return"], case.reference))
+    facts = found.facts.get(cell.name)
+    return {
+        "label": cell.label,
+        "family": found.family(cell.label),
+        "algorithm": cell.algorithm,
+        "dataset": case.dataset or "",
+        "task": result.evaluation.task,
+        "digest": origin.digest or "",
+        "n_steps": facts.figures.n_steps if facts else "",
+        "seed": origin.seed,
+        "updates": origin.updates,
+        "frames": origin.frames,
+        "episodes": len(result.evaluation.seeds),
+        "score": score,
+        **means,
+        "cell": cell.key[:16],
+    }
+
+
+def dataset_rows(found: Findings) -> list[Row]:
+    """One row per dataset: what its own episodes achieved."""
+    scores = {case.dataset: case.data_score for case in _cases(found)}
+    rows: list[Row] = []
+    for key, facts in sorted(facts_by_dataset(found.facts).items()):
+        figures, score = facts.figures, scores.get(key)
+        rows.append(
+            {
+                "dataset": key,
+                "digest": facts.digest,
+                "n_steps": figures.n_steps,
+                "n_episodes": figures.n_episodes,
+                "score": math.nan if score is None else score,
+                "return": figures.mean_return,
+                "success": figures.success,
+                "clean_success": figures.clean_success,
+                "robot_collisions": facts.robot_collisions,
+                "obstacle_collisions": facts.obstacle_collisions,
+            }
+        )
+    return rows
+
+
+def cost_rows(found: Findings) -> list[Row]:
+    """One row per cell: its cost, and the machine."""
+    rows: list[Row] = []
+    for cell in sorted(found.cells, key=lambda cell: cell.name):
+        cost = found.costs[cell.name]
+        rows.append(
+            {
+                "cell": cell.name,
+                "seeds": len(cell.seeds),
+                "updates": cell.n_updates,
+                "updates_per_second": cost.updates_per_second,
+                "wall_seconds": cost.wall_seconds,
+                "cpu_seconds": cost.cpu_seconds,
+                "peak_mb": cost.peak_mb,
+                "attempts": len(cost.attempts),
+                **{name: cost.machine.get(name) for name in ("processor", "cores", "load")},
+            }
+        )
+    return rows
+
+
+def curve_rows(found: Findings) -> list[Row]:
+    """One row per point of a learning curve: the mean over seeds, the lowest and the highest."""
+    rows: list[Row] = []
+    for cell in sorted(found.cells, key=lambda cell: cell.name):
+        for metric in CURVE_METRICS:
+            curve = found.learning_curve(cell, metric)
+            if curve is None:
+                continue
+            parts: dict[str, Callable[..., object]] = {
+                "mean": np.mean,
+                "low": np.min,
+                "high": np.max,
+            }
+            ends = {name: part(curve.values, axis=0) for name, part in parts.items()}
+            for k, update in enumerate(curve.progress.tolist()):
+                values = {name: float(end[k]) for name, end in ends.items()}  # type: ignore[index]
+                rows.append({"cell": cell.name, "metric": metric, "update": int(update), **values})
+    return rows

@@ -1,0 +1,133 @@
+"""The sections on robustness: the best of each family under worse communication or sensing."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmdata.evaluation.results.estimate_table import format_estimate
+from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep_axes import parse_axis
+from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
+from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of, strip_version
+from swarmdata.evaluation.study.plan import SweepPlan
+from swarmdata.rollouts.score_statistics import Estimate
+
+SWEEPS_FOLDER = "sweeps"
+"""Holds results in the study's folder of cells, and tables and figures beside its page."""
+
+
+@dataclass(frozen=True)
+class PlannedSweep:
+    """One sweep of a study and its cells, one for each family."""
+
+    label: str
+    plan: SweepPlan
+    cells: tuple[Cell, ...]
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that decides the sweep's results."""
+        content = [self.plan.model_dump(mode="json"), [cell.key for cell in self.cells]]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[PlannedSweep]:
+    """Chooses the cells of each sweep: the best of each family on its dataset.
+
+    A sweep whose dataset has no results yet is left out.
+
+    Args:
+        found: what was measured.
+        digest_of: the digest of a dataset by its id or folder.
+    """
+    families = {label: each.family for label, each in found.study.algorithms.items()}
+    board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)
+    planned = []
+    for label, plan in found.study.sweeps.items():
+        ids = {
+            found.facts[cell.name].id
+            for cell in found.cells
+            if cell.kind == "offline" and cell.data == short_name(plan.dataset)
+        }
+        for dataset in ids & board.estimates.keys():
+            best = board.best_by_family(dataset)
+            cells = tuple(
+                offline_cell(
+                    found.study,
+                    best[family],
+                    plan.dataset,
+                    digest_of,
+                    observation=plan.observation,
+                    communication=plan.communication,
+                )
+                for family in plan.families or found.study.families
+                if family in best
+            )
+            planned.append(PlannedSweep(label, plan, cells))
+    return planned
+
+
+def run_sweeps(
+    planned: Sequence[PlannedSweep], work: Path, out: Path, *, progress: bool = True
+) -> dict[str, str]:
+    """Runs the sweeps and puts their tables and figures beside the page.
+
+    Args:
+        planned: sweeps whose cells are done.
+        work: folder of the cells; an interrupted sweep resumes there.
+        out: folder of the page.
+        progress: whether to show a progress bar for each.
+
+    Returns:
+        Sections of the page, by title.
+    """
+    sections = {}
+    for each in planned:
+        plan = each.plan
+        folder = work / SWEEPS_FOLDER / f"{each.label}-{each.key[:12]}"
+        names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
+        axis = parse_axis(plan.axis, plan.vary, plan.points)
+        (found,) = sweep(names, [axis], folder, n_episodes=plan.episodes, progress=progress)
+        page_folder = out / SWEEPS_FOLDER / each.label
+        page_folder.mkdir(parents=True, exist_ok=True)
+        picture = f"{axis.part}-{axis.name}.png"
+        for name in ("sweep.csv", picture):
+            shutil.copyfile(folder / name, page_folder / name)
+        sections[f"Robustness: {axis.parameter}"] = _section_body(
+            plan, found, f"{SWEEPS_FOLDER}/{each.label}", picture
+        )
+    return sections
+
+
+def _section_body(plan: SweepPlan, found: Degradation, folder: str, picture: str) -> str:
+    models = [
+        f"{kind} `{model}`"
+        for kind in ("observation", "communication")
+        if (model := getattr(plan, kind)) is not None
+    ]
+    models_used = f" re-observed with {' and '.join(models)}" if models else ""
+    lines = "".join(f"- {_sentence(line, found)}\n" for line in found.lines)
+    return (
+        f"The best algorithm of each family on {strip_version(short_name(plan.dataset))}, trained "
+        f"on this dataset{models_used}. Each point has {plan.episodes:,} evaluation seeds; "
+        f"everything else is as in training. [All numbers]({folder}/sweep.csv).\n\n"
+        f"![{found.part} {found.name}]({folder}/{picture})\n\n{lines}"
+    )
+
+
+def _sentence(line: Line, found: Degradation) -> str:
+    """The change at the end of the axis."""
+    column = found.columns[-1]  # the change since training
+    last = line.on_axis[-1]
+    change: Estimate = last.estimates[-1]
+    return (
+        f"`{line.label}` at {found.name} {last.value:g}: {column.label} "
+        f"{format_estimate(change, column)}."
+    )

@@ -1,0 +1,140 @@
+"""Request, the dataset that `load` is asked for: an id, an address or a folder, read once."""
+
+import hashlib
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.hub.remotes.addresses import Address, is_address, parse_address
+from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.hub.remotes.outside_names import is_folder, is_id
+from swarmdata.specs.recipe import Recipe
+from swarmdata.store.cache import cache_folder
+
+OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
+"""Variables of the environment that keep `load` from asking remotes."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A dataset that somebody asks for.
+
+    Attributes:
+        text: what was asked for, as it was written.
+        place: the folder in which the versions of the dataset lie, each in a folder of its own.
+        folder: the dataset's own folder; None: only a remote knows which version is the newest.
+        source: what the dataset's source is called where it is in `folder` already.
+        recipe: that makes it, if the package has one.
+        address: of the dataset, if `text` is one.
+        release: at that address, once the remote has been asked.
+    """
+
+    text: str
+    place: Path
+    folder: Path | None
+    source: Literal["cache", "folder"] = "cache"
+    recipe: Recipe | None = None
+    address: Address | None = None
+    release: tuple[Remote, Release] | None = None
+
+
+def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
+    """Reads what `load` was asked for; nothing is looked for yet, but for a folder of this name.
+
+    An id of a shipped recipe comes before a folder of the same name.
+
+    Args:
+        name: an id, with or without its version, an address or a folder.
+        path: the folder of a shipped dataset that shall not be in the cache.
+
+    Raises:
+        AddressError: an empty name, or a malformed address.
+        SpecError: `path` with anything but a shipped id.
+        DatasetNotFoundError: `name` is a path, and no folder is there.
+    """
+    for each in (name, path):
+        if each is not None and not str(each).strip():
+            raise AddressError(
+                f"the name of a dataset is {str(each)!r}, expected an id such as "
+                "'coop_nav-medium', an address or a folder; the current folder is '.'."
+            )
+    recipe = shipped_recipe(name) if isinstance(name, str) else None
+    if recipe is not None:
+        return request_of_recipe(recipe, None if path is None else Path(path))
+    if path is not None:
+        raise SpecError(
+            f"path is where the dataset of a shipped id is or shall be, got it with {str(name)!r}. "
+            "Leave it out."
+        )
+    if isinstance(name, str) and is_address(name):
+        return request_of_address(name)
+    if is_folder(name):
+        return Request(str(name), Path(name).parent, Path(name), "folder")
+    if isinstance(name, Path):
+        raise DatasetNotFoundError(f"there is no dataset folder at {name}")
+    return request_of_id(name)
+
+
+def shipped_recipe(name: str) -> Recipe | None:
+    """The shipped recipe of an id, None if there is none."""
+    try:
+        return find_recipe(name)
+    except UnknownNameError:
+        return None
+
+
+def request_of_recipe(recipe: Recipe, folder: Path | None = None) -> Request:
+    """Asks for the dataset of a recipe, by default in the cache."""
+    if folder is not None:
+        return Request(recipe.id, folder.parent, folder, "folder", recipe)
+    place = cache_folder() / "datasets"
+    return Request(recipe.id, place, place / recipe.id, recipe=recipe)
+
+
+def request_of_id(name: str) -> Request:
+    """Asks for a dataset that no shipped recipe makes; without a version, for the newest."""
+    place = cache_folder() / "datasets"
+    return Request(name, place, place / name if is_id(name) else None)
+
+
+def request_of_address(text: str) -> Request:
+    """Asks for the dataset at an address such as `hf://org/coop_nav-medium@v0`.
+
+    Raises:
+        AddressError: the address is malformed.
+    """
+    address = parse_address(text)
+    place = cache_folder() / "remotes" / _slug(address.remote)
+    name = _pinned(address)
+    return Request(text, place, place / name if name else None, address=address)
+
+
+def is_offline(wanted: bool | None = None) -> bool:
+    """Whether remotes are left alone: what the caller wants, else what the environment says."""
+    if wanted is not None:
+        return wanted
+    return any(
+        os.environ.get(name, "").upper() in ("1", "ON", "YES", "TRUE") for name in OFFLINE_VARIABLES
+    )
+
+
+def _pinned(address: Address) -> str | None:
+    """Name of the cached folder of what never changes; None where the remote must be asked."""
+    if address.dataset is None or is_id(address.dataset):
+        return address.dataset
+    if address.revision is None:
+        return None
+    if re.fullmatch(r"v[0-9]+", address.revision):
+        return f"{address.dataset}-{address.revision}"
+    is_commit = re.fullmatch(r"[0-9a-f]{40}", address.revision)
+    return f"{address.dataset}@{address.revision}" if is_commit else None
+
+
+def _slug(remote: str) -> str:
+    """A folder's name for a remote: readable, and of no other remote."""
+    digest = hashlib.sha256(remote.encode()).hexdigest()[:8]
+    return f"{re.sub(r'[^A-Za-z0-9.]+', '-', remote)[:80]}-{digest}"

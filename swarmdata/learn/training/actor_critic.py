@@ -1,0 +1,222 @@
+"""The parts of training that actor-critics share: settings, the update loop of TD3, and the state.
+
+The losses are in the files of the algorithms. An algorithm takes these functions as its methods:
+
+    update, policy = delayed_update, policy_of
+    state_dict, load_state_dict = state_of, restore_state
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import torch
+from torch import Tensor
+
+from swarmdata.learn.networks.actor import DelayedActor, StackedActor
+from swarmdata.learn.networks.critics import JointCritics
+from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.setup import Setup
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class ActorCriticConfig:
+    """Settings that all actor-critics have; one setting for all datasets."""
+
+    n_updates: int = 8_000
+    batch_size: int = 256  # joint transitions
+    actor_hidden: tuple[int, ...] = (128, 128)
+    critic_hidden: tuple[int, ...] = (128, 128)  # of everything that estimates values
+    actor_learning_rate: float = 3e-3  # see `bc`
+    critic_learning_rate: float = 1e-3  # see `maddpg_bc`
+    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rates
+    discount: float = 0.95  # see `maddpg_bc`
+    tau: float = 0.01  # per update of the targets; 0.005 was too slow for 20,000 updates
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
+
+
+@dataclass(frozen=True)
+class DelayedConfig(ActorCriticConfig):
+    """The settings of TD3 (Fujimoto et al. 2018) and of the warm-up by behavior cloning."""
+
+    policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next two too
+    smoothing: float = 0.2  # deviation of the noise on the targets' actions
+    smoothing_clip: float = 0.5
+    bc_warmup_updates: int = 4_000  # in which the actors clone the data
+
+
+def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
+    """Makes the actors of K seeds, whose outputs pass through tanh."""
+    sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
+    return StackedActor(
+        sizes, seeds, config.actor_hidden, statistics, squash=True, device=setup.device
+    )
+
+
+def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
+    """Makes the actors of K seeds with their slow copies."""
+    return DelayedActor(
+        squashed_actor(setup, config),
+        setup.n_seeds,
+        learning_rate=config.actor_learning_rate,
+        max_norm=config.max_grad_norm,
+    )
+
+
+def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
+    """Makes the two joint critics of each of K seeds with their slow copies."""
+    return JointCritics(
+        setup.sizes,
+        setup.seeds,
+        config.critic_hidden,
+        learning_rate=config.critic_learning_rate,
+        max_norm=config.max_grad_norm,
+        device=setup.device,
+    )
+
+
+JointParts = tuple[DelayedActor, JointCritics, list[torch.Generator], Normalizer]
+
+
+def joint_parts(setup: Setup, config: ActorCriticConfig, *, clip_target: bool) -> JointParts:
+    """Makes actors, joint critics, generators of noise, and the normalizer with its bound R*."""
+    return (
+        delayed_actor(setup, config),
+        joint_critics(setup, config),
+        setup.generators(),
+        Normalizer(setup.statistics, setup.device, clip_target=clip_target),
+    )
+
+
+class Loss(NamedTuple):
+    """A loss of K seeds, and the quantities to report beside it."""
+
+    total: Tensor  # [K], what is minimized
+    reported: dict[str, Tensor]  # each [K]
+
+
+class Trained(Protocol):
+    """Networks with an optimizer and slow copies."""
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None: ...
+    def follow(self, rate: float) -> None: ...
+    def state_dict(self) -> dict[str, Tensor]: ...
+    def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
+
+
+class Actor(Protocol):
+    """Deterministic policies of K seeds."""
+
+    def policy(self, index: int) -> TorchPolicy: ...
+
+
+class HasActor(Protocol):
+    """An algorithm whose policies are those of its actors."""
+
+    @property
+    def actor(self) -> Actor: ...
+
+
+class ActorCritic(Protocol):
+    """Actors and critics of K seeds, and the noise of their training."""
+
+    n_updates: int
+    actor: DelayedActor
+    generators: list[torch.Generator]  # one per seed, [K]
+
+    @property
+    def critics(self) -> Trained: ...
+
+
+class DelayedActorCritic(ActorCritic, Protocol):
+    """Losses of critics, and of actors that move less often."""
+
+    @property
+    def config(self) -> DelayedConfig: ...
+
+    def critic_inputs(self, batch: Batch) -> Any:
+        """Returns what the critics see of a batch besides actions; passed to both losses."""
+        ...
+
+    def critic_loss(self, batch: Batch, x: Any) -> Loss:
+        """Returns the critics' loss; draws noise."""
+        ...
+
+    def bc_loss(self, pi: Tensor, actions: Tensor) -> Tensor:
+        """Returns the imitation loss, [K], of the policies' actions [K, B, N, A]."""
+        ...
+
+    def actor_loss(self, batch: Batch, x: Any, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns the actors' loss after the warm-up, in which it is `bc_loss` alone."""
+        ...
+
+
+def delayed_update(self: DelayedActorCritic, batch: Batch) -> dict[str, Any]:
+    """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
+
+    Critics move in every update. Actors and targets move in every update of the warm-up, and then
+    in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1).
+    """
+    config = self.config
+    scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+    x = self.critic_inputs(batch)
+    total, reported = self.critic_loss(batch, x)
+    self.critics.step(total, scale)
+    self.n_updates += 1
+    is_warmup = self.n_updates <= config.bc_warmup_updates
+    if is_warmup or self.n_updates % config.policy_delay == 0:
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        reported["bc_loss"] = total = self.bc_loss(pi, batch.actions)
+        if not is_warmup:
+            total, reported_of_actor = self.actor_loss(batch, x, pi, total)
+            reported |= reported_of_actor
+        self.actor.step(total, scale)
+        self.actor.follow(config.tau)
+        self.critics.follow(config.tau)
+    return {name: loss.detach() for name, loss in reported.items()}
+
+
+class HasNormalizer(Protocol):
+    """An algorithm that normalizes what its networks see."""
+
+    normalizer: Normalizer
+
+
+def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
+    """Returns what joint critics see besides actions: x, [K, B, S + N O]."""
+    return self.normalizer.information(batch.states, batch.observations)
+
+
+def smoothed_actions(self: DelayedActorCritic, observations: Tensor) -> Tensor:
+    """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
+    config = self.config
+    return self.actor.smoothed(
+        observations, self.generators, config.smoothing, config.smoothing_clip
+    )
+
+
+def policy_of(self: HasActor, index: int) -> TorchPolicy:
+    """The policy of seed number `index`, as it is now."""
+    return self.actor.policy(index)
+
+
+def state_of(self: ActorCritic) -> dict[str, Any]:
+    """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+    return {
+        "n_updates": torch.tensor(self.n_updates),
+        "generators": generator_states(self.generators),
+        **self.actor.state_dict(),
+        **self.critics.state_dict(),
+    }
+
+
+def restore_state(self: ActorCritic, state: Mapping[str, Any]) -> None:
+    """Restores what `state_dict` returned."""
+    self.n_updates = int(state["n_updates"])
+    restore_generators(self.generators, state["generators"])
+    self.actor.load_state_dict(state)
+    self.critics.load_state_dict(state)

@@ -1,0 +1,81 @@
+"""The files of a run folder, and a hash of those that decide what its policies do.
+
+config.json             the run, completely: `run_folder.Run`, or `OnlineRun` of online training
+losses.csv              mean losses of each seed, every `log_every` updates
+curve.csv               learning curve: metrics of each seed at each evaluation
+checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
+                        run that `learn.compact` shrank, only what its policies need
+checkpoints/            earlier checkpoints by update, if the run was told to keep them
+policies/seed-N/        policies of an online run by joint steps
+speed.csv               time and memory of an online run
+seeds-*/                runs of several processes, each a run folder with a share of the seeds
+
+Needs no torch, so that a report can tell whether a run has changed since it was measured.
+"""
+
+import hashlib
+from pathlib import Path
+
+from swarmdata.runtime.documents import read_document
+
+CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED = (
+    "config.json",
+    "losses.csv",
+    "curve.csv",
+    "checkpoint.safetensors",
+    "checkpoints",
+    "policies",
+    "speed.csv",
+)
+
+
+def run_folders(folder: Path) -> tuple[Path, ...]:
+    """Returns the folder itself if it is a run, else the runs of several processes inside it."""
+    inside = sorted(folder.glob(f"seeds-*/{CONFIG}"))
+    files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
+    return tuple(file.parent for file in files)
+
+
+def is_online(folder: Path) -> bool:
+    """Whether a run folder is of online training, which has no dataset.
+
+    The algorithm's name does not tell: `vdn` and `qmix` exist both offline and online.
+    """
+    config = folder / CONFIG
+    return config.exists() and "dataset" not in read_document(config)
+
+
+def policy_folder(folder: Path, seed: int) -> Path:
+    """Where an online run keeps the policies of a seed."""
+    return folder / POLICIES / f"seed-{seed}"
+
+
+def saved_policies(folder: Path, seed: int) -> list[Path]:
+    """The policies that an online run has saved of a seed, in the order of training."""
+    return sorted(policy_folder(folder, seed).glob("*.safetensors"))
+
+
+def measured_files(folder: Path, seed: int) -> tuple[Path, ...]:
+    """The files that decide what a seed's policy does; of an online run, its newest policy.
+
+    Args:
+        folder: of the run.
+        seed: of the training.
+    """
+    config = folder / CONFIG
+    if not is_online(folder):
+        return config, folder / CHECKPOINT
+    return config, *saved_policies(folder, seed)[-1:]
+
+
+def run_hash(folder: Path, seed: int) -> str:
+    """SHA-256 over the names and contents of the measured files; a missing file counts as empty.
+
+    It changes with the configuration, the dataset's digest, and every update of the training.
+    """
+    total = hashlib.sha256()
+    for file in measured_files(folder, seed):
+        total.update(f"{file.relative_to(folder).as_posix()}\n".encode())
+        content = file.read_bytes() if file.exists() else b""
+        total.update(hashlib.sha256(content).digest())
+    return total.hexdigest()

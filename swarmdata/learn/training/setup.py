@@ -1,0 +1,29 @@
+"""Setup: what every offline algorithm is made from beside its settings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.training.dataset_statistics import Statistics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """Networks' sizes, seeds, the dataset's statistics, and where to train."""
+
+    sizes: Sizes
+    seeds: Sequence[int]  # of initial parameters and noise, [K]
+    statistics: Statistics  # for normalization, the scale of rewards, and R*
+    device: torch.device | str = "cpu"
+
+    @property
+    def n_seeds(self) -> int:
+        """Number of seeds, K."""
+        return len(self.seeds)
+
+    def generators(self) -> list[torch.Generator]:
+        """Makes one generator of noise for each seed, [K]."""
+        return generators(self.seeds, self.device)

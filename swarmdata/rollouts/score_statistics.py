@@ -1,0 +1,136 @@
+"""Statistics of scores over episodes, runs and tasks: aggregates, bootstrap and Wilson intervals.
+
+All functions are pure. Aggregates take `scores[..., runs, tasks]` and reduce the last two axes, so
+that a bootstrap is one call on a leading axis of resamples. The definitions follow Agarwal et al.,
+"Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021.
+"""
+
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.types import Double
+
+MAX_RESAMPLED_SCORES = 1 << 22
+"""Most resampled scores that are in memory at once."""
+
+
+def mean(scores: Double) -> Double:
+    """The mean over runs and tasks; `scores[..., runs, tasks] -> [...]`."""
+    return np.asarray(scores.mean(axis=(-2, -1)))
+
+
+def iqm(scores: Double) -> Double:
+    """The interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
+
+    The mean of the n = runs * tasks scores without the floor(n / 4) smallest and as many largest
+    (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
+    """
+    flat = scores.reshape(*scores.shape[:-2], -1)
+    n = flat.shape[-1]
+    cut = n // 4
+    middle = np.partition(flat, (cut, n - cut - 1), axis=-1)[..., cut : n - cut]
+    return np.asarray(middle.mean(axis=-1))
+
+
+def optimality_gap(scores: Double, target: float = 100.0) -> Double:
+    """The average shortfall of runs below `target`; `scores[..., runs, tasks] -> [...]`.
+
+    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
+    """
+    return np.asarray(target - np.minimum(scores, target).mean(axis=(-2, -1)))
+
+
+def probability_of_improvement(x: Double, y: Double) -> Double:
+    """The probability that a run of X beats a run of Y on a random task; ties count one half.
+
+    The mean over tasks of the Mann-Whitney statistic U / (runs_x runs_y) (Agarwal et al. 2021,
+    section 4.3 and appendix). `x[..., runs_x, tasks], y[..., runs_y, tasks] -> [...]`.
+    """
+    a, b = x[..., :, None, :], y[..., None, :, :]
+    wins: Double = (a > b) + 0.5 * (a == b)
+    return np.asarray(wins.mean(axis=(-3, -2, -1)))
+
+
+class Estimate(NamedTuple):
+    """A value and the bounds of its confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def bootstrap(
+    statistic: Callable[..., Double],
+    *scores: Double,
+    generator: np.random.Generator,
+    n_resamples: int = 2000,
+    level: float = 0.95,
+) -> Estimate:
+    """Stratified percentile bootstrap of a statistic of one or more score tables.
+
+    A resample draws, in every table and independently for every task, as many runs as there are,
+    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The bounds are the
+    (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
+    interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
+
+    Args:
+        statistic: maps tables [..., runs, tasks] to [...]; for example `iqm`.
+        scores: finite tables [runs, tasks]; episodes of one policy are runs of one task.
+        generator: source of the resamples.
+        n_resamples: number of resamples.
+        level: confidence level of the interval, in (0, 1).
+
+    Raises:
+        SchemaError: a table is not a finite, non-empty [runs, tasks].
+    """
+    for table in scores:
+        if table.ndim != 2 or not table.size or not np.isfinite(table).all():
+            raise SchemaError(
+                f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
+                "that are not finite, expected finite [runs, tasks] with at least one of each."
+            )
+    size = max(1, MAX_RESAMPLED_SCORES // sum(table.size for table in scores))
+    chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
+    draws = [statistic(*(resample(t, generator, n) for t in scores)) for n in chunks]
+    tail = (1.0 - level) / 2.0
+    low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
+    return Estimate(float(statistic(*scores)), float(low), float(high))
+
+
+def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
+    """Returns `n` tables of runs drawn with replacement within each task, [n, runs, tasks].
+
+    The tasks are the strata and are not resampled (Agarwal et al. 2021, section 4.1).
+    """
+    n_runs, n_tasks = table.shape
+    rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
+    return table[rows, np.arange(n_tasks)]
+
+
+def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> Estimate:
+    """Returns the success rate with its Wilson score interval, which is accurate near 0 and 1 too.
+
+    (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
+    Binomial Proportion", Statistical Science 16:2, 2001.)
+
+    Raises:
+        SchemaError: there is no episode, or more successes than episodes.
+    """
+    if not 0 <= n_successes <= n_episodes or n_episodes == 0:
+        raise SchemaError(
+            f"{n_successes} successes in {n_episodes} episodes, "
+            "expected 0 <= successes <= episodes and at least one episode."
+        )
+    z = NormalDist().inv_cdf((1.0 + level) / 2.0)
+    rate, shrink = n_successes / n_episodes, z * z / n_episodes
+    center = (rate + shrink / 2.0) / (1.0 + shrink)
+    margin = (z / (1.0 + shrink)) * np.sqrt(
+        rate * (1.0 - rate) / n_episodes + shrink / (4.0 * n_episodes)
+    )
+    low = 0.0 if n_successes == 0 else float(center - margin)  # exact, without rounding noise
+    high = 1.0 if n_successes == n_episodes else float(center + margin)
+    return Estimate(rate, low, high)

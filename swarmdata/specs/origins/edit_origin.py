@@ -1,0 +1,75 @@
+"""Edit, a dataset of episodes of other datasets."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins.recording_origin import Id
+from swarmdata.specs.origins.spec_kinds import AnySpec
+from swarmdata.specs.plain_names import Label, Sha256, Text
+from swarmdata.specs.recipe import Policies
+
+EpisodeNumber = Annotated[int, Field(ge=0, lt=1 << 40)]
+
+
+class Parent(Frozen):
+    """A dataset that another was made from, and which of its episodes were taken."""
+
+    id: Id
+    digest: Sha256
+    episodes: Annotated[
+        tuple[EpisodeNumber, ...], Field(min_length=1)
+    ]  # stored numbers, increasing
+
+
+class Edit(Frozen):
+    """A dataset of episodes of others, each with the split it had."""
+
+    kind: Literal["edit"] = "edit"
+    id: Id
+    tier: Label
+    spec: AnySpec
+    policies: Policies  # that made its episodes
+    parents: Annotated[tuple[Parent, ...], Field(min_length=1)]
+    operation: Text  # the command that made it, in words
+
+    @property
+    def recipe(self) -> None:
+        """None: it is made from its parents."""
+        return
+
+    @property
+    def split_rule(self) -> None:
+        """None: every episode keeps the split that it had in its parent."""
+        return
+
+    @property
+    def has_world_seeds(self) -> bool:
+        """True: an edit promises what its parents did."""
+        return True
+
+    @property
+    def source(self) -> str:
+        """The operation."""
+        return self.operation
+
+    @property
+    def source_sha256(self) -> None:
+        """None: the parents have digests instead."""
+        return
+
+    @property
+    def license(self) -> str:
+        """Unknown: that of the parents, which are not at hand."""
+        return "unknown"
+
+    @property
+    def metadata(self) -> None:
+        """None: an edit has no author's description."""
+        return
+
+    @property
+    def about_tier(self) -> str:
+        """What the card says of the tier."""
+        return f"Made from other datasets, its parents (below), by: {self.operation}."

@@ -1,0 +1,146 @@
+"""Origin, the protocol of everything a dataset can come from, and the table of its kinds.
+
+An origin is the content of a dataset's `recipe.json`.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, Self
+
+from swarmdata.errors import SpecError
+from swarmdata.specs.origins.edit_origin import Edit, Parent
+from swarmdata.specs.origins.recording_origin import Recording
+from swarmdata.specs.origins.spec_kinds import Spec
+from swarmdata.specs.recipe import PolicySource, Recipe, SplitRule
+from swarmdata.specs.task_spec import TaskSpec
+
+
+class Origin(Protocol):
+    """Where a dataset comes from; frozen data that is parsed from JSON and hashed."""
+
+    @property
+    def kind(self) -> str:
+        """Its key in `ORIGIN_KINDS`."""
+        ...
+
+    @property
+    def id(self) -> str:
+        """Versioned name of the dataset, such as `coop_nav-medium-v0`."""
+        ...
+
+    @property
+    def tier(self) -> str:
+        """Name of what kind of data it is, such as `medium`."""
+        ...
+
+    @property
+    def spec(self) -> Spec:
+        """What was recorded."""
+        ...
+
+    @property
+    def policies(self) -> tuple[PolicySource, ...]:
+        """The policies that made the episodes; `episodes/policy` has their indices."""
+        ...
+
+    @property
+    def recipe(self) -> Recipe | None:
+        """The recipe that generates the dataset bit for bit, None where no recipe does.
+
+        A dataset with a recipe has every array, and all its claims can be checked against it.
+        """
+        ...
+
+    @property
+    def parents(self) -> tuple[Parent, ...]:
+        """The datasets that it was made from, if any."""
+        ...
+
+    @property
+    def split_rule(self) -> SplitRule | None:
+        """The rule that splits its episodes, None where they keep the splits of their source."""
+        ...
+
+    @property
+    def has_world_seeds(self) -> bool:
+        """Whether it claims that each episode's seed gives the world that the episode was in."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """What made the episodes, or the format they were converted from; a few words."""
+        ...
+
+    @property
+    def source_sha256(self) -> str | None:
+        """SHA-256 of the file that was converted, if there was one."""
+        ...
+
+    @property
+    def license(self) -> str:
+        """The license, as the Hugging Face Hub names it; `unknown` where nobody gave one."""
+        ...
+
+    @property
+    def metadata(self) -> Mapping[str, str] | None:
+        """What its author says of it; None where nobody is asked."""
+        ...
+
+    @property
+    def about_tier(self) -> str | None:
+        """What a card says of the tier; None for the description of the package's tiers."""
+        ...
+
+    def hash(self) -> str:
+        """SHA-256 of its canonical JSON, hex."""
+        ...
+
+    def to_json(self) -> str:
+        """Canonical JSON, the content of `recipe.json`."""
+        ...
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
+        """A copy with some fields replaced, which are not checked."""
+        ...
+
+    @classmethod
+    def parse(cls, data: Any, source: str = "") -> Self:
+        """Builds it from plain data.
+
+        Raises:
+            SpecError: one message naming the path of every wrong key or value.
+        """
+        ...
+
+
+ORIGIN_KINDS: dict[str, type[Origin]] = {"recipe": Recipe, "recording": Recording, "edit": Edit}
+"""Every kind of origin by its `kind`; a recipe's JSON has none."""
+
+
+def parse_origin(data: Any, source: str) -> Origin:
+    """Builds the origin from the content of a `recipe.json`; without a `kind` it is a recipe.
+
+    Raises:
+        SpecError: it is malformed.
+    """
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    model = ORIGIN_KINDS.get(kind, Recipe) if isinstance(kind, str) else Recipe
+    return model.parse(data, source)
+
+
+def task_of(origin: Origin, purpose: str) -> TaskSpec:
+    """The spec of a dataset of a task of this library.
+
+    Args:
+        origin: of the dataset.
+        purpose: what needs the task, the subject of the error's sentence, such as "coverage".
+
+    Raises:
+        SpecError: the dataset was recorded in another environment.
+    """
+    world = origin.spec.world
+    if world is None:
+        raise SpecError(
+            f"{origin.id} was recorded in {origin.spec.task}, an environment of "
+            f"{origin.spec.library or 'another library'}; {purpose} needs a task of swarmdata."
+        )
+    return world

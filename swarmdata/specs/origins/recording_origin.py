@@ -1,0 +1,60 @@
+"""Recording, a dataset of steps that were taken in an environment, here or elsewhere."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins.spec_kinds import AnySpec
+from swarmdata.specs.plain_names import Label, Sha256, Text
+from swarmdata.specs.recipe import Policies, SplitRule, Splits
+
+Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
+
+
+class Recording(Frozen):
+    """A dataset of steps that were taken in an environment; it cannot be made again."""
+
+    kind: Literal["recording"] = "recording"
+    id: Id
+    tier: Label = "recorded"
+    spec: AnySpec
+    policies: Policies  # their shares have no meaning
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
+    splits: Splits | None = Splits()  # None: each episode keeps the split of its source
+    source: Text  # "recorder", or the format it was converted from
+    source_sha256: Sha256 | None = None  # of the file that was converted
+    metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on
+
+    @property
+    def recipe(self) -> None:
+        """None: a recording cannot be generated."""
+        return
+
+    @property
+    def parents(self) -> tuple[()]:
+        """None: it was made from no other dataset."""
+        return ()
+
+    @property
+    def split_rule(self) -> SplitRule | None:
+        """The rule that splits its episodes, None where the source had splits."""
+        return None if self.splits is None else SplitRule(self.splits, self.seed)
+
+    @property
+    def has_world_seeds(self) -> bool:
+        """False: a converted dataset may have seeds that its worlds never saw."""
+        return False
+
+    @property
+    def license(self) -> str:
+        """The one its author gave it."""
+        return self.metadata.get("license", "unknown")
+
+    @property
+    def about_tier(self) -> str:
+        """What the card says of the tier."""
+        return (
+            "Recorded step by step in an environment. The table of behavior policies below "
+            "repeats what the author said of them."
+        )

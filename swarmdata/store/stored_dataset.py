@@ -1,0 +1,467 @@
+"""Opens a dataset as memory maps, after checking that the bytes are those that were written."""
+
+import hashlib
+import json
+import math
+import mmap
+import os
+import stat
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xxhash
+from numpy.typing import NDArray
+
+from swarmdata.errors import (
+    ChecksumError,
+    DatasetNotFoundError,
+    ManifestError,
+    MissingFileError,
+    SpawnError,
+    SpecError,
+    TruncatedFileError,
+)
+from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
+from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.recipe import Recipe
+from swarmdata.store.arrays.layout import (
+    ALL_FIELDS,
+    FIELDS,
+    GROUP_FILES,
+    POSSIBLE_FILES,
+    RECIPE,
+    expected_files,
+    shard_index,
+)
+from swarmdata.store.arrays.row_shapes import (
+    MAY_BE_EMPTY,
+    Shape,
+    recorded_row_shapes,
+    task_row_shapes,
+)
+from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
+from swarmdata.store.manifest import (
+    Manifest,
+    check_recipe,
+    read_manifest,
+    rebuild_hint,
+    recipe_hash,
+)
+from swarmdata.store.table import SPLITS, EpisodeTable
+from swarmdata.types import END_REASONS
+
+Verify = Literal["none", "fast", "full"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDataset:
+    """An open dataset: read-only memory maps and the episode table."""
+
+    path: Path
+    manifest: Manifest
+    recipe: Origin
+    arrays: dict[str, NDArray[Any]]
+    table: EpisodeTable
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the path and what is in memory only: a worker process maps the files itself."""
+        held = {name: array for name, array in self.arrays.items() if not _is_mapped(array)}
+        return _reopen, (self.path, self.manifest.digest, held)
+
+
+def open_store(
+    path: Path, verify: Verify = "fast", *, widths: bool = False, recipe: Recipe | None = None
+) -> StoredDataset:
+    """Opens a dataset's folder.
+
+    Args:
+        path: the folder.
+        verify: `fast` checks every chunk and small file at memory speed, `full` also the SHA-256
+            of every file and the logical digest, `none` only names, sizes, metadata, the episode
+            table and the spec.
+        widths: whether observations, states, messages and layouts of a task are compared with the
+            spec as well; that takes the task's code. The team and its actions, and all sizes of a
+            recording, are always compared.
+        recipe: that the dataset must have been made from; None: any.
+
+    Raises:
+        RecipeConflictError: the dataset is of another recipe.
+        DatasetError: one of its subclasses, which names the file and says what to do.
+    """
+    if verify not in ("none", "fast", "full"):
+        raise ValueError(f"verify is {verify!r}, expected 'none', 'fast' or 'full'")
+    if not path.is_dir():
+        raise DatasetNotFoundError(f"there is no dataset folder at {path}")
+    _refuse_links(path)
+    manifest = read_manifest(path)
+    if recipe is not None:
+        check_recipe(path, manifest, recipe)
+    check_listing(path, manifest)
+    _check_sizes(path, manifest)
+    small_files = _read_small_files(path, manifest, is_checked=verify != "none")
+    _check_metadata(path, manifest, small_files)
+    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
+    _check_indices(path, manifest, raw)
+    if verify != "none":
+        _check_chunks(path, manifest, raw)
+    if verify == "full":
+        check_everything(path, manifest, raw)
+    arrays = {name: _view(manifest, name, values) for name, values in raw.items()}
+    origin = _read_origin(path, manifest, small_files[RECIPE], recipe)
+    _check_spec(path, manifest, origin, widths=widths)
+    table = _read_table(path, manifest, origin, arrays)
+    return StoredDataset(path, manifest, origin, arrays, table)
+
+
+def _is_mapped(array: NDArray[Any]) -> bool:
+    """Whether an array is a view of a file; an empty one has none and costs nothing to copy."""
+    base: Any = array
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.obj if isinstance(base, memoryview) else base.base
+    return isinstance(base, mmap.mmap)
+
+
+def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
+    """Opens a dataset that another process has verified."""
+    stored = open_store(path, "none")
+    if stored.manifest.digest != digest:
+        raise ChecksumError(
+            f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
+            "was replaced meanwhile. Load it again."
+        )
+    return replace(stored, arrays={**stored.arrays, **held})
+
+
+def links_in(path: Path) -> tuple[str, ...]:
+    """Every symbolic link below a folder, relative to it and sorted; links are not followed.
+
+    With `os.scandir`, whose entries know what they are: this is part of every `load`.
+    """
+    found, waiting = [], [""]
+    while waiting:
+        inside = waiting.pop()
+        with os.scandir(os.path.join(path, inside)) as entries:  # noqa: PTH118
+            for entry in entries:
+                name = f"{inside}/{entry.name}" if inside else entry.name
+                if entry.is_symlink():
+                    found.append(name)
+                elif entry.is_dir(follow_symlinks=False):
+                    waiting.append(name)
+    return tuple(sorted(found))
+
+
+def blocking_links(path: Path) -> tuple[str, ...]:
+    """The links below a dataset's folder where a file or folder of the dataset belongs, sorted.
+
+    Somebody's own links elsewhere in the folder are never followed, and are none of our business.
+    """
+    found = links_in(path)
+    if not found:
+        return ()
+    ours = {file.parts[:n] for file in map(Path, POSSIBLE_FILES) for n in range(1, 9)}
+    return tuple(link for link in found if Path(link).parts in ours)
+
+
+def _refuse_links(path: Path) -> None:
+    """A link could show any file of this machine as data."""
+    for link in blocking_links(path):
+        raise ManifestError(
+            f"{path / link} is a symbolic link, expected a plain file or folder. "
+            f"{rebuild_hint(path)}"
+        )
+
+
+def check_listing(path: Path, manifest: Manifest) -> None:
+    """Checks that what the manifest lists can be a dataset; no other file is looked at.
+
+    Raises:
+        ManifestError: naming what contradicts what.
+    """
+    _check_arrays(path, manifest)
+    _check_files(path, manifest)
+
+
+def _check_arrays(path: Path, manifest: Manifest) -> None:
+    """Checks the listed arrays against the format and against each other."""
+    rows = {
+        "steps": manifest.n_steps,
+        "states": manifest.n_steps + manifest.n_episodes,
+        "episodes": manifest.n_episodes,
+    }
+    absent = sorted(set(FIELDS) - set(manifest.arrays))
+    if absent:
+        raise _disagrees(path, manifest, f"arrays {absent} are not listed")
+    for name, (shard, *_) in manifest.plan.items():
+        n_checksums = len(manifest.arrays[name].checksums)
+        if n_checksums != shard.n_chunks:
+            problem = f"{n_checksums} checksums for {shard.n_chunks} chunks"
+            raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
+    for name, field in ALL_FIELDS.items():
+        if name not in manifest.arrays:
+            continue
+        entry = manifest.arrays[name]
+        got = (entry.dtype, len(entry.shape), entry.shape[0])
+        expected = (field.dtype, len(field.dimensions), rows[field.rows])
+        if got != expected:
+            problem = f"listed with (dtype, dimensions, rows) {got}, expected {expected}"
+            raise _disagrees(path, manifest, f"array {name!r} is {problem}")
+
+
+def _check_files(path: Path, manifest: Manifest) -> None:
+    """Checks that exactly the files of the arrays are listed, with the sizes of the arrays."""
+    shards = {name: plan.shard for name, plan in manifest.plan.items()}
+    differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
+    if differing:
+        raise _disagrees(
+            path, manifest, f"files {differing} are listed without their array or absent"
+        )
+    for shard, file, *_ in manifest.plan.values():
+        if shard.n_chunks and manifest.files[file].size != shard.file_bytes:
+            raise _disagrees(
+                path,
+                manifest,
+                f"{file} is listed with {manifest.files[file].size} bytes, but an array of shape "
+                f"{shard.shape} and dtype {shard.dtype} has {shard.file_bytes}",
+            )
+
+
+def _check_sizes(path: Path, manifest: Manifest) -> None:
+    """Checks that every listed file is there and has its size."""
+    for file, entry in sorted(manifest.files.items()):
+        try:
+            found = os.stat(os.path.join(path, file))  # noqa: PTH116, PTH118 (a part of every load)
+        except (FileNotFoundError, NotADirectoryError):
+            found = None
+        if found is None or not stat.S_ISREG(found.st_mode):
+            hint = rebuild_hint(path, manifest.id)
+            raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
+        if found.st_size != entry.size:
+            raise TruncatedFileError(
+                f"{path / file} has {found.st_size} bytes, expected {entry.size}. "
+                f"{rebuild_hint(path, manifest.id)}"
+            )
+
+
+def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> dict[str, bytes]:
+    """Reads every file that is no array's data, once for all who look at it.
+
+    Args:
+        path: the dataset's folder.
+        manifest: that lists the files.
+        is_checked: whether their SHA-256 is compared.
+    """
+    shard_files = {plan.file for plan in manifest.plan.values()}
+    contents = {}
+    for name in sorted(manifest.files.keys() - shard_files):
+        size = manifest.files[name].size
+        if size > MAX_JSON_BYTES:
+            problem = f"{name} is listed with {size} bytes, at most {MAX_JSON_BYTES} are allowed"
+            raise _disagrees(path, manifest, problem)
+        with open(os.path.join(path, name), "rb") as file:  # noqa: PTH118, PTH123 (a part of every load)
+            contents[name] = file.read(size + 1)
+        if is_checked and hashlib.sha256(contents[name]).hexdigest() != manifest.files[name].sha256:
+            raise file_changed(path, manifest, name)
+    return contents
+
+
+def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, bytes]) -> None:
+    """Checks that Zarr's own metadata says what the manifest says of arrays and identity.
+
+    Datasets written before there was a `recipe_hash` beside the arrays are read all the same.
+    """
+    for plan in manifest.plan.values():
+        file = plan.metadata_file
+        try:
+            found = json.loads(small_files[file])
+        except (ValueError, RecursionError) as error:
+            raise ManifestError(
+                f"{path / file} is not valid JSON: {error}. {rebuild_hint(path, manifest.id)}"
+            ) from error
+        for key, expected in plan.metadata.items():
+            got = found.get(key) if isinstance(found, dict) else None
+            if got != expected:
+                problem = f"{path / file} has {key} {got}, expected {expected}"
+                raise _disagrees(path, manifest, problem)
+    try:
+        root = json.loads(small_files[GROUP_FILES[0]])
+    except (ValueError, RecursionError):
+        root = None
+    found = root.get("attributes") if isinstance(root, dict) else None
+    attributes = found if isinstance(found, dict) else {}
+    for key, expected in (("id", manifest.id), ("recipe_hash", manifest.recipe_hash)):
+        got = attributes.get(key, expected)
+        if got != expected:
+            problem = f"{path / GROUP_FILES[0]} says {key} {got!r}, the manifest says {expected!r}"
+            raise _disagrees(path, manifest, problem)
+
+
+def check_widths(stored: StoredDataset) -> None:
+    """Compares what `open_store` with `widths=False` has not.
+
+    Raises:
+        ManifestError: naming what contradicts the spec.
+    """
+    _check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
+
+
+def _check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool) -> None:
+    """Checks that the spec in the recipe can be that of these arrays."""
+    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
+    try:
+        problems = shape_contradictions(recipe, shapes, widths=widths)
+    except (SpecError, SpawnError) as error:
+        problems = (f"its spec is of no task: {error}",)
+    if problems:
+        raise _disagrees(path, manifest, "; ".join(problems))
+
+
+def shape_contradictions(
+    origin: Origin, shapes: Mapping[str, tuple[int, ...]], *, widths: bool = True
+) -> tuple[str, ...]:
+    """A sentence for each array whose shape contradicts the dataset's spec.
+
+    Args:
+        origin: of the dataset. What is not a recipe may lack some arrays.
+        shapes: whole shapes by the name of the array.
+        widths: as of `task_row_shapes`.
+    """
+    problems, world = [], origin.spec.world
+    if world is None:
+        rows = recorded_row_shapes(origin.spec)
+    else:
+        rows = task_row_shapes(world, widths=widths)
+    for name, expected in rows.items():
+        if name not in shapes:
+            continue
+        got = shapes[name][1:]
+        is_absent = origin.recipe is None and name in MAY_BE_EMPTY and not math.prod(got)
+        if not is_absent and not _fits(got, expected):
+            shown = ", ".join("any" if size is None else str(size) for size in expected)
+            problems.append(f"{name} has rows of shape {list(got)}, expected [{shown}] by the spec")
+    return tuple(problems)
+
+
+def _fits(got: tuple[int, ...], expected: Shape) -> bool:
+    pairs = zip(got, expected, strict=False)
+    return len(got) == len(expected) and all(size in (None, found) for found, size in pairs)
+
+
+def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the array's whole file, index included; empty for an array without elements."""
+    shard, file, *_ = manifest.plan[name]
+    if not shard.n_chunks:
+        return np.zeros(0, dtype=np.uint8)
+    with open(os.path.join(path, file), "rb") as stream:  # noqa: PTH118, PTH123 (a part of every load)
+        mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    return np.frombuffer(mapped, dtype=np.uint8)
+
+
+def _view(manifest: Manifest, name: str, raw: NDArray[np.uint8]) -> NDArray[Any]:
+    shard = manifest.plan[name].shard
+    return raw[: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+
+
+def _check_indices(path: Path, manifest: Manifest, raw: Raw) -> None:
+    """Checks that the chunks lie in order and without gaps, as a memory map assumes."""
+    for name, values in raw.items():
+        shard, file, *_ = manifest.plan[name]
+        if not shard.n_chunks:
+            continue
+        if values[shard.data_bytes :].tobytes() != shard_index(shard.n_chunks, shard.chunk_bytes):
+            hint = rebuild_hint(path, manifest.id)
+            raise ChecksumError(f"the shard index at the end of {path / file} was changed. {hint}")
+
+
+def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
+    """Checks the xxh3_64 of every chunk, in as many threads as there are cores.
+
+    Raises:
+        ChecksumError: naming the file, the first changed chunk and its rows.
+    """
+    jobs = [
+        (name, index, checksum)
+        for name, entry in manifest.arrays.items()
+        for index, checksum in enumerate(entry.checksums)
+    ]
+    n_threads = min(8, os.cpu_count() or 1)
+
+    def changed(first: int) -> list[int]:
+        """The changed chunks among every `n_threads`-th one."""
+        found = []
+        for k in range(first, len(jobs), n_threads):
+            name, index, checksum = jobs[k]
+            size = manifest.plan[name].shard.chunk_bytes
+            chunk = raw[name][index * size : (index + 1) * size]
+            if xxhash.xxh3_64_hexdigest(chunk.data) != checksum:
+                found.append(k)
+        return found
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        bad = [k for found in pool.map(changed, range(n_threads)) for k in found]
+    if bad:
+        name, index, _ = jobs[min(bad)]
+        shard, file, *_ = manifest.plan[name]
+        first = index * shard.chunk_rows
+        last = min(first + shard.chunk_rows, shard.shape[0]) - 1
+        raise ChecksumError(
+            f"{path / file} was changed after it was written: chunk {index} of {shard.n_chunks} "
+            f"(rows {first} to {last} of {name!r}) does not have the checksum in the manifest. "
+            f"{rebuild_hint(path, manifest.id)}"
+        )
+
+
+def _read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | None) -> Origin:
+    """Reads `recipe.json`; where it is the text of a recipe that is known, nothing is parsed."""
+    # of the file, as written: what later versions add to a recipe does not change it
+    written = hashlib.sha256(content).hexdigest()
+    file = path / RECIPE
+    origin: Origin
+    if known is not None and written == recipe_hash(known):
+        origin = known
+    else:
+        try:
+            origin = parse_origin(parse_json(content, str(file)), str(file))
+        except SpecError as error:
+            raise ManifestError(
+                f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
+            ) from error
+    if (origin.id, written) != (manifest.id, manifest.recipe_hash):
+        raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {origin.id}")
+    return origin
+
+
+def _read_table(
+    path: Path, manifest: Manifest, recipe: Origin, arrays: dict[str, NDArray[Any]]
+) -> EpisodeTable:
+    """Copies the episode table into memory and checks that it covers the arrays exactly."""
+    names = [name for name in FIELDS if name.startswith("episodes/")]
+    table = EpisodeTable(**{name.split("/")[1]: arrays[name].copy() for name in names})
+    ends = np.cumsum(table.lengths)
+    problems = {
+        "an episode has no steps": bool((table.lengths < 1).any()),
+        "episodes do not follow each other without gaps": bool(
+            (table.starts != ends - table.lengths).any()
+        ),
+        "episodes do not end where the arrays end": int(ends[-1]) != manifest.n_steps,
+        "an unknown split code": bool((table.split >= len(SPLITS)).any()),
+        "an unknown end reason": bool((table.end_reason >= len(END_REASONS)).any()),
+        "an unknown policy": bool((table.policy >= len(recipe.policies)).any()),
+        "success and end reason differ": bool(
+            (table.success != (table.end_reason == END_REASONS.index("success"))).any()
+        ),
+    }
+    found = [problem for problem, is_there in problems.items() if is_there]
+    if found:
+        raise _disagrees(path, manifest, f"the episode table is wrong: {'; '.join(found)}")
+    return table
+
+
+def _disagrees(path: Path, manifest: Manifest, problem: str) -> ManifestError:
+    return ManifestError(
+        f"the manifest of {path} disagrees with its contents: {problem}. "
+        f"{rebuild_hint(path, manifest.id)}"
+    )

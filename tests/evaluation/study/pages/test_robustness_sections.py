@@ -1,0 +1,50 @@
+"""Sweeps of a study: of the best of each family, trained on what the sweep takes away."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from tests.evaluation.study.conftest import BC, MADDPG
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def test_the_best_of_each_family_is_swept(
+    data: Path, make_study: Callable[..., Study], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    shared = {"dataset": str(data), "points": 2, "episodes": 2}
+    study = make_study(
+        algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},
+        sweeps={
+            "loss": {**shared, "vary": "communication", "axis": "drop=0,0.5",
+                     "communication": "perfect"},
+            "noise": {**shared, "vary": "observation", "axis": "noise=0,0.2",
+                      "families": ["cloning"]},
+        },
+    )  # fmt: skip
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "x")
+    assert failures == {}
+    page = files[0].read_text()
+    loss, noise = (
+        page.partition(f"## Robustness: {axis}")[2].partition("\n## ")[0]
+        for axis in ("communication drop", "observation noise")
+    )
+    assert loss.count("at drop 0.5: change of return") == 2
+    assert noise.count("at noise 0.2: change of return") == 1
+    assert "re-observed with communication `perfect`" in loss
+    assert "`maddpg` at" in loss
+    assert "`maddpg` at" not in noise
+    for label, picture in (("loss", "communication-drop"), ("noise", "observation-noise")):
+        names = {path.name for path in (tmp_path / "out" / "sweeps" / label).iterdir()}
+        assert names == {"sweep.csv", f"{picture}.png"}
+    trained = {path.parent.name for path in tmp_path.glob("work/cells/*/coop_nav-tiny-v0~perfect")}
+    assert "maddpg" in trained
+    assert len(trained) == 2
+    assert "~" not in (tmp_path / "out" / "results.csv").read_text()
+    _, again = run_study(study, options, "x")
+    assert again[0].read_text() == page

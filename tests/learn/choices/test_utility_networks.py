@@ -1,0 +1,227 @@
+"""VDN and QMIX offline: targets, both networks, masks in the target and when acting, losses."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.learn.choices import bins  # noqa: E402
+from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.training.setup import Setup  # noqa: E402
+from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
+from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.toys import SIZES, two_episodes  # noqa: E402
+
+DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
+
+
+def made(
+    n_seeds: int = 1,
+    *,
+    sizes: Sizes = SIZES,
+    is_monotonic: bool = False,
+    return_std: float = 1.0,
+    **config: Any,
+) -> VDN | QMIX:
+    statistics = Statistics(
+        observation_mean=np.zeros(3),
+        observation_std=np.ones(3),
+        state_mean=np.zeros(4),
+        state_std=np.ones(4),
+        return_std=return_std,
+        max_return=1.0,
+    )
+    small = {"hidden": (8,), "n_bins": 3, "regulariser": "none", "clip_target": False, **config}
+    if is_monotonic:
+        mixing = QMIXConfig(**small, mixer_embedding=4, mixer_hidden=4)
+        return QMIX(Setup(sizes, range(n_seeds), statistics), mixing)
+    return VDN(Setup(sizes, range(n_seeds), statistics), VDNConfig(**small))
+
+
+def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
+    g = torch.Generator().manual_seed(0)
+    flags = torch.rand(n_seeds, size, generator=g) < 0.3
+    return Batch(
+        observations=torch.randn(n_seeds, size, 2, 3, generator=g),
+        actions=torch.rand(n_seeds, size, 2, 2, generator=g) * 2 - 1,
+        rewards=torch.randn(n_seeds, size, 2, generator=g),
+        next_observations=torch.randn(n_seeds, size, 2, 3, generator=g),
+        states=torch.randn(n_seeds, size, 4, generator=g),
+        next_states=torch.randn(n_seeds, size, 4, generator=g),
+        terminations=flags,
+        truncations=~flags,
+        mask=torch.ones_like(flags),
+    )
+
+
+def make_constant(network: StackedMLP, *outputs: list[float]) -> None:
+    """Makes every network of a stack answer the same to everything; one row of outputs each."""
+    network.flat.zero_()
+    with torch.no_grad():
+        network.layers[-1].bias.copy_(torch.tensor(outputs)[:, None])
+
+
+def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
+    learner = made(discount=0.5, return_std=2.0)
+
+    def value(utilities: Tensor, choices: Tensor, states: Tensor, mixer: Any = None) -> Tensor:
+        v = 100 * states[..., 0] + 10 * states[..., 1]
+        return torch.stack([v - 1, v + 1], 1)  # the mean of both networks counts
+
+    monkeypatch.setattr(learner, "value", value)
+    batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
+    y = learner.targets(batch)
+    # episode 1: half of 2, and V(1, 1) / 2, then 3 without a bootstrap; a cut does not stop it
+    torch.testing.assert_close(y, torch.tensor([[1 + 55.0, 3.0, 1 + 105.0, 3 + 110.0]]))
+
+
+@pytest.mark.parametrize("is_monotonic", [False, True])
+def test_the_online_networks_choose_and_the_targets_value(is_monotonic: bool) -> None:
+    learner, batch = made(2, is_monotonic=is_monotonic, discount=0.5), random_batch(2)
+    for seed, network in enumerate(learner.networks.descent.targets.values()):
+        network.flat.normal_(generator=torch.Generator().manual_seed(seed))
+    networks, features = learner.networks, batch.next_observations  # moments are 0 and 1
+    online = networks.utilities(features).mean(1)
+    target = networks.utilities(features, learner.networks.descent.targets["team"])
+    best = online.argmax(-1)
+    assert (target.mean(1).argmax(-1) != best).any()
+    taken = torch.stack([bins.chosen(target[:, each], best) for each in range(2)], 1)
+    if isinstance(learner, QMIX):
+        slow = learner.networks.descent.targets["mixer"]
+        q_next = learner.mix(taken, batch.next_states, slow).mean(1)
+    else:
+        q_next = taken.mean((1, 3))
+    expected = batch.rewards.mean(-1) + 0.5 * ~batch.terminations * q_next
+    torch.testing.assert_close(learner.targets(batch), expected.detach())
+
+
+def test_targets_are_at_most_what_data_return() -> None:
+    batch = random_batch()
+    clipped, free = made(return_std=0.5, clip_target=True), made(return_std=0.5)
+    for values in (clipped, free):
+        values.networks.descent.targets["team"].flat.fill_(3.0)
+    r = batch.rewards.mean(-1) / 0.5
+    bound = r + 0.95 * (~batch.terminations) * 2.0  # the largest return-to-go is 1
+    torch.testing.assert_close(clipped.targets(batch), bound)
+    assert (free.targets(batch) > bound + 1).any()
+
+
+def test_mixing_raises_no_value_by_lowering_a_robots() -> None:
+    learner = made(is_monotonic=True)
+    assert isinstance(learner, QMIX)
+    values = torch.randn(1, 2, 9, 2, requires_grad=True)
+    (slope,) = torch.autograd.grad(learner.mix(values, torch.randn(1, 9, 4)).sum(), values)
+    assert (slope >= 0).all()
+    assert not torch.equal(slope[:, 0], slope[:, 1])  # each network has its own mixer
+
+
+@pytest.mark.parametrize("is_monotonic", [False, True])
+def test_both_networks_differ_and_both_learn(is_monotonic: bool) -> None:
+    learner, batch = made(2, is_monotonic=is_monotonic), random_batch(2)
+    kinds = list(learner.networks.descent.networks.values())
+    assert len(kinds) == 1 + is_monotonic
+    before = [network.flat.clone() for network in kinds]
+    learner.update(batch)
+    for network, old in zip(kinds, before, strict=True):
+        assert len(old) == 4  # seed 0 network 0, seed 0 network 1, seed 1 network 0, ...
+        assert len({tuple(row.tolist()) for row in old}) == 4
+        assert network.gradient.norm(dim=1).min() > 0
+        assert not torch.equal(network.gradient[0], network.gradient[1])
+        assert (network.flat - old).abs().amax(1).min() > 0
+
+
+@pytest.mark.parametrize("head", ["factored", "joint"])
+def test_the_mask_holds_in_the_target_and_when_acting(head: Any) -> None:
+    """The data always take the first choice; the last has the highest utility.
+
+    A mask in the target only lets the policy take what was never valued.
+    """
+    one = [9.0, 0.0, 0.0, *[0.0] * 6] if head == "joint" else [9.0, 0.0, 0.0] * 2
+    batch, observations = random_batch(), np.zeros((4, 2, 3), np.float32)
+    for regulariser, best in (("bcq", 0), ("none", 2)):
+        learner = made(regulariser=regulariser, behavior_head=head, discount=0.5)
+        online, slow = learner.networks.team.network, learner.networks.descent.targets["team"]
+        make_constant(online, [1.0, 2.0, 7.0] * 2, [1.0, 2.0, 7.0] * 2)
+        make_constant(slow, [3.0, 4.0, 5.0] * 2, [3.0, 4.0, 5.0] * 2)
+        if learner.networks.behavior is not None:
+            make_constant(learner.networks.behavior.network, one)
+        q_next = (3.0, 4.0, 5.0)[best]
+        expected = batch.rewards.mean(-1) + 0.5 * q_next * ~batch.terminations
+        torch.testing.assert_close(learner.targets(batch), expected)
+        assert (learner.policy(0).actions(observations) == best - 1).all()  # bins -1, 0, 1
+
+
+def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
+    learner = made(regulariser="bc", temperature=1.0)
+    assert learner.networks.behavior is not None
+    make_constant(learner.networks.behavior.network, [0.0, 3.0, 0.0, 0.0, 0.0, 3.0])
+    # p = softmax(U + log pi_b) of bins -1, 0, 1 has logits (top, 3, 0) and (top, 0, 3)
+    for top in (1.0, 4.0):
+        make_constant(learner.networks.team.network, *[[top, 0.0, 0.0] * 2] * 2)
+        actions = learner.policy(0).actions(np.zeros((1, 2, 3), np.float32))
+        total = np.exp([top, 3.0, 0.0]).sum()
+        first, second = (1 - np.exp(top)) / total, (np.exp(3.0) - np.exp(top)) / total
+        np.testing.assert_allclose(actions, [[[first, second]] * 2], rtol=1e-6)
+
+
+def test_the_conservative_gap_by_hand() -> None:
+    learner = made(regulariser="cql")
+    make_constant(learner.networks.team.network, [0.0, 1.0, 2.0] * 2, [0.0] * 6)
+    batch = replace(random_batch(), actions=torch.full((1, 32, 2, 2), 0.5))
+    losses = learner.update(batch)
+    first = np.log(1 + np.e + np.e**2) - 1.5  # the action lies between the bins 0 and 1
+    assert losses["conservative_gap"].item() == pytest.approx(first + np.log(3), rel=1e-5)
+
+
+def test_conservatism_lowers_what_the_data_do_not_do() -> None:
+    batch = replace(random_batch(), actions=torch.ones(1, 32, 2, 2))
+    left: dict[str, float] = {}
+    for regulariser in ("none", "cql"):
+        learner = made(regulariser=regulariser, cql_weight=1.0, learning_rate=1e-2)
+        for _ in range(60):
+            losses = learner.update(batch)
+        utilities = learner.networks.utilities(batch.observations).detach().mean((0, 1, 2, 3, 4))
+        left[regulariser] = float(utilities[2] - utilities[0])
+    assert left["cql"] > left["none"] + 0.5
+    assert losses["q"] > -2  # and the data's own value stays
+
+
+def test_losses_show_overestimation() -> None:
+    """Every tenth update also measures the value of what the policy would choose."""
+    learner, batch = made(regulariser="bcq"), random_batch()
+    names = [set(learner.update(batch)) for _ in range(11)]
+    assert names[0] == names[10] == {"td_loss", "q", "greedy_q", "target", "behavior_loss"}
+    assert names[1] == names[0] - {"greedy_q"}
+    plain = made()
+    losses = plain.update(batch)
+    assert set(losses) == {"td_loss", "q", "greedy_q", "target"}
+    assert losses["greedy_q"] > losses["q"]  # no action beats the best choice
+
+
+@pytest.mark.parametrize("regulariser", ["none", "bc", "bcq", "cql"])
+@pytest.mark.parametrize("is_monotonic", [False, True])
+def test_robots_with_different_choices_learn_and_stay_within_them(
+    regulariser: str, is_monotonic: bool
+) -> None:
+    learner = made(sizes=DISCRETE, regulariser=regulariser, is_monotonic=is_monotonic)
+    g = torch.Generator().manual_seed(1)
+    actions = torch.randint(3, (1, 32, 2, 2), generator=g).float()
+    actions[:, :, 1, 0], actions[:, :, 1, 1] = 1 + actions[:, :, 1, 0].clamp(max=1), 0
+    batch = replace(random_batch(), actions=actions)
+    for _ in range(5):
+        losses = learner.update(batch)
+    assert all(loss.isfinite().all() for loss in losses.values())
+    policy = learner.policy(0)
+    taken = policy.actions(np.random.default_rng(0).normal(size=(200, 2, 3)).astype(np.float32))
+    assert set(np.unique(taken[:, 0])) <= {0, 1, 2}
+    assert set(np.unique(taken[:, 1, 0])) <= {1, 2}
+    assert not taken[:, 1, 1].any()

@@ -1,0 +1,48 @@
+"""Contact costs grow during training and are those of the task's own contacts."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.online_algos.shaping.contact_cost import ContactCost
+from swarmdata.registry.components import make_env
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Step
+
+SPEC = TaskSpec()
+WEIGHTS = SPEC.rules.rewards
+
+
+def touching() -> Step:
+    """Two copies; robot 1 of the first begins to touch a robot."""
+    step = make_env(SPEC, 2).reset(np.arange(2, dtype=np.uint64))
+    events = np.zeros_like(step.events)
+    events[0, 1] = (1, 0, 1, 0)
+    rewards = np.arange(8, dtype=np.float32).reshape(2, 4)
+    return step._replace(events=events, rewards=rewards)
+
+
+@pytest.mark.parametrize(("progress", "part"), [(0.1, 0.0), (0.4, 0.5), (0.6, 1.0), (1.0, 1.0)])
+def test_the_cost_is_a_ramp_times_the_tasks_costs(progress: float, part: float) -> None:
+    step = touching()
+    rewards = ContactCost(WEIGHTS, 4.0, (0.2, 0.6)).apply(step.rewards, step, step, progress)
+    expected = step.rewards.copy()
+    expected[0, 1] -= part * 4.0 * (WEIGHTS.robot_contact + WEIGHTS.robot_collision)
+    np.testing.assert_allclose(rewards, expected, rtol=1e-6)
+    assert rewards.dtype == np.float32
+
+
+@settings(deadline=None)
+@given(st.floats(-1, 2), st.floats(0.01, 2), st.floats(0, 1), st.floats(0, 1))
+def test_costs_never_fall_while_training_goes_on(
+    begin: float, length: float, early: float, late: float
+) -> None:
+    term, step = ContactCost(WEIGHTS, 4.0, (begin, begin + length)), touching()
+    first, last = (term.apply(step.rewards, step, step, p) for p in sorted((early, late)))
+    assert (last <= first).all()
+    assert (first <= step.rewards).all()
+    np.testing.assert_array_equal(np.delete(last.ravel(), 1), np.delete(step.rewards.ravel(), 1))

@@ -1,0 +1,128 @@
+"""Shaped rewards: nothing without terms, and every term in its order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.online_algos.shaping.contact_cost import ContactCost
+from swarmdata.online_algos.shaping.shaped_env import ShapedEnv, ShapingConfig, shape_rewards
+from swarmdata.online_algos.shaping.team_share import TeamShare
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Float, Step
+
+SPEC = TaskSpec(horizon=6)
+NOTHING = ShapingConfig(contact_cost=0.0, team_share=0.0)
+
+
+class Doubled:
+    """Doubles rewards, and remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Step, Step, float]] = []
+
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        self.asked.append((before, after, progress))
+        return 2 * rewards
+
+
+class Increased:
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        return rewards + np.float32(1)
+
+
+def check_bare(env: ShapedEnv) -> None:
+    """Random steps, with resets of the copies that end, are those of the bare environment."""
+    generator = np.random.default_rng(0)
+    bare = make_env(SPEC, 3)
+    seeds = np.arange(3, dtype=np.uint64)
+    pairs = [(env.reset(seeds), bare.reset(seeds))]
+    for t in range(15):
+        actions = generator.uniform(-1, 1, (3, 4, 2))
+        pairs.append((env.step(actions), bare.step(actions)))
+        copies = np.flatnonzero(pairs[-1][0].ended)
+        if len(copies):
+            new = np.full(len(copies), 10 + t, np.uint64)
+            pairs.append((env.reset(new, copies), bare.reset(new, copies)))
+    for ours, theirs in pairs:
+        for name in Step._fields:
+            mine, other_array = getattr(ours, name), getattr(theirs, name)
+            np.testing.assert_array_equal(mine, other_array, err_msg=name)
+
+
+@pytest.mark.parametrize("config", [None, NOTHING])
+def test_without_terms_it_is_the_bare_environment(config: ShapingConfig | None) -> None:
+    env = make_env(SPEC, 3)
+    shaped = ShapedEnv(env, []) if config is None else shape_rewards(env, config)
+    assert shaped.terms == ()
+    for name in ("spec", "task", "n_copies", "features", "action_size", "state_size"):
+        assert getattr(shaped, name) is getattr(env, name), name
+    assert shaped.observation_size == env.observation_size
+    check_bare(shaped)
+
+
+def test_terms_change_rewards_in_order_and_nothing_else() -> None:
+    doubled, env = Doubled(), make_env(SPEC, 2)
+    shaped, bare = ShapedEnv(env, [doubled, Increased()]), make_env(SPEC, 2)
+    seeds = np.arange(2, dtype=np.uint64)
+    before, _ = shaped.reset(seeds), bare.reset(seeds)
+    shaped.progress = 0.25
+    actions = np.full((2, 4, 2), 0.5)
+    after, plain = shaped.step(actions), bare.step(actions)
+    np.testing.assert_array_equal(after.rewards, 2 * plain.rewards + 1)
+    for name in set(Step._fields) - {"rewards"}:
+        np.testing.assert_array_equal(getattr(after, name), getattr(plain, name), err_msg=name)
+    ((asked_before, asked_after, progress),) = doubled.asked
+    assert asked_before is before
+    np.testing.assert_array_equal(asked_after.states, after.states)
+    assert progress == 0.25
+
+
+def test_copies_that_are_not_reset_keep_their_shaped_rewards() -> None:
+    shaped = ShapedEnv(make_env(SPEC, 3), [Increased()])
+    shaped.reset(np.arange(3, dtype=np.uint64))
+    rewards = shaped.step(np.zeros((3, 4, 2))).rewards
+    after = shaped.reset(np.array([9], np.uint64), np.array([1])).rewards
+    np.testing.assert_array_equal(after[[0, 2]], rewards[[0, 2]])
+    assert (after[1] == 0).all()
+
+
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(SchemaError, match="before the first reset"):
+        ShapedEnv(make_env(SPEC, 1), []).step(np.zeros((1, 4, 2)))
+
+
+def test_a_config_says_which_terms_there_are_in_which_order() -> None:
+    config = ShapingConfig(
+        keep_left=0.5, payload_path_weight=2.0, behind_payload_weight=1.0,
+        reward_weights=("progress=0",),
+    )  # fmt: skip
+    shaped = shape_rewards(make_env(preset("transport"), 1), config)
+    names = [type(term).__name__ for term in shaped.terms]
+    assert names == ["ContactCost", "PassingSide", "TeamShare", "PayloadPotential"]
+    assert shaped.spec.rules.rewards.model_dump()["progress"] == 0
+    contact, _, share, _ = shaped.terms
+    assert isinstance(contact, ContactCost)
+    assert isinstance(share, TeamShare)
+    assert (contact.cost, contact.begin, contact.end, share.share) == (4.0, 0.2, 0.75, 0.3)
+
+
+def test_an_unknown_weight_is_refused() -> None:
+    with pytest.raises(SpecError, match="proximty"):
+        shape_rewards(make_env(SPEC, 1), replace(NOTHING, reward_weights=("proximty=2",)))
+
+
+@pytest.mark.parametrize("ramp", [(0.5,), (0.5, 0.5), (0.7, 0.2), (0.1, 0.2, 0.3)])
+def test_a_ramp_has_two_ends(ramp: tuple[float, ...]) -> None:
+    with pytest.raises(SchemaError, match="begin before end"):
+        replace(NOTHING, contact_ramp=ramp)
+
+
+def test_a_share_is_a_part() -> None:
+    with pytest.raises(SchemaError, match="team_share is 1"):
+        replace(NOTHING, team_share=1.5)
