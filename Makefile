@@ -1,11 +1,12 @@
 # Every command of this project. `make quickstart` and `make test` need Python and make, nothing else.
 #
-#   make quickstart              dataset, two algorithms, table, curves and an animation, in quickstart/
+#   make quickstart              a dataset, two algorithms, a table, curves and an animation, in quickstart/
 #   make test                    the default tests; PYTHON=python3.12 runs them on another Python
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
-#   make slow | bench | wheel    the long tests, the timings, the installable file
-#   make digests                 every mini under every circumstance: one digest each, in hours
-#   make clean                   removes what the targets made, datasets in the user cache excepted
+#   make slow | learns           the long tests; tests that train until a threshold is beaten
+#   make bench | wheel           the timings, into docs/benchmarks.md; the installable files, into dist/
+#   make digests                 builds every mini under many circumstances, compares digests; takes hours
+#   make clean                   removes what the targets made, except datasets in the user cache
 
 PYTHON ?= python3
 ARGS ?=
@@ -20,8 +21,8 @@ VENV ?= $(if $(filter python3,$(PYTHON)),.venv,.venv-$(VERSION))
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
 
-# constraints.txt holds the torch that the results were made with, for Python 3.11. On other Pythons
-# the tests that need torch are skipped with a reason.
+# constraints.txt pins the torch that the results were made with, for Python 3.11. On other Pythons the
+# tests that need torch are skipped.
 comma := ,
 TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 

@@ -1,7 +1,9 @@
 """README.md and docs/: links lead somewhere, commands exist, and Python blocks run."""
 
+import dataclasses
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 import typer
 
 from swarmdata.cli.main import app
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
@@ -40,6 +43,16 @@ def commands(group: Any, path: tuple[str, ...] = ()) -> dict[str, Any]:
             commands(command, (*path, name)) if is_group else {" ".join((*path, name)): command}
         )
     return found
+
+
+def setting_names(config: Any, prefix: str = "") -> Iterator[str]:
+    """Names of all settings of a configuration, those of its sections with their section."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from setting_names(value, f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name
 
 
 COMMANDS = commands(typer.main.get_command(app))
@@ -92,6 +105,16 @@ def test_documented_commands_exist(page: Path) -> None:
         known = {option for parameter in COMMANDS[name].params for option in parameter.opts}
         used = {word.partition("=")[0] for word in words if word.startswith("--")}
         assert used <= known, f"swarmdata {line}: unknown {used - known}"
+
+
+def test_documented_settings_exist() -> None:
+    pytest.importorskip("torch", reason="algorithms need torch")
+    tables = (("online algorithm", ONLINE_ALGORITHMS), ("algorithm", OFFLINE_ALGORITHMS))
+    configs = [resolve(kind, table, name).Config() for kind, table in tables for name in table]
+    known = {name for config in configs for name in setting_names(config)}
+    for page in DOCUMENTS:
+        used = set(re.findall(r"--set ([a-z][\w.]*)=", page.read_text(encoding="utf-8")))
+        assert used <= known, f"{page.name}: unknown {used - known}"
 
 
 def test_the_readme_shows_code() -> None:

@@ -266,9 +266,9 @@ def today_section() -> None:
             "payload, mm", "over max_speed in contact, %", "not Markov, mm")  # fmt: skip
     write_section(
         "Contacts",
-        "Depth of overlaps in recorded states, speed of robots in contact above `max_speed` where "
-        "it is above, and what the state does not tell: the largest difference of a coordinate "
-        "after a step that follows a contact, done again from its state in a new world. Each: "
+        "Depth of overlaps in recorded states; by how much robots in contact exceed `max_speed`; "
+        "and how far the state is from Markov: a step that follows a contact is simulated again "
+        "from its state in a new world, and the largest difference of a coordinate is shown. Each: "
         f"median / 99.9 % / largest, {N_EPISODES} episodes.\n\n" + table(head, rows),
     )
 
@@ -292,7 +292,7 @@ def recorded_section() -> None:
     head = ("dataset", "robots, mm", "obstacles and walls, mm", "payload, mm", "over max_speed, %")
     write_section(
         "Contacts in datasets",
-        "The deepest overlap of each kind in a recorded state, and the highest speed above "
+        "The deepest overlap of each kind in a recorded state, and the largest excess over "
         "`max_speed`.\n\n" + table(head, rows),
     )
 
@@ -313,9 +313,9 @@ def variants_section() -> None:
     head = ("task", "physics", "overlaps, mm", "over max_speed, %", "speed / today's", "quartiles")
     write_section(
         "Contacts under other physics",
-        "Overlaps of all kinds and teams as above; environment steps a second of 64 copies under "
-        "random actions in a second of processor time, by today's of the same round: median and "
-        f"quartiles of {ROUNDS} rounds.\n\n" + table(head, rows),
+        "Overlaps of all kinds and teams as above. Speed is the number of environment steps per "
+        "second of processor time, with 64 copies and random actions, relative to today's physics "
+        f"in the same round: median and quartiles of {ROUNDS} rounds.\n\n" + table(head, rows),
     )
 
 

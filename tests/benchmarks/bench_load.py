@@ -132,10 +132,10 @@ def main(n_steps: int, folder: Path) -> None:
     print(body)
     text = (
         f"{dataset.n_steps:,} joint steps of 4 robots, {size_of(folder / OURS) / 1e6:,.0f} MB of "
-        "random numbers (which hardly compress), page cache warm, one core, medians of "
-        f"{ROUNDS} turns in fresh processes. Seconds are those that the core worked, beside the "
-        "clock's on a shared machine; ratios are to ours with every chunk verified. Private memory "
-        "is what the system cannot take back.\n\n"
+        "random numbers (which hardly compress), with a warm page cache, on one core: medians of "
+        f"{ROUNDS} turns in fresh processes. Core seconds are processor time; wall-clock seconds "
+        "are those of a shared machine. Ratios are to ours with every chunk verified. Private "
+        "memory is memory that the system cannot reclaim.\n\n"
     )
     write_section("Loading", text + body)
 

@@ -36,11 +36,11 @@ DATASET, HIDDEN, N_SEEDS, ROUNDS = "coop_nav-medium-mini", (64, 128), 5, 5
 
 INTRODUCTION = f"""\
 `maddpg_bc` on `{DATASET}` (4 robots, batches of 256 joint transitions), without evaluation and
-files, on one core: seed-updates for a second of processor time. Five sequential runs make as many
-as one of them. The plain loop is TD3+BC as single-file implementations write it, with the same
-networks, batch and losses (`tests/benchmarks/plain_td3_bc.py`). OG-MARL's torch systems are its
-own source with the defaults of its constructors: a GRU of 64 over windows of 20 steps, 32 of them
-in a batch.
+files, on one core: seed-updates per second of processor time. Five sequential runs have the rate
+of one. The plain loop is TD3+BC written as in single-file implementations, with the same networks,
+batch and losses (`tests/benchmarks/plain_td3_bc.py`). OG-MARL's torch systems run from its source
+with the defaults of their constructors: a GRU of 64 units over windows of 20 steps, batches of 32
+windows.
 """
 
 Update = Callable[[], object]

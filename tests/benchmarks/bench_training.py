@@ -165,18 +165,18 @@ def share_table(turns: dict[str, list[list[Turn]]]) -> str:
 def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
     """The section of docs/benchmarks.md."""
     parts = [
-        "Joint steps a second of `mappo` training on `coop_nav` with 4 robots, default settings: "
-        "rollouts, updates and resets, from the first update on, without evaluation and files. "
-        "Seeds are stacked in one process, and their frames added. A process has one core; where "
-        "there are two, each has its own, and their rates are added.",
+        "Joint steps (frames) a second of `mappo` training on `coop_nav` with 4 robots and default "
+        "settings: rollouts, updates and resets, from the first update on, without evaluation and "
+        "files. Frames of seeds stacked in one process are added. A process has one core; the "
+        "rates of two processes are added.",
         _about_the_peer(peers),
     ]
     if min(map(share_of_core, turns.values())) < BUSY:
         parts.append(
-            "**The machine was busy with other work, and these are figures of a busy machine.** "
-            "Where a run did not get its cores, its frames a second are too low by what it did not "
-            "get. Those per second of processor do not count the waiting; on an idle machine both "
-            "are the same, but for caches that are shared. Ratios are the figures to trust."
+            "**The machine was busy with other work.** If a run did not get its cores, its frames "
+            "a second are too low by the missing share. Frames per second of processor time do "
+            "not count the waiting; on an idle machine both are the same, except for shared "
+            "caches. Trust the ratios."
         )
     parts.append(speed_table(turns, peers).rstrip())
     parts.append("Where the processor time goes:\n\n" + share_table(turns).rstrip())
@@ -187,17 +187,17 @@ def _about_the_peer(peers: Sequence[str]) -> str:
     recorded = f"{RECORDED} frames a second with its defaults were recorded on one core of another"
     if not peers:
         return (
-            "BenchMARL is not installed here: no figures of it. Of its MAPPO on VMAS navigation "
-            f"{recorded} machine, which says nothing exact about this one."
+            "BenchMARL is not installed here, so it was not measured. For its MAPPO on VMAS "
+            f"navigation, {recorded} machine, which is only a rough guide."
         )
     return (
         "BenchMARL: its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, 60 "
         f"copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, networks "
-        f"of 256 units. Ours passes {OUR_EPOCHS} times over each frame, in minibatches of 2048 "
-        "robot samples, with networks of 64 units; therefore BenchMARL is measured with "
-        f"{OUR_EPOCHS} epochs as well, which are not its defaults. {recorded} machine. Ratios are "
-        "of frames per second of processor in the same round; that of two processes is of two "
-        "cores to one."
+        f"of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 robot "
+        "samples, with networks of 64 units; BenchMARL is therefore also measured with "
+        f"{OUR_EPOCHS} epochs, which is not its default. {recorded} machine. Ratios compare frames "
+        "per second of processor time in the same round; the ratio of two processes compares two "
+        "cores with one."
     )
 
 

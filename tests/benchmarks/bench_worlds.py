@@ -114,9 +114,9 @@ def state_section() -> None:
         "`coop_nav`, environment steps a second, against VMAS 'navigation' with collisions and "
         "without its lidar, and MPE2 `simple_spread_v3`. Arenas and obstacles of `coop_nav` grow "
         "with the team (6, 12, 24 and 48 obstacles); the peers' worlds have none. VMAS resets all "
-        "copies at once after 160 steps, which is the cheapest way and seldom what training "
-        "needs; ours resets each copy when its episode ends. Physics alone: the same worlds "
-        "stepped by Munk2D in a compiled loop.\n\n" + body,
+        "copies at once after 160 steps, which is cheapest but rarely what training needs; ours "
+        "resets each copy when its episode ends. Physics alone: Munk2D steps the same worlds in a "
+        "compiled loop.\n\n" + body,
     )
 
 
@@ -125,8 +125,8 @@ def lidar_section() -> None:
     write_section(
         "Lidar of 16 rays",
         "`coop_nav`, environment steps a second, against VMAS 'navigation' with collisions and 16 "
-        "rays at its default range of 0.35 m. Ours reaches 2 m and meets robots, obstacles and "
-        "walls; that of VMAS meets robots.\n\n" + table((*HEAD, LIMIT), compare(16)),
+        "rays at its default range of 0.35 m. Our lidar reaches 2 m and detects robots, obstacles "
+        "and walls; that of VMAS detects robots.\n\n" + table((*HEAD, LIMIT), compare(16)),
     )
 
 
@@ -153,8 +153,8 @@ def one_section() -> None:
             print(" | ".join(rows[-1]), flush=True)
     head = ("robots", "engine", "steps a second", "ours / it", "ours through PettingZoo / it")
     intro = (
-        "What most users run first. VMAS without its lidar; MPE2 `simple_spread_v3` has no other "
-        "interface."
+        "A single copy, as most users run first. VMAS runs without its lidar; MPE2's "
+        "`simple_spread_v3` has no other interface."
     )
     write_section("One copy", f"{intro}\n\n{table(head, rows)}")
 
@@ -175,8 +175,8 @@ def growth_section() -> None:
         "Growth",
         f"Nanoseconds per robot and step, 64 copies:\n\n{table(head, rows)}\n"
         f"Two processes, 64 copies each, make {ours} times the steps of one. Two processes that "
-        f"only count make {loops} times what one does: that is what the machine gives, and less "
-        "than 2 where others use it.",
+        f"only count reach {loops} times the rate of one: the machine allows no more, and less "
+        "than 2 if others use it.",
     )
 
 
@@ -198,7 +198,7 @@ def tasks_section() -> None:
     head = ("preset and models", "robots", "1 copy", "64 copies")
     write_section(
         "Tasks and models",
-        "Environment steps a second; rows are measured one after the other, not in turns.\n\n"
+        "Environment steps a second; rows are measured one after another, not in turns.\n\n"
         + table(head, rows),
     )
 
