@@ -77,7 +77,7 @@ class Worlds:
 
     def view(self, step: Step) -> Float:
         """Returns what the robots of any copies see in their frame, [C, N, O]."""
-        return step.observations if self.frame is None else self.frame.seen(step.observations)
+        return step.observations if self.frame is None else self.frame.inputs(step.observations)
 
     def grouped(self, array: Any) -> Any:
         """Views an array of all copies, [K E, ...], by seed, [K, E, ...]."""

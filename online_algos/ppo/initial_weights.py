@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
-from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
+from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS, TRAINED_TIERS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -54,7 +54,7 @@ def start_policy(start: str, seed: int, n_agents: int) -> Policy:
     Raises:
         BuildError: there is no such policy.
     """
-    shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED}
+    shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED_TIERS}
     if start not in shipped:
         return last_policy(Path(start), seed)
     family, tier = shipped[start]
@@ -65,7 +65,7 @@ def start_policy(start: str, seed: int, n_agents: int) -> Policy:
             f"below {len(found)}, or start from the folder of a run."
         )
     data = read_checkpoint(found[seed].file, found[seed].sha256)
-    return restored(load_actor(data, SPECS[family].n_agents, found[seed].file), n_agents)
+    return restored(load_actor(data, FAMILY_SPECS[family].n_agents, found[seed].file), n_agents)
 
 
 def take_over(run: "MAPPO", index: int, policy: Policy) -> None:

@@ -24,7 +24,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
 from swarmdata.types import Double, Float, Int
 
-HEARING = 1.25
+HEARING_RANGE = 1.25
 """Distance (m) between the centres of robots from which on the nearness of a sender is 0."""
 
 NOT_SENT = -1
@@ -54,7 +54,7 @@ class Frame:
 
     @property
     def n_added(self) -> int:
-        """How many features `seen` adds."""
+        """How many features `inputs` adds."""
         return 2 + len(self.closing) + 3 * len(self.heard)
 
     def fits(self, n_features: int) -> bool:
@@ -75,7 +75,7 @@ class Frame:
         length = np.where(still, 1.0, length)
         return np.where(still, 1.0, x / length), y / length
 
-    def seen(self, observations: Float) -> Float:
+    def inputs(self, observations: Float) -> Float:
         """Returns what a policy sees, float32 [..., N, O + 2 + C + 3 H].
 
         Observations with their vectors turned, the frame's x axis in the world, closing speeds,
@@ -148,9 +148,9 @@ def _approach(row: Float, heard: Int) -> tuple[float, float, float]:
     position, own, other = heard
     x, y = np.float64(row[position]), np.float64(row[position + 1])
     distance = np.sqrt(x * x + y * y)
-    if distance == 0.0 or distance >= HEARING:
+    if distance == 0.0 or distance >= HEARING_RANGE:
         return 0.0, 0.0, 0.0
-    scale = (1.0 - distance / HEARING) / distance
+    scale = (1.0 - distance / HEARING_RANGE) / distance
     x, y = x * scale, y * scale
     vx, vy = np.float64(row[own]), np.float64(row[own + 1])
     if other != NOT_SENT:

@@ -7,7 +7,7 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.perception.comms.links import NOT_DRAWN, TOPOLOGIES
 from swarmdata.perception.comms.payloads import (
-    COLUMNS,
+    PAYLOAD_COLUMNS,
     broadcast_of,
     message_fields,
     quantizer,
@@ -137,7 +137,7 @@ class Channel:
 def _constants(spec: TaskSpec) -> Constants:
     """Payload's columns, which are positions; cells' lower ends, widths; limits; chances."""
     model = broadcast_of(spec)
-    columns = COLUMNS[model.payload]
+    columns = PAYLOAD_COLUMNS[model.payload]
     is_position = [column in {X, Y, TX, TY} for column in columns]
     low, width = quantizer(spec)
     return (

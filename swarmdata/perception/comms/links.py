@@ -23,13 +23,13 @@ GOOD, BAD, NOT_DRAWN = range(3)
 DROP, BURST, TIME_SLOT = range(3)
 """What a random number is for."""
 
-_CHANNEL = STREAMS["channel"]
+_CHANNEL_STREAM = STREAMS["channel"]
 
 
 @kernel(inline="always")
 def purpose_bits(seed: int, t: int, purpose: int) -> int:
     """What the numbers of one purpose in one step derive from: absorb the sender, the receiver."""
-    return absorb(absorb(absorb(seed, _CHANNEL), t), purpose)
+    return absorb(absorb(absorb(seed, _CHANNEL_STREAM), t), purpose)
 
 
 @kernel(inline="always")

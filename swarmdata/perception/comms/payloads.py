@@ -15,7 +15,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int
 
-COLUMNS = {
+PAYLOAD_COLUMNS = {
     "pose": (X, Y, UX, UY),
     "pose_and_goal": (X, Y, UX, UY, TX, TY),
     "state": (X, Y, VX, VY, UX, UY),
@@ -25,7 +25,7 @@ COLUMNS = {
 
 _FROM_OWN = "the sender's position when it sent, minus the own now, both as measured"
 
-VECTORS = {
+VECTOR_FEATURES = {
     X: vector("position", "position", _FROM_OWN),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
@@ -36,7 +36,7 @@ VECTORS = {
 AGE_LIMIT = 20
 """Age (steps) from which on the feature `age` is 1."""
 
-TRAILER = (
+TRAILER_FEATURES = (
     Feature("age", "flag", "", "steps since it was sent / 20, at most 1"),
     Feature("mask", "flag", "", "1 if anything was ever received from this sender"),
     Feature("sender", "flag", "", "index of the sender / (robots - 1)"),
@@ -69,13 +69,13 @@ def message_fields(model: Broadcast) -> tuple[Feature, ...]:
             Feature(f"value_{c}", "flag", "", "value of a learned message")
             for c in range(model.message_size)
         )
-    columns = COLUMNS[model.payload]
-    return tuple(field for column in columns[::2] for field in VECTORS[column])
+    columns = PAYLOAD_COLUMNS[model.payload]
+    return tuple(field for column in columns[::2] for field in VECTOR_FEATURES[column])
 
 
 def slot_features(model: Broadcast, n_agents: int) -> tuple[Feature, ...]:
     """Features of one robot's N - 1 slots, one for each other robot in agent order."""
-    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER))
+    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER_FEATURES))
 
 
 def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
@@ -97,7 +97,7 @@ def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
     spans = {X: width, Y: height, TX: width, TY: height, VX: speed, VY: speed, UX: 1.0, UY: 1.0}
     if model.payload == "learned":
         return [1.0] * model.message_size
-    return [spans[column] for column in COLUMNS[model.payload]]
+    return [spans[column] for column in PAYLOAD_COLUMNS[model.payload]]
 
 
 @kernel(inline="always")

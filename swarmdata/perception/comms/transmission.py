@@ -10,7 +10,7 @@ from swarmdata.perception.comms.payloads import compose, write_slots
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import NEVER, Bool, Counts, Double, Float, Int, Seeds
 
-OLDEST = NEVER - 1
+MAX_AGE = NEVER - 1
 """Ages stop here."""
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]
@@ -135,8 +135,8 @@ def _deliver(
             if arrives:
                 for c in range(size):
                     held[e, i, j, c] = messages[e, then, j, c]
-                age = min(delay, OLDEST)
-            elif age < OLDEST:
+                age = min(delay, MAX_AGE)
+            elif age < MAX_AGE:
                 age += 1
             newest[e, i, j] = age
             ages[e, i, j] = age

@@ -13,7 +13,7 @@ from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
-    POLAR,
+    POLAR_FEATURES,
     Scene,
     bar_of,
     gather,
@@ -25,14 +25,14 @@ from swarmdata.specs.sensing_models import BearingModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-NEIGHBOR = (
+NEIGHBOR_FEATURES = (
     Feature("range", "range", "", "distance between centers / range of the model"),
     *vector("bearing", "direction", "cosine and sine of its bearing"),
     Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
 )
 """Distance between centres (1 = the model's range); cosine and sine of the bearing."""
 
-_WIDTH = len(NEIGHBOR)
+_SLOT_WIDTH = len(NEIGHBOR_FEATURES)
 
 
 class Bearing:
@@ -47,8 +47,8 @@ class Bearing:
     """
 
     def __init__(self, model: BearingModel, scene: Scene) -> None:
-        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR)
-        self.features = (*POLAR, *slots)
+        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+        self.features = (*POLAR_FEATURES, *slots)
         self.echoes = NO_ECHOES
         self._scene, self._ranges = scene, np.minimum(scene.ranges, model.range)
         self._size = (model.n_neighbors, model.range, scene.diagonal)
@@ -196,11 +196,11 @@ def observe_bearings(
         for i in range(robots[0], robots[1]):
             o = out[b, i]
             write_polar(o, seen, i, diagonal)
-            o[N_POLAR : N_POLAR + _WIDTH * n_slots] = 0.0
+            o[N_POLAR : N_POLAR + _SLOT_WIDTH * n_slots] = 0.0
             slot = 0
             for nth in range(_sort_by_distance(seen, i, n_agents, ranges[i], order)):
                 j = int(order[nth, 1])
                 if slot < n_slots and not _hidden(state, i, j, radii, rows, sizes):
-                    first = N_POLAR + _WIDTH * slot
+                    first = N_POLAR + _SLOT_WIDTH * slot
                     _write_slot(o[first:], seen, i, j, order[nth, 0], span)
                     slot += 1

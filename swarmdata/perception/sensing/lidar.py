@@ -18,7 +18,7 @@ from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
-    POLAR,
+    POLAR_FEATURES,
     Scene,
     bar_of,
     gather,
@@ -30,14 +30,14 @@ from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-LANES = 16
+N_LANES = 16
 """Rays of a block."""
 
-_COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (LANES * row for row in range(6))
+_COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (N_LANES * row for row in range(6))
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-9)
 _NOTHING, _ROBOT, _OBSTACLE, _WALL, _PAYLOAD = (np.float32(code) for code in range(5))
 
-HITS = ("robot", "obstacle", "wall", "payload")
+HIT_CHANNELS = ("robot", "obstacle", "wall", "payload")
 """Channels of a beam's hit type; the last only in tasks with movable bodies."""
 
 
@@ -54,13 +54,13 @@ class Lidar:
     """
 
     def __init__(self, model: LidarModel, scene: Scene) -> None:
-        channels = HITS if len(scene.bodies) else HITS[:3]
+        channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
         beam = (
             Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
             *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
         )
         beams = numbered("beam", model.n_rays, beam)
-        self.features = (*POLAR, *beams)
+        self.features = (*POLAR_FEATURES, *beams)
         self.echoes = echoes_of(self.features)
         self._scene, self._rays = scene, ray_blocks(model.n_rays)
         self._size = (model.n_rays, model.range, scene.diagonal)
@@ -83,11 +83,11 @@ def ray_blocks(n_rays: int) -> Float:
     angles = 2 * np.pi * np.arange(n_rays) / n_rays
     x, y = (np.round(f(angles) * 2**20) / 2**20 for f in (np.cos, np.sin))
     norm = np.sqrt(x * x + y * y)
-    blocks = np.zeros((-(-n_rays // LANES), 2, LANES), dtype=np.float32)
+    blocks = np.zeros((-(-n_rays // N_LANES), 2, N_LANES), dtype=np.float32)
     blocks[:, 0] = 1
     k = np.arange(n_rays)
-    blocks[k // LANES, 0, k % LANES] = x / norm
-    blocks[k // LANES, 1, k % LANES] = y / norm
+    blocks[k // N_LANES, 0, k % N_LANES] = x / norm
+    blocks[k // N_LANES, 1, k % N_LANES] = y / norm
     return blocks
 
 
@@ -97,7 +97,7 @@ def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
 
     A component below 1e-9 counts as 1e-9: a ray that is parallel to an edge meets it out of reach.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         c, s = lanes[_COS + k], lanes[_SIN + k]
         x, y = c * ax + s * ay, s * ax - c * ay
         lanes[_INV_X + k] = _ONE / (x if abs(x) > _TINY else _TINY)
@@ -115,12 +115,12 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
         half: half width and half height of the arena, m, [2].
         reach: m.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         lanes[_COS + k] = rays[0, k]
         lanes[_SIN + k] = rays[1, k]
     _invert(lanes, robot[UX], -robot[UY])
     px, py, hx, hy = robot[X], robot[Y], np.float32(half[0]), np.float32(half[1])
-    for k in range(LANES):
+    for k in range(N_LANES):
         ix, iy = lanes[_INV_X + k], lanes[_INV_Y + k]
         tx = hx * abs(ix) - px * ix
         ty = hy * abs(iy) - py * iy
@@ -134,7 +134,7 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
 def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.float32) -> None:
     """Keeps the nearer of what each ray has met and a circle about (x, y) in the body's frame."""
     rr = r * r
-    for k in range(LANES):
+    for k in range(N_LANES):
         c, s, best = lanes[_COS + k], lanes[_SIN + k], lanes[_BEST + k]
         along, across = c * x + s * y, c * y - s * x
         square = rr - across * across
@@ -155,7 +155,7 @@ def _bar(
     (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) Expects the reciprocals of the
     bar's frame, in which its centre is at (x, y) from the robot.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         ix, iy, best = lanes[_INV_X + k], lanes[_INV_Y + k], lanes[_BEST + k]
         mx, my, ex, ey = x * ix, y * iy, hx * abs(ix), hy * abs(iy)
         enter_x, enter_y, leave_x, leave_y = mx - ex, my - ey, mx + ex, my + ey
@@ -260,7 +260,7 @@ def scan(
     n_channels = 4 if n_bodies > 0 else 3
     rows = np.empty((n_obstacles + n_bodies, 8))
     sizes = np.empty(n_obstacles + n_bodies)
-    lanes = np.empty(6 * LANES, dtype=np.float32)
+    lanes = np.empty(6 * N_LANES, dtype=np.float32)
     for b in range(states.shape[0]):
         if not active[b]:
             continue
@@ -274,6 +274,6 @@ def scan(
             for block in range(rays.shape[0]):
                 _start(lanes, rays[block], state[at:], half, np.float32(reach))
                 _objects(lanes, state, i, radii, rows, sizes, n_obstacles, reach)
-                first, done = LANES * block, N_POLAR + (1 + n_channels) * LANES * block
-                count = min(LANES, n_rays - first)
+                first, done = N_LANES * block, N_POLAR + (1 + n_channels) * N_LANES * block
+                count = min(N_LANES, n_rays - first)
                 _write(lanes, out[b, i, done:], count, n_channels, np.float32(span))

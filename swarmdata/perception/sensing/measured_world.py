@@ -35,7 +35,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-_STREAM = STREAMS["sensor"]
+_SENSOR_STREAM = STREAMS["sensor"]
 
 _OWN, _SEEN, _MISSED = 2, 3, 4
 """Counters after the robot's, of what a draw is for; `modifiers` has 0 and 1."""
@@ -144,7 +144,7 @@ def _turn(bits: np.uint64, std: float, table: Double) -> tuple[float, float]:
 @kernel(inline="always")
 def _measurement(seed: np.uint64, time: int, robot: int) -> np.uint64:
     """What all draws of one robot in one step derive from."""
-    return absorb(absorb(absorb(seed, _STREAM), time), robot)
+    return absorb(absorb(absorb(seed, _SENSOR_STREAM), time), robot)
 
 
 @kernel(error_model="numpy")

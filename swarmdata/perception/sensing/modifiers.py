@@ -19,7 +19,7 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import LidarModel, ObservationModel
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-_STREAM = STREAMS["sensor"]
+_SENSOR_STREAM = STREAMS["sensor"]
 _NOISE, _LOSS = 0, 1
 """Last counter but one of each draw; the last one is the feature, or the echo."""
 
@@ -141,7 +141,7 @@ def worsen(
             continue
         for i in range(frame.shape[1]):
             row = frame[b, i]
-            robot = absorb(absorb(absorb(seeds[b], _STREAM), times[b]), i)
+            robot = absorb(absorb(absorb(seeds[b], _SENSOR_STREAM), times[b]), i)
             noise, loss = absorb(robot, _NOISE), absorb(robot, _LOSS)
             for r in range(echoes.shape[0]):
                 first, last = echoes[r]

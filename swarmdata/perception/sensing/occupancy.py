@@ -10,14 +10,20 @@ import numpy as np
 from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import echoes_of
-from swarmdata.perception.sensing.sensed_scene import N_POLAR, POLAR, Scene, gather, write_polar
+from swarmdata.perception.sensing.sensed_scene import (
+    N_POLAR,
+    POLAR_FEATURES,
+    Scene,
+    gather,
+    write_polar,
+)
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import OccupancyModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-CHANNELS = ("robot", "static", "payload")
+CELL_CHANNELS = ("robot", "static", "payload")
 """Of each cell; the last only in tasks with movable bodies."""
 
 
@@ -37,9 +43,9 @@ class Occupancy:
     """
 
     def __init__(self, model: OccupancyModel, scene: Scene) -> None:
-        channels = CHANNELS if len(scene.bodies) else CHANNELS[:2]
+        channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
         flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
-        self.features = (*POLAR, *numbered("cell", model.cells * model.cells, flags))
+        self.features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
         self.echoes = echoes_of(self.features)
         self._scene, self._size = scene, (model.cells, model.cell_size, scene.diagonal)
 

@@ -18,7 +18,7 @@ N_BODY = len(BODY)
 TARGET_NEAR = 0.01
 """Distance (m) within which a target has no bearing."""
 
-POLAR = (
+POLAR_FEATURES = (
     *vector("own.v", "velocity", "own velocity"),
     Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
     *vector(
@@ -29,7 +29,7 @@ POLAR = (
 )
 """What every model in the body's frame starts with."""
 
-N_POLAR = len(POLAR)
+N_POLAR = len(POLAR_FEATURES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

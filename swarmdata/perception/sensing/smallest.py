@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Int
 
-TAKEN = np.int64(np.iinfo(np.int64).max)
+TAKEN_KEY = np.int64(np.iinfo(np.int64).max)
 """Key of what was taken: above that of any number."""
 
 
@@ -20,17 +20,17 @@ def order_keys(keys: Int) -> None:
     The bits of positive floats are in their order, those of negative ones in reverse.
     """
     for m in range(keys.shape[0]):
-        keys[m] ^= (keys[m] >> 63) & TAKEN
+        keys[m] ^= (keys[m] >> 63) & TAKEN_KEY
 
 
 @kernel(inline="always")
 def take_smallest(keys: Int) -> int:
     """Index of the smallest key, the first of equal ones; its key becomes `TAKEN`."""
-    best = TAKEN
+    best = TAKEN_KEY
     for m in range(keys.shape[0]):
         best = min(best, keys[m])
     index = 0
     while keys[index] != best:
         index += 1
-    keys[index] = TAKEN
+    keys[index] = TAKEN_KEY
     return index

@@ -20,12 +20,12 @@ from swarmdata.types import Bool, Double, Float, Int
 
 _TO_TARGET = "target minus own position"
 _TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
-_NEAR = (
+_NEAR_MEANING = (
     "direction to the nearest surface point, either one of two, times closeness: 0 at the range, "
     "1 in contact"
 )
 
-OWN = (
+OWN_FEATURES = (
     Feature("own.x", "position", "x", "own position"),
     Feature("own.y", "position", "y", "own position"),
     Feature("own.vx", "velocity", "x", "own velocity"),
@@ -36,10 +36,10 @@ OWN = (
     Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
 )
 
-HEADING = vector("own.heading", "direction", "own heading")
+HEADING_FEATURES = vector("own.heading", "direction", "own heading")
 """Follows `OWN` in teams with a unicycle."""
 
-NEIGHBOR = (
+NEIGHBOR_FEATURES = (
     Feature("dx", "position", "x", "position relative to the own"),
     Feature("dy", "position", "y", "position relative to the own"),
     Feature("dvx", "velocity", "x", "velocity relative to the own"),
@@ -48,8 +48,8 @@ NEIGHBOR = (
     Feature("mask", "flag", meaning="1 if the slot holds a robot; nearest first"),
 )
 
-OBSTACLE = (
-    *vector("near", "direction", _NEAR),
+OBSTACLE_FEATURES = (
+    *vector("near", "direction", _NEAR_MEANING),
     Feature("dx", "position", "x", "center relative to the own position"),
     Feature("dy", "position", "y", "center relative to the own position"),
     *vector("axis", "position", "local x axis times the bounding radius"),
@@ -60,11 +60,11 @@ OBSTACLE = (
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
-_SLACK = 1e-4
+_FIRST_TEST_SLACK = 1e-4
 """Part, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
 excludes what the exact test would keep."""
 
-_OWN, _NEIGHBOR, _OBSTACLE = len(OWN), len(NEIGHBOR), len(OBSTACLE)
+_OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
 
 class State:
@@ -79,9 +79,9 @@ class State:
     """
 
     def __init__(self, model: StateModel, scene: Scene) -> None:
-        own = OWN + (HEADING if scene.has_headings else ())
-        near = numbered("neighbor", model.n_neighbors, NEIGHBOR)
-        around = numbered("obstacle", model.n_obstacles, OBSTACLE)
+        own = OWN_FEATURES + (HEADING_FEATURES if scene.has_headings else ())
+        near = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+        around = numbered("obstacle", model.n_obstacles, OBSTACLE_FEATURES)
         self.features = own + near + around
         limit = np.inf if model.limit is None else model.limit
         self.echoes = NO_ECHOES
@@ -236,7 +236,7 @@ def _find_obstacles(
         distance, vx, vy = nearest_of(px, py, layout, m)
         if distance - radius <= limit:
             _insert(found, k, distance - radius, m, vx, vy)
-    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _SLACK) + _SLACK
+    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK) + _FIRST_TEST_SLACK
     n_nearer = 0
     for m in range(n):
         reach = bound + circles[2, m]
