@@ -5,15 +5,15 @@ frame once, and the innermost loop runs over rays in float32. `+ - * /` and `sqr
 rounded in float32 too, and nothing is contracted or reordered, so the bits do not depend on the
 platform or on how many rays the processor handles at once.
 
-A ray block has a constant number of lanes and one scratch array, because only then does the
-compiler prove that its loops may run in vector registers.
+A block of rays has a constant number of lanes and one scratch array: only then does the compiler
+vectorise its loops.
 """
 
 import math
 
 import numpy as np
 
-from swarmdata.numerics.geometry import CIRCLE, bounding_radius
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
@@ -44,13 +44,13 @@ HIT_CHANNELS = ("robot", "obstacle", "wall", "payload")
 class Lidar:
     """Scans a scene.
 
-    Features: `scene.POLAR`, then for each beam its distance (1 = the model's range, and where
-    nothing is within the robot's range) and one flag for each of `HITS`. The first beam points
-    along the heading, the others follow counter-clockwise.
+    Features: `POLAR_FEATURES`, then for each beam its distance (1 = the model's range, and also if
+    nothing is within the robot's range) and one flag for each of `HIT_CHANNELS`. The first beam
+    points along the heading, the others follow counter-clockwise.
 
     Args:
-        model: how many rays, and how far.
-        scene: what there is to hit.
+        model: number of rays, and range.
+        scene: constants of the task.
     """
 
     def __init__(self, model: LidarModel, scene: Scene) -> None:
@@ -75,10 +75,10 @@ class Lidar:
 
 
 def ray_blocks(n_rays: int) -> Float:
-    """Unit vectors of the rays in the body's frame, [blocks, 2, LANES]; spare lanes repeat ray 0.
+    """Unit vectors of the rays in the body's frame, [blocks, 2, N_LANES]; spare lanes repeat ray 0.
 
-    Cosines and sines are rounded to multiples of 2**-20 and normalised, so that the last bits of a
-    platform's own do not matter.
+    Cosines and sines are rounded to multiples of 2**-20 and normalised, so that they do not depend
+    on the last bits of a platform's functions.
     """
     angles = 2 * np.pi * np.arange(n_rays) / n_rays
     x, y = (np.round(f(angles) * 2**20) / 2**20 for f in (np.cos, np.sin))
@@ -109,9 +109,9 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
     """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
 
     Args:
-        lanes: scratch, written, [6 * LANES].
-        rays: of the block, [2, LANES].
-        robot: one robot's state, columns `states.ROBOT`.
+        lanes: scratch, written, [6 * N_LANES].
+        rays: of the block, [2, N_LANES].
+        robot: one robot's state, columns `state_layout.ROBOT`.
         half: half width and half height of the arena, m, [2].
         reach: m.
     """
@@ -132,7 +132,7 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
 
 @kernel(error_model="numpy")
 def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.float32) -> None:
-    """Keeps the nearer of what each ray has met and a circle about (x, y) in the body's frame."""
+    """Updates the nearest hit of each ray with a circle about (x, y) in the body's frame."""
     rr = r * r
     for k in range(N_LANES):
         c, s, best = lanes[_COS + k], lanes[_SIN + k], lanes[_BEST + k]
@@ -150,10 +150,10 @@ def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.
 def _bar(
     lanes: Float, x: np.float32, y: np.float32, hx: np.float32, hy: np.float32, code: np.float32
 ) -> None:
-    """Keeps the nearer of what each ray has met and a bar, by the method of slabs.
+    """Updates the nearest hit of each ray with a bar, by the method of slabs.
 
-    (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) Expects the reciprocals of the
-    bar's frame, in which its centre is at (x, y) from the robot.
+    (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) The lanes hold the reciprocals in
+    the bar's frame, in which its centre is at (x, y) from the robot.
     """
     for k in range(N_LANES):
         ix, iy, best = lanes[_INV_X + k], lanes[_INV_Y + k], lanes[_BEST + k]
@@ -171,7 +171,7 @@ def _bar(
 def _shape(
     lanes: Float, row: Double, dx: float, dy: float, ux: float, uy: float, code: np.float32
 ) -> None:
-    """Meets the bars of a shape, centred at (dx, dy) from a robot with heading (ux, uy)."""
+    """Updates the hits with a shape's bars, at (dx, dy) from a robot with heading (ux, uy)."""
     ax, ay = row[3], row[4]
     _invert(lanes, np.float32(ux * ax + uy * ay), np.float32(ux * ay - uy * ax))
     lx, ly = dx * ax + dy * ay, dy * ax - dx * ay
@@ -242,16 +242,16 @@ def scan(
     """Writes the `lidar` observation of some robots in every active copy.
 
     Args:
-        states: what the beams meet, [E, S].
-        layouts: obstacles, the same, [E, M, 8].
+        states: true ones, which the beams meet, [E, S].
+        layouts: true obstacles, [E, M, 8].
         measured: states as measured, for velocity and target, [E, S].
         radii: m, [N].
         ranges: m, of each robot's own sensors, [N].
         half: half width and half height of the arena, m, [2].
         bodies: movable bodies, as in `Scene`, [K, 3].
-        rays: as of `ray_blocks`.
+        rays: from `ray_blocks`.
         size: number of rays, the model's range (m), and the arena's diagonal (m).
-        robots: first, and one past the last, of those that observe.
+        robots: index of the first robot that observes, and one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -265,9 +265,7 @@ def scan(
         if not active[b]:
             continue
         state = states[b]
-        gather(state, layouts[b], n_agents, bodies, rows)
-        for m in range(rows.shape[0]):
-            sizes[m] = bounding_radius(rows[m])
+        gather(state, layouts[b], n_agents, bodies, rows, sizes)
         for i in range(robots[0], robots[1]):
             at, reach = N_COLUMNS * i, min(span, ranges[i])
             write_polar(out[b, i], measured[b], i, diagonal)
