@@ -37,7 +37,7 @@ OWN_FEATURES = (
 )
 
 HEADING_FEATURES = vector("own.heading", "direction", "own heading")
-"""Follows `OWN` in teams with a unicycle."""
+"""Follows `OWN_FEATURES` in teams with a unicycle."""
 
 NEIGHBOR_FEATURES = (
     Feature("dx", "position", "x", "position relative to the own"),
@@ -61,8 +61,8 @@ GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
 _FIRST_TEST_SLACK = 1e-4
-"""Part, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
-excludes what the exact test would keep."""
+"""Share, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
+excludes an obstacle that the exact test would keep."""
 
 _OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
@@ -70,12 +70,13 @@ _OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBST
 class State:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
 
-    Features: `OWN`, `HEADING` in teams with a unicycle, then the slots of `NEIGHBOR` and of
-    `OBSTACLE`, nearest surface first. A slot without an object is zero.
+    Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
+    `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object
+    is zero.
 
     Args:
-        model: how many slots, and how far robots see.
-        scene: what there is to see.
+        model: number of slots, and range.
+        scene: constants of the task.
     """
 
     def __init__(self, model: StateModel, scene: Scene) -> None:
@@ -122,7 +123,7 @@ def _closeness(gap: float, reach: float) -> float:
 
 @kernel(error_model="numpy")
 def _own(out: Float, state: Float, at: int, n_own: int) -> None:
-    """Fills `OWN`, and `HEADING` if there is room, of the robot whose state begins at `at`."""
+    """Fills the own features, heading included if there is room, of the robot at column `at`."""
     gx = float(state[at + TX]) - float(state[at + X])
     gy = float(state[at + TY]) - float(state[at + Y])
     scale = 1.0 / max(math.sqrt(gx * gx + gy * gy), GOAL_NEAR)
@@ -254,7 +255,7 @@ def _obstacles(
     out: Float, first: int, px: float, py: float, layout: Float, circles: Double, radius: float,
     k: int, reach: float, found: Double,
 ) -> None:  # fmt: skip
-    """Fills the obstacle slots of a robot at (px, py) from what was found."""
+    """Fills the obstacle slots of a robot at (px, py) from the rows of `_find_obstacles`."""
     for slot in range(k):
         o = first + _OBSTACLE * slot
         gap, vx, vy = found[slot, 0], found[slot, 2], found[slot, 3]
@@ -295,7 +296,7 @@ def observe_states(
         limits: gaps beyond which each robot sees nothing, m, [N].
         slots: length of the own block, number of neighbour and of obstacle slots.
         reach: gap (m) at which closeness features reach 0.
-        robots: first, and one past the last, of those that observe.
+        robots: index of the first robot that observes, and one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
     """
