@@ -1,20 +1,18 @@
-"""The scripted controller of `coop_nav`: navigation, an assignment of goals, and turns at a door.
+"""The scripted controller of `coop_nav`: navigation, assignment of goals, and turns at a doorway.
 
-Robots go to their goals (`navigator`). Unassigned goals are assigned once, at the reset. At a
+Robots drive to their goals (`navigator`). Unassigned goals are assigned once, at the reset. At a
 doorway that one robot fits through at a time, robots that meet in it would wait for each other for
-ever: so the left team goes first, and the right team stays where it is, making room, until every
+ever. So the left team goes first, and the right team stays where it is and makes room until every
 robot of the left team is through.
 """
 
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import check_noise
-from swarmdata.behavior_policies.scripted import actions_of
+from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
-from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Doorway, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
@@ -26,17 +24,17 @@ from swarmdata.types import Double, Float, Int, Step
 def assign_goals(
     states: Float, copies: Int, n: int, work: Double, places: Int, out: Double
 ) -> None:
-    """Writes the goal of each robot that makes the sum of squared distances least.
+    """Writes the goal of each robot in the assignment with the least sum of squared distances.
 
-    Squares, so that no robot has much farther to go than the others: the last one decides when
-    all goals are covered.
+    The squares keep any robot from having much farther to go than the others: the last robot to
+    arrive decides when all goals are covered.
 
     Args:
         states: [E, S].
         copies: rows to read and write.
         n: number of robots and goals.
-        work: memory of `assignment.assign`.
-        places: the same.
+        work: scratch of `assignment.assign`.
+        places: scratch of `assignment.assign`; its first row gets the goals of the robots.
         out: written, m, [E, N, 2].
     """
     costs = np.empty((n, n))
@@ -52,11 +50,11 @@ def assign_goals(
 
 
 def turns_at_door(robots: Float, through: float) -> Double:
-    """Targets of two teams that swap sides: the right one waits for the left one, [E, N, 2].
+    """Returns targets of two teams that swap sides: the right team waits for the left, [E, N, 2].
 
     Args:
-        robots: columns `states.ROBOT`, [E, N, 8]; even robots start on the left.
-        through: x from which on a robot of the left team is through the door, m.
+        robots: columns `state_layout.ROBOT`, [E, N, 8]; even robots start on the left.
+        through: x beyond which a robot of the left team is through the door, m.
     """
     targets = robots[..., [TX, TY]].astype(np.float64)
     waits = robots[:, ::2, X].min(axis=1) <= through
@@ -65,8 +63,8 @@ def turns_at_door(robots: Float, through: float) -> Double:
     return targets
 
 
-class CoopNavScript:
-    """Navigates; shares out unassigned goals; lets teams take turns at a doorway.
+class CoopNavController:
+    """Navigates, assigns unassigned goals, and lets teams take turns at a doorway.
 
     Args:
         spec: a spec of `coop_nav`.
@@ -81,9 +79,7 @@ class CoopNavScript:
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         if not isinstance(spec.rules, NavigationRules):
             raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
-        self._noise = check_noise(noise)
-        self._last = LastMeans()
-        self._n_agents, self._action_size = spec.n_agents, spec.action_size
+        self._noisy, self._n_agents = NoisyCommands(spec, noise), spec.n_agents
         self._navigator = Navigator(spec)
         self._is_shared = spec.rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
@@ -93,7 +89,7 @@ class CoopNavScript:
             self._through = door.thickness / 2 + max(robot.radius for robot in spec.robots)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`, and assigns their goals if they belong to nobody."""
+        """Maps the layouts of `copies`, and assigns their goals if they are unassigned."""
         self._navigator.reset(step, copies)
         if not self._is_shared:
             return
@@ -105,9 +101,7 @@ class CoopNavScript:
         targets = self._targets if self._is_shared else None
         if self._through is not None:
             targets = turns_at_door(robots_of(step.states, self._n_agents), self._through)
-        commands = self._navigator.commands(step, targets)
-        self._last.keep(step, commands)
-        return actions_of(commands, step, self._noise, self._action_size)
+        return self._noisy.actions(step, self._navigator.commands(step, targets))
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        return noisy_log_probs(self._last.require(step), actions, self._noise)
+        return self._noisy.log_probs(step, actions)

@@ -6,13 +6,13 @@ its own. Here no sum is ever rounded, so the order cannot matter:
 - Weights and biases are multiples of 2^-12 with |w| <= 8: at most 2^15 grid steps.
 - Inputs and hidden activations are multiples of 2^-12, clipped to |x| <= 64: at most 2^18 steps.
 - A product is a multiple of 2^-24 of at most 2^33 steps. A sum of n products and a bias (at most
-  2^27 of these steps) stays below n * 2^33 + 2^27 < (n + 1) * 2^33.
+  2^27 of these steps) is below n * 2^33 + 2^27 < (n + 1) * 2^33.
 - float64 holds every multiple of 2^-24 below 2^53 steps. With n <= `MAX_WIDTH` = 4096 a partial
   sum, in any order, fused or not, is below 2^46 steps: exact, with 7 bits to spare.
 
-Everything between the products (turn, normalise, rectify, clip, round, add noise) is elementwise
-IEEE arithmetic, the same everywhere. What the proof needs is checked when a file is loaded.
-A zero may come out of a kernel with either sign; adding +0 makes it +0.
+Everything between the products (rotation, normalisation, ReLU, clipping, rounding, noise) is
+elementwise IEEE arithmetic, the same everywhere. The assumptions of the proof are checked when a
+file is loaded. A kernel may return a zero of either sign; adding +0 makes it +0.
 """
 
 import hashlib
@@ -30,16 +30,16 @@ from swarmdata.perception.frames import Frame, in_world
 from swarmdata.runtime.atomic import write_file
 from swarmdata.types import Double, Float
 
-GRID = 2.0**12  # steps per unit of weights and activations
+STEPS_PER_UNIT = 2.0**12  # steps per unit of weights and activations
 MAX_WEIGHT = 8.0 - 2.0**-12  # 16 bits
 MAX_ACTIVATION = 64.0
 MAX_WIDTH = 4096
 
-FRAME = ("frame.anchor", "frame.vectors", "frame.closing")
-"""Tensors of an actor that sees and acts in a frame."""
+FRAME_TENSORS = ("frame.anchor", "frame.vectors", "frame.closing")
+"""Tensors of an actor that observes and acts in a frame of its own."""
 
-HEARD = "frame.heard"
-"""One more, of an actor that hears others."""
+HEARD_TENSOR = "frame.heard"
+"""One more tensor, of an actor that receives messages."""
 
 Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 
@@ -47,15 +47,15 @@ Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 class Actor(NamedTuple):
     """A checked feed-forward network with ReLU between its layers."""
 
-    mean: Double  # [O] subtracted from what is seen
-    scale: Double  # [O] then multiplied in
+    mean: Double  # [O] subtracted from the inputs
+    scale: Double  # [O] by which they are then multiplied
     layers: tuple[Layer, ...]
     n_agents: int  # N if a one-hot robot index follows, else 0
-    frame: Frame | None  # in which it sees and acts; None for the world's
+    frame: Frame | None  # in which it observes and acts; None for the world's
 
 
 class Saved(NamedTuple):
-    """What `save_actor` wrote."""
+    """Digest and rounding error of a saved actor."""
 
     sha256: str  # of the file, hex
     max_rounding_error: float  # largest change of a weight or bias, at most 2^-13
@@ -69,7 +69,7 @@ def forward(actor: Actor, observations: Float) -> Double:
         observations: as recorded, [E, N, O].
 
     Raises:
-        SchemaError: O is not what the actor was trained on.
+        SchemaError: the actor was trained on another number of features.
     """
     n_copies, n_agents, size = observations.shape
     expected = len(actor.mean) - (0 if actor.frame is None else actor.frame.n_added)
@@ -78,8 +78,8 @@ def forward(actor: Actor, observations: Float) -> Double:
             f"observations have {size} features, the actor expects {expected}. "
             "Use the observation model of the spec it was trained on."
         )
-    seen = observations if actor.frame is None else actor.frame.seen(observations)
-    x = round_to_grid((seen - actor.mean) * actor.scale, MAX_ACTIVATION)
+    inputs = observations if actor.frame is None else actor.frame.inputs(observations)
+    x = round_to_grid((inputs - actor.mean) * actor.scale, MAX_ACTIVATION)
     if actor.n_agents:
         index = np.broadcast_to(np.eye(n_agents), (n_copies, n_agents, n_agents))
         x = np.concatenate([x, index], axis=-1)
@@ -93,9 +93,9 @@ def forward(actor: Actor, observations: Float) -> Double:
 
 def round_to_grid(values: Double, bound: float) -> Double:
     """Returns `values` clipped to [-bound, bound] and rounded to multiples of 2^-12."""
-    steps = values * GRID
-    np.rint(np.clip(steps, -bound * GRID, bound * GRID, out=steps), out=steps)
-    steps *= 1.0 / GRID
+    steps = values * STEPS_PER_UNIT
+    np.rint(np.clip(steps, -bound * STEPS_PER_UNIT, bound * STEPS_PER_UNIT, out=steps), out=steps)
+    steps *= 1.0 / STEPS_PER_UNIT
     return steps
 
 
@@ -104,23 +104,23 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
 
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
-    with the one-hot index of the robot appended. An actor with a frame has `frame.anchor` [1],
-    `frame.vectors` [V] and `frame.closing` [C, 2] as well, and `frame.heard` [H, 3] if it hears
-    others; O is then what its frame shows.
+    with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
+    `frame.vectors` [V] and `frame.closing` [C, 2], and `frame.heard` [H, 3] if it receives
+    messages; O then counts the features that its frame adds.
 
     Args:
         data: the file.
         n_agents: N.
-        source: what to call the file in errors.
+        source: name of the file for error messages.
 
     Raises:
-        CheckpointError: not such a file, or outside the bounds of exact inference.
+        CheckpointError: the file is not an actor, or is outside the bounds of exact inference.
     """
     try:
         tensors = {name: _values(array) for name, array in load(data).items()}
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
-    named = [name for name in tensors if name in (*FRAME, HEARD)]
+    named = [name for name in tensors if name in (*FRAME_TENSORS, HEARD_TENSOR)]
     frame = _frame({name: tensors.pop(name) for name in named}, source)
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
@@ -143,18 +143,22 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
 
 
 def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
-    """The frame in a file's tensors, None if there is none."""
+    """Returns the frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
-    parts = {HEARD: np.empty((0, 3)), **tensors}
+    parts = {HEARD_TENSOR: np.empty((0, 3)), **tensors}
     shapes = {name: part.shape for name, part in parts.items()}
-    ends = [shape[1:] for shape in map(shapes.get, (*FRAME, HEARD)) if shape is not None]
+    ends = [
+        shape[1:] for shape in map(shapes.get, (*FRAME_TENSORS, HEARD_TENSOR)) if shape is not None
+    ]
     if ends != [(), (), (2,), (3,)]:
         raise CheckpointError(
             f"{source} has frame tensors {shapes}, expected frame.anchor [1], frame.vectors [V], "
-            "frame.closing [C, 2] and, if it hears others, frame.heard [H, 3]."
+            "frame.closing [C, 2] and, if it receives messages, frame.heard [H, 3]."
         )
-    anchor, vectors, closing, heard = (parts[name].astype(int).tolist() for name in (*FRAME, HEARD))
+    anchor, vectors, closing, heard = (
+        parts[name].astype(int).tolist() for name in (*FRAME_TENSORS, HEARD_TENSOR)
+    )
     return Frame(anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)))
 
 
@@ -187,7 +191,7 @@ def _check_shapes(
 
 
 def _check_exact(layers: Sequence[Layer], source: str) -> None:
-    """Refuses what the proof at the top of this module does not cover."""
+    """Refuses networks that the proof at the top of this module does not cover."""
     for i, (weight, bias) in enumerate(layers):
         if len(weight) > MAX_WIDTH:
             raise CheckpointError(
@@ -200,7 +204,7 @@ def _check_exact(layers: Sequence[Layer], source: str) -> None:
                     f"{source}: layer {i} has a weight or bias of {largest:g}, expected at most "
                     f"{MAX_WEIGHT:g}. Train with weight decay or normalise the inputs."
                 )
-            if not np.array_equal(array * GRID, np.round(array * GRID)):
+            if not np.array_equal(array * STEPS_PER_UNIT, np.round(array * STEPS_PER_UNIT)):
                 raise CheckpointError(
                     f"{source}: layer {i} is not on the grid of 2^-12. Write it with save_actor."
                 )
@@ -217,30 +221,32 @@ def save_actor(
     """Rounds a network to the grid of 2^-12 and writes it as a checkpoint.
 
     Args:
-        path: the file to write; an existing one is replaced.
+        path: the file to write; an existing file is replaced.
         layers: weight [in, out] and bias [out] of each layer, in order; ReLU between them.
         mean: subtracted from observations, [O].
-        scale: then multiplied in, [O].
+        scale: by which they are then multiplied, [O].
         n_agents: N if the first layer takes a one-hot robot index after the observation, else 0.
-        frame: in which the network sees and acts; None for the world's.
+        frame: in which the network observes and acts; None for the world's.
 
     Returns:
         The digest of the file and the largest rounding error.
 
     Raises:
-        CheckpointError: the network could not be run exactly, for example |weight| > 8.
+        CheckpointError: the network cannot be run exactly, for example because |weight| > 8.
     """
     exact = [(_snap(weight), _snap(bias)) for weight, bias in layers]
     tensors = {"input.mean": _float32(mean), "input.scale": _float32(scale)}
     for i, (weight, bias) in enumerate(exact):
-        tensors[f"layers.{i}.weight"] = np.ascontiguousarray(weight * GRID, dtype=np.int16)
-        tensors[f"layers.{i}.bias"] = np.ascontiguousarray(bias * GRID, dtype=np.int16)
+        tensors[f"layers.{i}.weight"] = np.ascontiguousarray(
+            weight * STEPS_PER_UNIT, dtype=np.int16
+        )
+        tensors[f"layers.{i}.bias"] = np.ascontiguousarray(bias * STEPS_PER_UNIT, dtype=np.int16)
     if frame is not None:
         indices = ([frame.anchor], frame.vectors, frame.closing)
-        tensors |= {k: np.array(v, np.int32) for k, v in zip(FRAME, indices, strict=True)}
-        tensors[FRAME[2]] = tensors[FRAME[2]].reshape(-1, 2)
+        tensors |= {k: np.array(v, np.int32) for k, v in zip(FRAME_TENSORS, indices, strict=True)}
+        tensors[FRAME_TENSORS[2]] = tensors[FRAME_TENSORS[2]].reshape(-1, 2)
         if frame.heard:
-            tensors[HEARD] = np.array(frame.heard, np.int32)
+            tensors[HEARD_TENSOR] = np.array(frame.heard, np.int32)
     _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))
@@ -251,7 +257,7 @@ def save_actor(
 
 
 def _snap(values: NDArray[np.floating]) -> Double:
-    return np.round(values.astype(np.float64) * GRID) / GRID
+    return np.round(values.astype(np.float64) * STEPS_PER_UNIT) / STEPS_PER_UNIT
 
 
 def _float32(values: NDArray[np.floating]) -> Float:
@@ -259,6 +265,6 @@ def _float32(values: NDArray[np.floating]) -> Float:
 
 
 def _values(array: NDArray[Any]) -> Double:
-    """Weights and biases are stored as grid steps, which fit 16 bits."""
-    steps = array.dtype == np.int16
-    return array.astype(np.float64) * (1 / GRID if steps else 1.0)
+    """Returns a tensor's values; weights and biases are stored as grid steps, which fit 16 bits."""
+    is_in_steps = array.dtype == np.int16
+    return array.astype(np.float64) * (1 / STEPS_PER_UNIT if is_in_steps else 1.0)

@@ -28,11 +28,11 @@ __all__ = [
 ]
 
 
-CHECKPOINTS = "checkpoints"
-"""Folder of checkpoints in this package, and in a dataset that has its own."""
+CHECKPOINTS_FOLDER = "checkpoints"
+"""Folder of the checkpoints in this package, and in datasets with checkpoints of their own."""
 
 MAX_CHECKPOINT_BYTES = 1 << 24
-"""Of a checkpoint file; the shipped ones have 2**16."""
+"""Largest checkpoint file that is read; the shipped ones have about 2**16 bytes."""
 
 
 class Learned:
@@ -41,11 +41,11 @@ class Learned:
     Args:
         spec: the task; its number of robots must be what the actor was trained for if the actor
             takes a one-hot robot index.
-        checkpoint: a file's name in the package's `behavior_policies/checkpoints`, or in the
-            dataset's; or the path of a file of one's own.
+        checkpoint: name of a file in the package's `behavior_policies/checkpoints` or in those of
+            the dataset, or the path of any other checkpoint.
         sha256: of that file, hex.
         noise: standard deviation of the Gaussian noise on each action component.
-        folder: of the dataset whose recipe names the checkpoint, if it is at hand.
+        folder: of the dataset whose recipe names the checkpoint, if there is one.
 
     Raises:
         CheckpointError: no such file, another digest, or not an actor that can be run exactly.
@@ -69,29 +69,29 @@ class Learned:
         self._last = LastMeans()
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy remembers nothing."""
+        """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
         means = self._last.keep(step, forward(self._actor, step.observations))
         return add_noise(means, step, self._noise).astype(np.float32)
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        means = self._last.recall(step)  # right after `act`: the network need not run again
+        means = self._last.recall(step)  # right after `act`, the network need not run again
         if means is None:
             means = forward(self._actor, step.observations)
         return noisy_log_probs(means, actions, self._noise)
 
 
 def own_actor(path: Path, spec: TaskSpec) -> Learned:
-    """The actor in a file that `save_actor` wrote, whatever its digest."""
+    """Returns the actor in a file that `save_actor` wrote, without a check of its digest."""
     return Learned(spec, checkpoint=path, sha256=digest_of(path))
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a checkpoint file, hex.
+    """Returns the SHA-256 of a checkpoint file, hex.
 
     Raises:
-        CheckpointError: it cannot be read, is no regular file, or is too large.
+        CheckpointError: it cannot be read, is not a regular file, or is too large.
     """
     return hashlib.sha256(_content(path)).hexdigest()
 
@@ -100,17 +100,18 @@ def read_checkpoint(checkpoint: str | Path, sha256: str, folder: Path | None = N
     """Returns the bytes of a checkpoint file.
 
     Args:
-        checkpoint: a file's name, as in recipes, to be found in the package's checkpoints or else
-            in `folder`'s; or the path of a file of one's own. A recipe has no paths, only names.
+        checkpoint: a file's name, as in recipes, which is looked up in the package's checkpoints
+            and then in those of `folder`; or the path of any other checkpoint. Recipes contain
+            names only, never paths.
         sha256: the expected digest, hex.
-        folder: of the dataset whose recipe names the checkpoint, if it is at hand.
+        folder: of the dataset whose recipe names the checkpoint, if there is one.
 
     Raises:
-        CheckpointError: the file is absent, is no regular file, is too large, or has another
+        CheckpointError: the file is absent, is not a regular file, is too large, or has another
             digest.
     """
     path = checkpoint if isinstance(checkpoint, Path) else _find(checkpoint, folder)
-    data = _content(path, follow_links=folder is None or path.parent != folder / CHECKPOINTS)
+    data = _content(path, follow_links=folder is None or path.parent != folder / CHECKPOINTS_FOLDER)
     digest = hashlib.sha256(data).hexdigest()
     if digest != sha256.lower():
         raise CheckpointError(
@@ -121,20 +122,22 @@ def read_checkpoint(checkpoint: str | Path, sha256: str, folder: Path | None = N
 
 
 def _find(name: str, folder: Path | None) -> Path:
-    """Where the checkpoint with a name is: in the package, or in a dataset's folder."""
+    """Returns the path of a named checkpoint, in the package or in a dataset's folder."""
     try:
         checked_file_name(name)
     except ValueError as error:
         raise CheckpointError(
-            f"checkpoint {error}. Checkpoints lie in the package's folder {CHECKPOINTS!r}, or in "
-            "that of the dataset."
+            f"checkpoint {error}. Checkpoints are in the folder {CHECKPOINTS_FOLDER!r} of the "
+            "package, or of the dataset."
         ) from error
-    shipped = Path(str(files("swarmdata.behavior_policies"))) / CHECKPOINTS / name
+    shipped = Path(str(files("swarmdata.behavior_policies"))) / CHECKPOINTS_FOLDER / name
     if shipped.exists() or folder is None:
         return shipped
-    if (folder / CHECKPOINTS).is_symlink():
-        raise CheckpointError(f"{folder / CHECKPOINTS} is a symbolic link, expected a folder")
-    return folder / CHECKPOINTS / name
+    if (folder / CHECKPOINTS_FOLDER).is_symlink():
+        raise CheckpointError(
+            f"{folder / CHECKPOINTS_FOLDER} is a symbolic link, expected a folder"
+        )
+    return folder / CHECKPOINTS_FOLDER / name
 
 
 def _content(path: Path, *, follow_links: bool = True) -> bytes:

@@ -1,10 +1,14 @@
 """Gaussian action noise that depends on the episode, the time and the robot only."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import STREAMS, derive, normal
-from swarmdata.types import Double, Seeds, Step
+from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Seeds, Step
 
 
 def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
@@ -15,9 +19,9 @@ def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
 
     Args:
         step: the current step; its `seeds` and `times` are read.
-        stream: a name in `seeding.STREAMS`.
+        stream: a name in `random.STREAMS`.
         n_agents: N.
-        n_values: how many values each robot needs in one step.
+        n_values: number of values that each robot needs in one step.
     """
     agents = np.arange(n_agents, dtype=np.uint64)[:, None]
     values = np.arange(n_values, dtype=np.uint64)
@@ -26,7 +30,7 @@ def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
 
 
 def check_noise(noise: float) -> float:
-    """Returns `noise` if it is a standard deviation.
+    """Returns `noise` as a float if it is a standard deviation.
 
     Raises:
         SpecError: it is negative, infinite or NaN.
@@ -44,10 +48,51 @@ def add_noise(actions: Double, step: Step, noise: float) -> Double:
 
     Args:
         actions: mean actions, [E, N, A].
-        step: the step they answer.
+        step: the step for which the actions are.
         noise: standard deviation; 0 only clips.
     """
     if noise > 0.0:
         _, n_agents, size = actions.shape
         actions = actions + noise * normal(counters(step, "noise", n_agents, size))
     return np.clip(actions, -1.0, 1.0)
+
+
+class NoisyCommands:
+    """Adds noise to a controller's commands, and gives the log-probabilities of its actions.
+
+    Args:
+        spec: the task.
+        noise: standard deviation of the Gaussian noise on each command.
+
+    Raises:
+        SpecError: `noise` is not a standard deviation.
+    """
+
+    def __init__(self, spec: TaskSpec, noise: float) -> None:
+        self._noise, self._action_size = check_noise(noise), spec.action_size
+        self._last = LastMeans()
+
+    def actions(self, step: Step, commands: Double) -> Float:
+        """Returns commands [E, N, 2] with noise, then zeros for messages, as actions [E, N, A]."""
+        self._last.keep(step, commands)
+        actions = np.zeros((*commands.shape[:2], self._action_size), dtype=np.float32)
+        actions[..., :2] = add_noise(commands, step, self._noise)
+        return actions
+
+    def log_probs(
+        self, step: Step, actions: Float, recompute: Callable[[Step], Double] | None = None
+    ) -> Float:
+        """Returns the log-probabilities of actions.
+
+        Args:
+            step: the step for which the actions are.
+            actions: [E, N, A].
+            recompute: gives the commands of a step, for controllers without memory.
+
+        Raises:
+            SchemaError: without `recompute`, `step` is not the last one that `actions` got.
+        """
+        commands = self._last.recall(step)
+        if commands is None:
+            commands = recompute(step) if recompute else self._last.require(step)
+        return noisy_log_probs(commands, actions, self._noise)

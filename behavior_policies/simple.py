@@ -1,8 +1,8 @@
-"""Three policies without skill: stand still, move at random, drive straight at the goal."""
+"""Three simple policies: stand still, move at random, drive straight to the goal."""
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.robot_scales import LENGTH, TIME, scales_of
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, scales_of
 from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import counters
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
@@ -26,7 +26,7 @@ class Idle:
         self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy remembers nothing."""
+        """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
         return np.zeros((len(step.seeds), *self._shape), dtype=np.float32)
@@ -36,7 +36,7 @@ class Idle:
 
 
 class Random:
-    """Every robot draws its command uniformly from [-1, 1]^2, anew in each step."""
+    """Every robot draws its command uniformly from [-1, 1]^2 in each step."""
 
     uses_state = False
 
@@ -44,7 +44,7 @@ class Random:
         self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy remembers nothing."""
+        """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
         draws = uniform(counters(step, "policy", *self._shape))
@@ -55,9 +55,9 @@ class Random:
 
 
 class Straight:
-    """Every robot drives straight at its target and brakes near it; it avoids nothing.
+    """Every robot drives straight to its target and brakes near it; it avoids nothing.
 
-    It reads positions and targets from `step.states`, so that it is the same policy under every
+    It reads positions and targets from `step.states`, so that it is the same policy with every
     observation model. A unicycle turns towards its target while it drives.
     """
 
@@ -65,12 +65,12 @@ class Straight:
 
     def __init__(self, spec: TaskSpec) -> None:
         self._limits, self._dt = limits_of(spec), spec.control_dt
-        self._rates = APPROACH_RATE / scales_of(spec)[:, TIME:LENGTH]  # [N, 1]
+        self._rates = APPROACH_RATE / scales_of(spec)[:, TIME_SCALE:LENGTH_SCALE]  # [N, 1]
         self._max_speeds = self._limits[:, SPEED:ACCELERATION]  # [N, 1]
         self._shape = spec.n_agents, spec.action_size
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy remembers nothing."""
+        """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
         robots = robots_of(step.states, self._shape[0]).astype(np.float64)
@@ -87,28 +87,28 @@ class Straight:
 
 @kernel
 def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: Double) -> None:
-    """Replaces commands of robots that are not driven by velocity in any direction.
+    """Replaces the commands of robots that are not holonomic robots with velocity commands.
 
     Args:
-        robots: columns `states.ROBOT`, [E, N, 8].
+        robots: columns `state_layout.ROBOT`, [E, N, 8].
         wishes: velocities, m/s, [E, N, 2].
         limits: `dynamics.limits_of`, [N, 5].
         dt: control step, s.
         commands: written, [E, N, 2].
     """
-    nothing = np.empty((0, 4))
+    no_planes = np.empty((0, 4))
     for b in range(robots.shape[0]):
         for i in range(robots.shape[1]):
             if limits[i, UNICYCLE] == 1.0 or limits[i, BY_VELOCITY] == 0.0:
                 robot, wish = robots[b, i], (wishes[b, i, 0], wishes[b, i, 1])
-                moving, heading = (robot[VX], robot[VY]), (robot[UX], robot[UY])
-                command_of(moving, heading, wish, limits[i], nothing, 0, dt, commands[b, i])
+                velocity, heading = (robot[VX], robot[VY]), (robot[UX], robot[UY])
+                command_of(velocity, heading, wish, limits[i], no_planes, 0, dt, commands[b, i])
 
 
 def clip_norm(vectors: Double) -> Double:
-    """Returns planar vectors shortened to length 1 where they are longer, [..., 2].
+    """Returns planar vectors with longer ones shortened to length 1, [..., 2].
 
-    Only `+ * /` and `sqrt` are used, so the bits are the same on every platform.
+    Only `+ * /` and `sqrt` are used, so that the bits are the same on every platform.
     """
     squares = vectors[..., 0:1] * vectors[..., 0:1] + vectors[..., 1:2] * vectors[..., 1:2]
     return vectors / np.maximum(1.0, np.sqrt(squares))

@@ -1,4 +1,4 @@
-"""What measured figures a tier must have: the bands, and what lies outside of them."""
+"""The bands in which the measured figures of a tier must lie, and a check of them."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -6,7 +6,7 @@ from types import MappingProxyType
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 
 MEDIUM_SUCCESS = (0.4, 0.6)
-"""Success of a medium team, both ends included."""
+"""Lowest and highest success of a medium team."""
 
 EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -18,14 +18,14 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "formation-n8": {"success": 0.85},
     }
 )
-"""Least figures of an expert team, by preset; those of `coop_nav-n8` were trained in teams of 4."""
+"""Least figures of an expert team, by preset; that of `coop_nav-n8` was trained in teams of 4."""
 
 N_POLICIES = 4
 """Independently trained policies of a learned tier."""
 
 
 def complete_families() -> tuple[str, ...]:
-    """The presets whose mediums and experts are all trained: `out_of_band` must find nothing."""
+    """Returns the presets whose mediums and experts are all trained: all must keep their bands."""
     return tuple(
         family
         for family in FAMILIES
@@ -34,12 +34,12 @@ def complete_families() -> tuple[str, ...]:
 
 
 def out_of_band(family: str, figures: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-    """What measured figures say against the tiers of a preset; empty if all keep their bands.
+    """Returns one message for each measured figure of a preset that is outside its band.
 
     Args:
         family: a preset's name.
-        figures: mean of each metric over the reserved episodes, by policy: `scripted`, `medium`
-            and `expert`, without noise.
+        figures: mean of each metric over the reserved episodes, without noise, of the policies
+            `scripted`, `medium` and `expert`.
     """
     medium, expert = figures["medium"], figures["expert"]
     low, high = MEDIUM_SUCCESS

@@ -1,8 +1,8 @@
-"""The recipes of the shipped datasets: which policies make each tier of each preset, and how much.
+"""The recipes of the shipped datasets: the policies of each tier of each preset, and their shares.
 
-`<preset>-<tier>` has a million joint steps, `<preset>-<tier>-mini` is its first 5 %: the same
-episodes. The learned tiers mix independently trained checkpoints, with action noise. A tier that a
-preset has no checkpoints for is absent.
+`<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 %, the same
+episodes. The learned tiers mix independently trained checkpoints, with action noise. A tier is
+absent where a preset has no checkpoints for it.
 """
 
 import json
@@ -22,37 +22,37 @@ from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
-VERSION = 0
-"""Version of the ids without one: the newest."""
+NEWEST_VERSION = 0
+"""Version of an id that names none."""
 
 N_STEPS, MINI_STEPS = 1_000_000, 50_000
 
 FAMILIES = ("coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8")
-"""Presets that datasets are made of."""
+"""Presets that have datasets."""
 
-SPECS = MappingProxyType({name: preset(name) for name in FAMILIES})
-"""Their specs, by name."""
+FAMILY_SPECS = MappingProxyType({name: preset(name) for name in FAMILIES})
+"""The specs of these presets, by name."""
 
-NOISE = 0.1
-"""Action noise of learned policies, as standard deviation of each component in [-1, 1]."""
+ACTION_NOISE_STD = 0.1
+"""Standard deviation of the action noise of learned policies; actions are in [-1, 1]."""
 
 
 @dataclass(frozen=True)
 class Tier:
-    """What a tier's datasets are made of.
+    """The policies of a tier's datasets.
 
     Attributes:
         ingredients: registered policies or tiers of the index, in equal shares.
-        seed: of the recipe; no two tiers have the same, so they share no episode.
-        noise: standard deviation of the action noise of learned policies; where the index records
-            that of training, that is used instead.
+        seed: of the recipe; it differs from tier to tier, so that tiers share no episode.
+        noise: standard deviation of the action noise of learned policies; if the index records the
+            noise of training, that is used instead.
         first_only: whether only the first checkpoint of each ingredient is used.
         families: presets that have this tier.
     """
 
     ingredients: tuple[str, ...]
     seed: int
-    noise: float = NOISE
+    noise: float = ACTION_NOISE_STD
     first_only: bool = False
     families: tuple[str, ...] = FAMILIES
 
@@ -70,7 +70,7 @@ TIERS = MappingProxyType(
     }
 )
 
-TRAINED = ("medium", "expert", "medium-replay", "mixed-conventions")
+TRAINED_TIERS = ("medium", "expert", "medium-replay", "mixed-conventions")
 """Tiers that have checkpoints of their own in the index."""
 
 
@@ -80,9 +80,9 @@ class Checkpoint(Frozen):
     file: str
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     frames: Annotated[int, Field(ge=1)]  # joint steps of training
-    policy: Annotated[int, Field(ge=0)]  # which independent run
-    share: Positive  # part of the run's way to medium that it stands for; 1: not of a replay
-    noise: NonNegative | None = None  # standard deviation that training had then; None: the tier's
+    policy: Annotated[int, Field(ge=0)]  # index of the independent training run
+    share: Positive  # of the steps up to medium that it stands for in a replay; 1 elsewhere
+    noise: NonNegative | None = None  # standard deviation in training; None for the tier's
     figures: dict[str, float]  # means over the selection episodes
 
 
@@ -92,69 +92,61 @@ class Index(RootModel[dict[str, dict[str, tuple[Checkpoint, ...]]]]):
 
 @cache
 def checkpoints(family: str, tier: str) -> tuple[Checkpoint, ...]:
-    """The shipped checkpoints of a tier of a preset, none where it has not been trained."""
+    """Returns the shipped checkpoints of a tier of a preset; none if it has not been trained."""
     text = (files("swarmdata.behavior_policies") / "checkpoints" / "index.json").read_text("utf-8")
     return Index.model_validate(json.loads(text)).root.get(family, {}).get(tier, ())
 
 
 def sources(
-    family: str, ingredient: str, noise: float | None = None, default: float = NOISE
+    family: str, ingredient: str, noise: float | None = None, default: float = ACTION_NOISE_STD
 ) -> tuple[PolicySource, ...]:
-    """The policies behind one ingredient of a tier, none where it has not been trained.
+    """Returns the policies of one ingredient of a tier; none if it has not been trained.
 
     Args:
         family: a preset's name.
         ingredient: a registered scripted policy, or a tier of the index.
-        noise: standard deviation of the action noise of learned policies; None: that of their
-            training where it is recorded, else `default`.
-        default: as said.
+        noise: standard deviation of the action noise of learned policies; None for that of their
+            training.
+        default: standard deviation where the index does not record that of training.
 
     Raises:
-        BuildError: a replay's run has no medium.
+        BuildError: the index has no medium of a replay's run.
     """
     if ingredient in ("random", "scripted"):
         return (PolicySource(label=ingredient, name=ingredient),)
-    found = checkpoints(family, ingredient)
-    return tuple(
-        PolicySource(
+    found = []
+    for index, checkpoint in enumerate(checkpoints(family, ingredient)):
+        recorded = default if checkpoint.noise is None else checkpoint.noise
+        source = PolicySource(
             label=f"{ingredient}-{index}",
             name="learned",
             checkpoint=checkpoint.file,
             sha256=checkpoint.sha256,
-            noise=_noise(checkpoint, default) if noise is None else noise,
+            noise=recorded if noise is None else noise,
             share=_weight(family, ingredient, checkpoint),
         )
-        for index, checkpoint in enumerate(found)
-    )
-
-
-def _noise(checkpoint: Checkpoint, default: float) -> float:
-    return default if checkpoint.noise is None else checkpoint.noise
+        found.append(source)
+    return tuple(found)
 
 
 def _weight(family: str, ingredient: str, checkpoint: Checkpoint) -> float:
-    """How much of its group a checkpoint is: in a replay, the frames of training it stands for."""
+    """Weight of a checkpoint in its group: in a replay, the training steps that it stands for."""
     if ingredient != "medium-replay":
         return checkpoint.share
     mediums = checkpoints(family, "medium")
-    reached = [each.frames for each in mediums if each.policy == checkpoint.policy]
-    if len(reached) != 1:
+    frames = [each.frames for each in mediums if each.policy == checkpoint.policy]
+    if len(frames) != 1:
         raise BuildError(
             f"checkpoint {checkpoint.file} is of run {checkpoint.policy} of {family}, which has "
-            f"{len(reached)} mediums in checkpoints/index.json, expected one. Ship both together."
+            f"{len(frames)} mediums in checkpoints/index.json, expected one. Ship both together."
         )
-    return checkpoint.share * reached[0]
-
-
-def _groups(family: str, tier: Tier) -> list[tuple[PolicySource, ...]]:
-    groups = [sources(family, name, default=tier.noise) for name in tier.ingredients]
-    return [group[:1] for group in groups] if tier.first_only else groups
+    return checkpoint.share * frames[0]
 
 
 def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
-    """Gives every group the same share of the steps; inside a group the shares stay in proportion.
+    """Gives every group the same share of the steps; shares within a group stay in proportion.
 
-    Equal shares become whole numbers, so that nothing is rounded where nothing need be.
+    Equal shares become whole numbers, which are exact.
     """
     whole = math.lcm(*map(len, groups))
     mixed = []
@@ -168,10 +160,11 @@ def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
 
 
 def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) -> int:
-    """Episodes of a part, a power of two from 4 to 256.
+    """Returns the number of episodes in a part, a power of two from 4 to 256.
 
-    At most half of what the policy with the least share needs if its episodes are as long as the
-    horizon: smaller parts waste less at the end, larger ones fill the copies of a world.
+    It is at most half of the episodes that the policy with the least share needs if they are as
+    long as the horizon: smaller parts waste less at the end, larger ones fill the copies of a
+    world.
     """
     least = min(policy.share for policy in policies) / sum(policy.share for policy in policies)
     wanted = int(n_steps * least / (2 * spec.horizon))
@@ -180,17 +173,18 @@ def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) ->
 
 @cache
 def shipped_recipes() -> MappingProxyType[str, Recipe]:
-    """Every shipped recipe by its id, version included; tiers without checkpoints are absent."""
+    """Returns the shipped recipes by id, with version; tiers without checkpoints are absent."""
     recipes = {}
     for name, tier in TIERS.items():
         for family in tier.families:
-            groups = _groups(family, tier)
+            groups = [sources(family, each, default=tier.noise) for each in tier.ingredients]
             if not all(groups):
                 continue
-            policies, spec = _mix(groups), SPECS[family]
+            groups = [group[:1] for group in groups] if tier.first_only else groups
+            policies, spec = _mix(groups), FAMILY_SPECS[family]
             for suffix, n_steps in (("", N_STEPS), ("-mini", MINI_STEPS)):
                 recipe = Recipe(
-                    id=f"{family}-{name}{suffix}-v{VERSION}",
+                    id=f"{family}-{name}{suffix}-v{NEWEST_VERSION}",
                     tier=name,
                     spec=spec,
                     policies=policies,
@@ -204,10 +198,10 @@ def shipped_recipes() -> MappingProxyType[str, Recipe]:
 
 @cache
 def find_recipe(dataset_id: str) -> Recipe:
-    """Returns the shipped recipe of an id; without a version it is the newest.
+    """Returns the shipped recipe of an id; without a version, the newest.
 
     Raises:
-        UnknownNameError: with the nearest known id.
+        UnknownNameError: no shipped recipe has this id; the message names the nearest one.
     """
     newest = _newest()
     recipe = shipped_recipes().get(dataset_id) or newest.get(dataset_id)
@@ -223,5 +217,5 @@ def is_dataset(name: str) -> bool:
 
 @cache
 def _newest() -> Mapping[str, Recipe]:
-    """Recipes by id without version."""
+    """Returns the newest recipes by their ids without version."""
     return {key.rpartition("-v")[0]: recipe for key, recipe in shipped_recipes().items()}

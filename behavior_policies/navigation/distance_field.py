@@ -1,8 +1,9 @@
-"""The map of an episode: clearances on a grid, and the cheapest way to a goal from every node.
+"""The map of an episode: clearances on a grid, and the cheapest path to a goal from every node.
 
-Ways come from Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket queue
-of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM 1969), since costs
-are small integers. Nodes near surfaces cost more, so that ways keep to the middle of passages.
+Paths come from Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket
+queue of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM 1969), since
+costs are small integers. Nodes near surfaces cost more, so that paths keep to the middle of
+passages.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
@@ -20,33 +21,33 @@ from swarmdata.types import Double, Float
 Int32 = NDArray[np.int32]
 
 MAX_MAP_BYTES = 1 << 31
-"""Of the maps of one episode."""
+"""Largest size of the maps of one episode."""
 
 MAX_MAPS_BYTES = 1 << 34
-"""Of the maps of all copies together."""
+"""Largest size of the maps of all copies together."""
 
-SPACING = 0.05
+NODE_SPACING = 0.05
 """Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
 radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
 
-MARGIN = 0.015
-"""Metres of free gap that a way keeps where it can."""
+PATH_GAP = 0.015
+"""Metres of free gap that a path keeps where it can."""
 
-STRAIGHT, DIAGONAL = 5, 7
+STRAIGHT_COST, DIAGONAL_COST = 5, 7
 """Costs of a step to the next node; 7 / 5 is within 1 % of sqrt(2)."""
 
-GAPS = (0.10, 0.04, MARGIN)
-WEIGHTS = (1, 2, 6, 40)
-"""Factors on the cost of entering a node whose free gap is above each of `GAPS`, and below all. The
-last is for robots that were pushed against a surface: they find a way out."""
+GAP_LEVELS = (0.10, 0.04, PATH_GAP)
+GAP_WEIGHTS = (1, 2, 6, 40)
+"""Gaps, m, and the factors on the cost of entering a node whose free gap is above each of them, and
+below all. The last factor lets robots that were pushed against a surface find a way out."""
 
-N_BUCKETS = DIAGONAL * WEIGHTS[3] + 1
+N_BUCKETS = DIAGONAL_COST * GAP_WEIGHTS[3] + 1
 
 
 def grid_shape(spec: TaskSpec) -> tuple[int, int]:
     """Returns the number of nodes along y and along x."""
     arena = spec.arena
-    return int(arena.height / SPACING) + 1, int(arena.width / SPACING) + 1
+    return int(arena.height / NODE_SPACING) + 1, int(arena.width / NODE_SPACING) + 1
 
 
 def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
@@ -55,7 +56,7 @@ def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
     Args:
         spec: the task.
         n_copies: episodes that are mapped at once.
-        n_goals: of an episode, each with ways from every node.
+        n_goals: goals in an episode; paths lead to each of them from every node.
 
     Raises:
         SpecError: the maps of one episode, or all of them, are too large.
@@ -67,7 +68,7 @@ def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
             f"maps of the arena of {spec.arena.width:g} x {spec.arena.height:g} m take "
             f"{in_bytes(one)} for each of {n_copies} episodes with {n_goals} goals, expected at "
             f"most {in_bytes(MAX_MAP_BYTES)} for one and {in_bytes(MAX_MAPS_BYTES)} for all. Use a "
-            "smaller arena, fewer robots or fewer copies, or a policy that plans no ways."
+            "smaller arena, fewer robots or fewer copies, or a policy that plans no paths."
         )
 
 
@@ -78,22 +79,22 @@ def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None
     Args:
         layout: obstacles, [M, 8].
         half: half width and half height of the arena, m, [2].
-        cap: m; only nodes this near to an obstacle are computed.
+        cap: largest distance that is computed, m.
         out: written, m, [rows, columns]; node (0, 0) is the lower left corner of the arena.
     """
     rows, columns = out.shape
     for row in range(rows):
         for column in range(columns):
-            x, y = column * SPACING - half[0], row * SPACING - half[1]
+            x, y = column * NODE_SPACING - half[0], row * NODE_SPACING - half[1]
             out[row, column] = min(cap, half[0] - abs(x), half[1] - abs(y))
     for m in range(layout.shape[0]):
         reach = bounding_radius(layout[m]) + cap
         u, v = float(layout[m, 1]) + half[0], float(layout[m, 2]) + half[1]
-        first, last = max(int((u - reach) / SPACING), 0), int((u + reach) / SPACING)
-        low, high = max(int((v - reach) / SPACING), 0), int((v + reach) / SPACING)
+        first, last = max(int((u - reach) / NODE_SPACING), 0), int((u + reach) / NODE_SPACING)
+        low, high = max(int((v - reach) / NODE_SPACING), 0), int((v + reach) / NODE_SPACING)
         for row in range(low, min(high + 2, rows)):
             for column in range(first, min(last + 2, columns)):
-                x, y = column * SPACING - half[0], row * SPACING - half[1]
+                x, y = column * NODE_SPACING - half[0], row * NODE_SPACING - half[1]
                 dx, dy = u - half[0] - x, v - half[1] - y
                 if dx * dx + dy * dy < reach * reach:
                     out[row, column] = min(out[row, column], nearest(x, y, layout[m])[0])
@@ -101,9 +102,9 @@ def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None
 
 @kernel
 def weights_of(grid: Float, radius: float) -> Int32:
-    """Returns the cost factor of entering each node, 0 where a robot cannot be, [rows * columns].
+    """Returns the cost factor of entering each node, 0 where no robot fits, [rows * columns].
 
-    The border is always 0, so that a node that can be entered has eight neighbors.
+    The border is always 0, so every node that can be entered has eight neighbors.
 
     Args:
         grid: clearances, m, [rows, columns].
@@ -116,10 +117,10 @@ def weights_of(grid: Float, radius: float) -> Int32:
             gap = grid[row, column] - radius
             if gap <= -0.5 * radius:
                 continue
-            weight = WEIGHTS[0]
+            weight = GAP_WEIGHTS[0]
             for level in range(3):
-                if gap < GAPS[level]:
-                    weight = WEIGHTS[level + 1]
+                if gap < GAP_LEVELS[level]:
+                    weight = GAP_WEIGHTS[level + 1]
             weights[row * columns + column] = weight
     return weights
 
@@ -145,20 +146,20 @@ def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
 
 
 @kernel
-def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32) -> None:
-    """Writes for every node the cost of the cheapest way to the goal and the next node on it.
+def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes: Int32) -> None:
+    """Writes for every node the cost of the cheapest path to the goal and the next node on it.
 
     Args:
         goal: node, row * columns + column; it can be entered.
         columns: nodes in a row.
         weights: cost factor of entering each node, 0 where it cannot be and on the border, [n].
-        costs: written, [n]; -1 where there is no way.
-        ways: written, [n]; the goal's next node is itself.
+        costs: written, [n]; -1 where there is no path.
+        next_nodes: written, [n]; the goal's next node is itself.
     """
     heads = np.full(N_BUCKETS, -1, dtype=np.int32)  # first node of each bucket
     links = np.empty((weights.shape[0], 2), dtype=np.int32)  # nodes before and after in the bucket
-    costs[:], ways[:] = -1, -1
-    costs[goal], ways[goal] = 0, goal
+    costs[:], next_nodes[:] = -1, -1
+    costs[goal], next_nodes[goal] = 0, goal
     _push(goal, 0, heads, links)
     cost, waiting = 0, 1
     while waiting > 0:
@@ -173,29 +174,29 @@ def fill_ways(goal: int, columns: int, weights: Int32, costs: Int32, ways: Int32
             near = node + (k // 3 - 1) * columns + k % 3 - 1
             if weights[near] == 0:
                 continue
-            new = cost + (STRAIGHT if k % 2 == 1 else DIAGONAL) * weights[near]
+            new = cost + (STRAIGHT_COST if k % 2 == 1 else DIAGONAL_COST) * weights[near]
             if costs[near] >= 0:
                 if costs[near] <= new:  # settled nodes end here: they were cheaper
                     continue
                 _unlink(near, costs[near] % N_BUCKETS, heads, links)
                 waiting -= 1
-            costs[near], ways[near] = new, node
+            costs[near], next_nodes[near] = new, node
             _push(near, new % N_BUCKETS, heads, links)
             waiting += 1
 
 
 @kernel
 def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -> int:
-    """Returns the node with a way to the goal that is nearest to a point, or -1.
+    """Returns the node with a path to the goal that is nearest to a point, or -1.
 
     Args:
         x: point, m.
         y: point, m.
-        costs: of the ways, -1 where there is none, [n].
+        costs: of the paths, -1 where there is none, [n].
         columns: nodes in a row.
         half: half width and half height of the arena, m, [2].
     """
-    u, v = (x + half[0]) / SPACING, (y + half[1]) / SPACING
+    u, v = (x + half[0]) / NODE_SPACING, (y + half[1]) / NODE_SPACING
     rows = costs.shape[0] // columns
     column = min(max(int(u + 0.5), 0), columns - 1)
     row = min(max(int(v + 0.5), 0), rows - 1)

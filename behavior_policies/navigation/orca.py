@@ -17,14 +17,14 @@ import numpy as np
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-PARALLEL = 1e-9
-"""Determinants of unit directions below this count as parallel."""
+PARALLEL_TOLERANCE = 1e-9
+"""Unit directions whose determinant is below this count as parallel."""
 
 
 @kernel
 def robot_half_plane(
     offset: tuple[float, float],
-    own: tuple[float, float],
+    velocity: tuple[float, float],
     other: tuple[float, float],
     reach: float,
     rule: tuple[float, float, float],
@@ -33,17 +33,17 @@ def robot_half_plane(
     """Writes the velocities that avoid another robot for the horizon (paper, section 4).
 
     Args:
-        offset: position of the other robot minus the own, m.
-        own: own velocity, m/s.
+        offset: position of the other robot relative to this one, m.
+        velocity: of this robot, m/s.
         other: velocity of the other robot, m/s.
         reach: distance of centres to keep, m.
-        rule: horizon, s; horizon within which an overlap of `reach` is resolved, s; and the share
-            of the correction taken by this robot, 1/2 where both do the same.
+        rule: horizon, s; time in which an overlap of `reach` is resolved, s; and the share of the
+            correction taken by this robot, 1/2 where both do the same.
         out: written, [4].
     """
     horizon, recovery, share = rule
     x, y = offset
-    vx, vy = own[0] - other[0], own[1] - other[1]
+    vx, vy = velocity[0] - other[0], velocity[1] - other[1]
     square = x * x + y * y
     overlapping = square <= reach * reach
     horizon = recovery if overlapping else horizon
@@ -51,8 +51,10 @@ def robot_half_plane(
     along = wx * x + wy * y
     speed = math.sqrt(wx * wx + wy * wy)
     if overlapping or (along < 0.0 and along * along > reach * reach * speed * speed):
-        if speed < PARALLEL:  # exactly at the centre of the cut-off circle: leave it backwards
-            distance = max(math.sqrt(square), PARALLEL)
+        if (
+            speed < PARALLEL_TOLERANCE
+        ):  # exactly at the centre of the cut-off circle: leave it backwards
+            distance = max(math.sqrt(square), PARALLEL_TOLERANCE)
             ux, uy = -x / distance, -y / distance
         else:
             ux, uy = wx / speed, wy / speed
@@ -68,7 +70,7 @@ def robot_half_plane(
         slide = vx * dx + vy * dy
         out[2], out[3] = dx, dy
         cx, cy = slide * dx - vx, slide * dy - vy
-    out[0], out[1] = own[0] + share * cx, own[1] + share * cy
+    out[0], out[1] = velocity[0] + share * cx, velocity[1] + share * cy
 
 
 @kernel
@@ -76,8 +78,8 @@ def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
     """Writes the velocities whose component along a unit vector is at most `bound`, m/s.
 
     Args:
-        nx: unit vector towards a surface.
-        ny: the same.
+        nx: x component of the unit vector, which points to an obstacle.
+        ny: its y component.
         bound: m/s; negative means to back off.
         out: written, [4].
     """
@@ -98,10 +100,10 @@ def best_on_line(
 
     Args:
         planes: half-planes, [K, 4].
-        k: which border.
+        k: index of the half-plane.
         limit: largest speed, m/s.
-        aim: the velocity to come near to, or the direction to go far in.
-        is_direction: which of the two.
+        aim: the velocity to approximate, or the direction to maximise the velocity in.
+        is_direction: whether `aim` is a direction.
 
     Returns:
         Whether there is one, and the velocity.
@@ -116,8 +118,8 @@ def best_on_line(
     for i in range(k):
         cross = dx * planes[i, 3] - dy * planes[i, 2]
         offset = planes[i, 2] * (py - planes[i, 1]) - planes[i, 3] * (px - planes[i, 0])
-        if abs(cross) <= PARALLEL:
-            if offset < -PARALLEL:
+        if abs(cross) <= PARALLEL_TOLERANCE:
+            if offset < -PARALLEL_TOLERANCE:
                 return False, 0.0, 0.0
             continue
         t = offset / cross
@@ -142,14 +144,14 @@ def best_velocity(
 
     Args:
         planes: half-planes, [K, 4]; the first n count.
-        n: how many.
+        n: number of half-planes.
         limit: largest speed, m/s.
-        aim: the velocity to come near to, or the unit direction to go far in.
-        is_direction: which of the two.
+        aim: the velocity to approximate, or the unit direction to maximise the velocity in.
+        is_direction: whether `aim` is a direction.
 
     Returns:
-        The index of the first half-plane that cannot be satisfied, or n; and the velocity, which
-        is then the best for those before it.
+        The index of the first half-plane that cannot be satisfied, or n; and the best velocity for
+        the half-planes before that one.
     """
     vx, vy = aim
     square = vx * vx + vy * vy
@@ -171,15 +173,15 @@ def best_velocity(
 def least_violating(
     planes: Double, n: int, n_hard: int, first: int, limit: float, start: tuple[float, float]
 ) -> tuple[float, float]:
-    """Returns the velocity that violates the worst soft half-plane least (paper, section 5.3).
+    """Returns the velocity with the least violation of any soft half-plane (paper, section 5.3).
 
     Args:
         planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
-        n: how many count.
-        n_hard: how many must hold.
+        n: number of half-planes.
+        n_hard: number of half-planes that must hold.
         first: index of the half-plane at which `best_velocity` failed.
         limit: largest speed, m/s.
-        start: the velocity that it returned.
+        start: the velocity that `best_velocity` returned.
     """
     vx, vy = start
     worst = 0.0
@@ -194,7 +196,7 @@ def least_violating(
                 count += 1
         outward = (-planes[k, 3], planes[k, 2])
         failed, new_x, new_y = best_velocity(projected, count, limit, outward, True)
-        if failed == count:  # else only rounding stood in the way: keep the velocity
+        if failed == count:  # only rounding makes it fail: then keep the velocity
             vx, vy = new_x, new_y
         worst = _outside(planes[k], vx, vy)
     return vx, vy
@@ -204,7 +206,7 @@ def least_violating(
 def _bisector(k: Double, i: Double, out: Double) -> bool:
     """Writes where half-plane i is violated no more than k; False if they point the same way."""
     cross = k[2] * i[3] - k[3] * i[2]
-    if abs(cross) <= PARALLEL:
+    if abs(cross) <= PARALLEL_TOLERANCE:
         if k[2] * i[2] + k[3] * i[3] > 0.0:
             return False
         out[0], out[1] = 0.5 * (k[0] + i[0]), 0.5 * (k[1] + i[1])
@@ -225,8 +227,8 @@ def solve(
 
     Args:
         planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
-        n: how many count.
-        n_hard: how many must hold.
+        n: number of half-planes.
+        n_hard: number of half-planes that must hold.
         limit: largest speed, m/s.
         aim: preferred velocity, m/s.
     """

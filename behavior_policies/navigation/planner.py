@@ -1,14 +1,15 @@
-"""Waypoints: the farthest point of a robot's way to its goal that it reaches in a straight line."""
+"""Waypoints: the farthest point of a robot's path that it can reach in a straight line."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.distance_field import (
-    MARGIN,
-    SPACING,
+    NODE_SPACING,
+    PATH_GAP,
     Int32,
-    fill_ways,
+    fill_paths,
     nearest_node,
     weights_of,
 )
@@ -16,28 +17,36 @@ from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float, Int
 
-LOOKAHEAD = 40
-"""Nodes of the way that are searched for a visible one: 2 to 2.8 m."""
+LOOKAHEAD_NODES = 40
+"""Nodes of the path that are searched for a visible one: 2 to 2.8 m."""
 
-UNPLANNED = -2
-"""Cost of node 0 until the ways are computed, which is when the goal is out of sight for the first
+UNPLANNED_COST = -2
+"""Cost of node 0 until the paths are planned, which is when the goal is out of sight for the first
 time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
 
 N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
 
 
-@kernel
-def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
-    """Returns the clearance at a point, interpolated bilinearly; points outside are moved in.
+class Ground(NamedTuple):
+    """The free space of one episode."""
 
-    Args:
-        x: point, m.
-        y: point, m.
-        grid: clearances of the nodes, m, [rows, columns].
-        half: half width and half height of the arena, m, [2].
-    """
-    u = min(max((x + half[0]) / SPACING, 0.0), grid.shape[1] - 1.001)
-    v = min(max((y + half[1]) / SPACING, 0.0), grid.shape[0] - 1.001)
+    clearances: Float  # [rows, columns] m, from each node to the nearest surface or wall
+    half: Double  # [2] m, half width and half height of the arena
+
+
+class Paths(NamedTuple):
+    """The cheapest paths from all nodes to one goal."""
+
+    costs: Int32  # [n] -1 where there is no path; costs[0] is `UNPLANNED_COST` before planning
+    next_nodes: Int32  # [n] on the path
+
+
+@kernel
+def free_distance(x: float, y: float, ground: Ground) -> float:
+    """Returns the clearance at a point, m, interpolated bilinearly; outside points are moved in."""
+    grid, half = ground
+    u = min(max((x + half[0]) / NODE_SPACING, 0.0), grid.shape[1] - 1.001)
+    v = min(max((y + half[1]) / NODE_SPACING, 0.0), grid.shape[0] - 1.001)
     column, row = int(u), int(v)
     u, v = u - column, v - row
     below = (1.0 - u) * grid[row, column] + u * grid[row, column + 1]
@@ -47,80 +56,73 @@ def free_distance(x: float, y: float, grid: Float, half: Double) -> float:
 
 @kernel
 def is_visible(
-    x: float, y: float, to_x: float, to_y: float, need: float, grid: Float, half: Double
+    start: tuple[float, float], end: tuple[float, float], need: float, ground: Ground
 ) -> bool:
     """Returns whether the straight line between two points keeps `need` metres of clearance.
 
-    Where the start or the end has less, the line may have as little. The line is walked in steps as
-    long as what is free beyond the need, at least half a spacing ("Sphere tracing", The Visual
-    Computer 12, 1996, section 2).
+    Where the start or the end has less clearance, that much is enough everywhere. Each step along
+    the line is as long as the clearance beyond the need, at least half a spacing ("Sphere tracing",
+    The Visual Computer 12, 1996, section 2).
     """
+    (x, y), (to_x, to_y) = start, end
     dx, dy = to_x - x, to_y - y
     length = math.sqrt(dx * dx + dy * dy)
-    need = min(need, free_distance(x, y, grid, half) - 1e-3)
-    need = min(need, free_distance(to_x, to_y, grid, half) - 1e-3)
+    need = min(need, free_distance(x, y, ground) - 1e-3)
+    need = min(need, free_distance(to_x, to_y, ground) - 1e-3)
     walked = 0.0
     while walked < length:
         share = walked / length
-        free = free_distance(x + share * dx, y + share * dy, grid, half) - need
+        free = free_distance(x + share * dx, y + share * dy, ground) - need
         if free < 0.0:
             return False
-        walked += max(free, 0.5 * SPACING)
+        walked += max(free, 0.5 * NODE_SPACING)
     return True
 
 
 @kernel
 def waypoint(
-    position: tuple[float, float],
-    goal: Double,
-    radius: float,
-    grid: Float,
-    ways: tuple[Int32, Int32],
-    half: Double,
+    position: tuple[float, float], goal: Double, radius: float, ground: Ground, paths: Paths
 ) -> tuple[float, float]:
-    """Returns the point to aim at: the goal if visible, else the farthest visible node of the way.
+    """Returns the point to aim at: the goal if visible, else the farthest visible node of the path.
 
     Args:
         position: m.
         goal: m, [2].
         radius: of the robot, m.
-        grid: clearances, m, [rows, columns].
-        ways: costs and next nodes, each [n]; written when they are `UNPLANNED`.
-        half: half width and half height of the arena, m, [2].
+        ground: the free space.
+        paths: to the goal; planned if they are not yet.
 
     Returns:
-        The point, m. Where the map has no way at all, it is the goal.
+        The point, m; the goal if no path leads there.
     """
-    x, y = position
-    need = radius + MARGIN
-    if is_visible(x, y, goal[0], goal[1], need, grid, half):
+    (x, y), (grid, half), (costs, next_nodes) = position, ground, paths
+    need, columns = radius + PATH_GAP, grid.shape[1]
+    if is_visible(position, (goal[0], goal[1]), need, ground):
         return goal[0], goal[1]
-    costs, following = ways
-    columns = grid.shape[1]
-    if costs[0] == UNPLANNED:
+    if costs[0] == UNPLANNED_COST:
         weights = weights_of(grid, radius)
         end = nearest_node(goal[0], goal[1], weights - 1, columns, half)
         if end < 0:
             costs[:] = -1
         else:
-            fill_ways(end, columns, weights, costs, following)
+            fill_paths(end, columns, weights, costs, next_nodes)
     node = nearest_node(x, y, costs, columns, half)
     if node < 0:
         return goal[0], goal[1]
-    best = following[node]
-    for hop in range(LOOKAHEAD):
-        node = following[node]
+    best = next_nodes[node]
+    for hop in range(LOOKAHEAD_NODES):
+        node = next_nodes[node]
         if hop % 2 == 1:
-            to_x = (node % columns) * SPACING - half[0]
-            to_y = (node // columns) * SPACING - half[1]
-            if not is_visible(x, y, to_x, to_y, need, grid, half):
+            to_x = (node % columns) * NODE_SPACING - half[0]
+            to_y = (node // columns) * NODE_SPACING - half[1]
+            if not is_visible(position, (to_x, to_y), need, ground):
                 break
             best = node
-    return (best % columns) * SPACING - half[0], (best // columns) * SPACING - half[1]
+    return (best % columns) * NODE_SPACING - half[0], (best // columns) * NODE_SPACING - half[1]
 
 
 def primitives_of(layout: Float) -> Float:
-    """Returns the same obstacles as convex shapes: a corner is 2 boxes, a pocket 3.
+    """Returns the obstacles of a layout as convex shapes: a corner is 2 boxes, a pocket 3.
 
     Args:
         layout: obstacles, columns `geometry.OBSTACLE`, [M, 8].
@@ -133,7 +135,7 @@ def primitives_of(layout: Float) -> Float:
 
 
 def _bar(row: Float, k: int) -> Float:
-    """Convex part k of an obstacle: the bar along -y, then along -x, then along +x."""
+    """Convex part k of an obstacle: the bar along -y, along -x, or along +x."""
     kind, x, y, ux, uy, a, b, t = (float(value) for value in row)
     if kind in (CIRCLE, BOX):
         return row
@@ -143,5 +145,5 @@ def _bar(row: Float, k: int) -> Float:
 
 
 def n_primitives(kinds: Int) -> int:
-    """Number of convex shapes in a layout of obstacles of these shape codes, [M], P."""
+    """Number of convex shapes in a layout whose obstacles have these shape codes, [M]."""
     return sum(N_PRIMITIVES[float(kind)] for kind in kinds)

@@ -1,41 +1,60 @@
-"""How much slower and larger than the reference robot a robot is: the scales of avoidance.
+"""Constants of a team's robots for navigation, among them their time and length scales.
 
-The distances and times of `avoidance` and `scripted` suit the reference robot (radius 0.12 m, 0.6
+The distances and times of `avoidance` and `navigator` suit the reference robot (radius 0.12 m, 0.6
 m/s, 1.5 m/s^2). For another robot they are multiplied by two factors, both 1 for the reference:
 
-    time    the largest of: how much longer it needs to brake, v / a; how much longer to cross its
-            own radius, r / v; and, for a unicycle, how much longer to turn by a right angle than
-            the reference needs to brake twice
-    length  the distance that it drives at full speed in that time
+    time    the largest of three ratios: its braking time v / a to the reference's; its time to
+            cross its own radius r / v to the reference's; and, for a unicycle, its time for a
+            right-angle turn to twice the reference's braking time
+    length  the ratio of the distances driven at full speed in these times
 
 Float64 `+ - * /` only, so that the bits are the same on every platform.
 """
 
+from typing import NamedTuple, Self
+
 import numpy as np
 
+from swarmdata.envs.physics.dynamics import ACCELERATION, SPEED, limits_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 
-REFERENCE = Robot()
+REFERENCE_ROBOT = Robot()
 
 RIGHT_ANGLE = 1.5707963267948966
 
-TIME, LENGTH = range(2)
+TIME_SCALE, LENGTH_SCALE = range(2)
 """Columns of the scales."""
+
+
+class Team(NamedTuple):
+    """Constants of a team's robots, for kernels."""
+
+    radii: Double  # [N] m
+    limits: Double  # [N, 5] `dynamics.limits_of`
+    scales: Double  # [N, 2] of time and length
+    stopping_times: Double  # [N] s, from full speed; a command takes effect one step late
+    control_dt: float  # s
+
+    @classmethod
+    def of(cls, spec: TaskSpec) -> Self:
+        """The constants of a spec's robots."""
+        limits, control_dt = limits_of(spec), spec.control_dt
+        stopping_times = limits[:, SPEED] / limits[:, ACCELERATION] + control_dt
+        radii = np.array([robot.radius for robot in spec.robots])
+        return cls(radii, limits, scales_of(spec), stopping_times, control_dt)
 
 
 def scales_of(spec: TaskSpec) -> Double:
     """Time and length scale of every robot, [N, 2]."""
-    return np.array([_scales(robot) for robot in spec.robots])
-
-
-def _scales(robot: Robot) -> tuple[float, float]:
-    braking = (robot.max_speed / robot.max_acceleration) / _BRAKING
-    crossing = (robot.radius / robot.max_speed) / (REFERENCE.radius / REFERENCE.max_speed)
-    time = max(braking, crossing)
-    if robot.dynamics == "unicycle":
-        time = max(time, RIGHT_ANGLE / robot.max_turn_rate / (2.0 * _BRAKING))
-    return time, time * (robot.max_speed / REFERENCE.max_speed)
-
-
-_BRAKING = REFERENCE.max_speed / REFERENCE.max_acceleration
+    reference = REFERENCE_ROBOT
+    braking_time = reference.max_speed / reference.max_acceleration
+    rows = []
+    for robot in spec.robots:
+        braking = (robot.max_speed / robot.max_acceleration) / braking_time
+        crossing = (robot.radius / robot.max_speed) / (reference.radius / reference.max_speed)
+        time = max(braking, crossing)
+        if robot.dynamics == "unicycle":
+            time = max(time, RIGHT_ANGLE / robot.max_turn_rate / (2.0 * braking_time))
+        rows.append((time, time * (robot.max_speed / reference.max_speed)))
+    return np.array(rows)

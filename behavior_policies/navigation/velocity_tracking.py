@@ -1,29 +1,29 @@
-"""From the velocity that a robot should have to the command that its drive understands.
+"""Velocity tracking: the command of a robot's drive for a wanted velocity.
 
 A holonomic robot takes the velocity as it is. A unicycle turns towards it, and drives along its
-heading as fast as the velocity's component along it, but only as fast as the half-planes of safe
-velocities allow along that heading. So the heading lags behind, and safety does not depend on it.
+heading as fast as the velocity's component along it, limited to what the half-planes of safe
+velocities allow along that heading. The heading may lag behind: safety does not depend on it.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math
 
-from swarmdata.behavior_policies.navigation.orca import PARALLEL
+from swarmdata.behavior_policies.navigation.orca import PARALLEL_TOLERANCE
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, TURN_RATE, UNICYCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-REVERSE = 0.5
-"""Part of the maximum speed below which a unicycle backs up rather than turns round."""
+REVERSE_MAX_SPEED_SHARE = 0.5
+"""Share of the maximum speed below which a unicycle backs up instead of turning round."""
 
-STILL = 0.002
-"""Part of the maximum speed below which a unicycle does not turn."""
+TURN_MIN_SPEED_SHARE = 0.002
+"""Share of the maximum speed below which a unicycle does not turn."""
 
 
 @kernel
 def command_of(
-    moving: tuple[float, float],
+    velocity: tuple[float, float],
     heading: tuple[float, float],
     wish: tuple[float, float],
     limit: Double,
@@ -35,12 +35,12 @@ def command_of(
     """Writes the command of one robot.
 
     Args:
-        moving: its velocity, m/s.
+        velocity: of the robot, m/s.
         heading: unit vector.
-        wish: the velocity that it should have, at most its maximum speed, m/s.
+        wish: the wanted velocity, at most the robot's maximum speed, m/s.
         limit: row of `dynamics.limits_of`.
         planes: half-planes of safe velocities (`orca`), most important ones first, [K, 4].
-        n_planes: how many of them count.
+        n_planes: number of half-planes.
         dt: control step, s.
         out: written, in [-1, 1], [2].
     """
@@ -52,7 +52,7 @@ def command_of(
         ux, uy = heading[0] * cos - heading[1] * sin, heading[0] * sin + heading[1] * cos
         speed = speed_along((ux, uy), wish, limit[SPEED], planes, n_planes)
         if limit[BY_VELOCITY] == 0.0:
-            ahead = moving[0] * heading[0] + moving[1] * heading[1]
+            ahead = velocity[0] * heading[0] + velocity[1] * heading[1]
             out[0] = min(max((speed - ahead) / (dt * limit[ACCELERATION]), -1.0), 1.0)
         else:
             out[0] = speed / limit[SPEED]
@@ -60,7 +60,7 @@ def command_of(
         out[0], out[1] = wish[0] / limit[SPEED], wish[1] / limit[SPEED]
     else:
         reach = dt * limit[ACCELERATION]
-        ax, ay = (wish[0] - moving[0]) / reach, (wish[1] - moving[1]) / reach
+        ax, ay = (wish[0] - velocity[0]) / reach, (wish[1] - velocity[1]) / reach
         norm = max(math.sqrt(ax * ax + ay * ay), 1.0)
         out[0], out[1] = ax / norm, ay / norm
 
@@ -69,17 +69,17 @@ def command_of(
 def turn_command(
     heading: tuple[float, float], wish: tuple[float, float], limit: Double, dt: float
 ) -> float:
-    """Turn rate towards a velocity, or away from it to back up, in [-1, 1] of the limit.
+    """Turn rate towards a velocity, or away from it to back up, as a share of the limit, [-1, 1].
 
-    The angle left to turn is twice the arctangent of side / (speed + ahead), and nearly twice that
-    argument while it is small; while it is not, the limit holds.
+    The angle left to turn is twice the arctangent of side / (speed + ahead). For small angles that
+    is nearly twice the argument; for large ones the limit holds.
     """
     ahead = heading[0] * wish[0] + heading[1] * wish[1]
     side = heading[0] * wish[1] - heading[1] * wish[0]
     speed = math.sqrt(wish[0] * wish[0] + wish[1] * wish[1])
-    if speed < STILL * limit[SPEED]:
+    if speed < TURN_MIN_SPEED_SHARE * limit[SPEED]:
         return 0.0
-    if ahead < 0.0 and speed < REVERSE * limit[SPEED]:
+    if ahead < 0.0 and speed < REVERSE_MAX_SPEED_SHARE * limit[SPEED]:
         ahead, side = -ahead, -side
     tangent = side / max(speed + ahead, 1e-9 * speed)
     return float(min(max(2.0 * tangent / (dt * limit[TURN_RATE]), -1.0), 1.0))
@@ -95,8 +95,8 @@ def speed_along(
 ) -> float:
     """The safe speed along a heading that is nearest to a velocity's component along it, m/s.
 
-    Where none is safe, it is the one nearest to a stop that satisfies the half-planes before the
-    first that cannot be satisfied.
+    If no speed is safe, it is the one nearest to zero that satisfies the half-planes before the
+    first one that cannot be satisfied.
     """
     low, high = -top, top
     wanted = heading[0] * wish[0] + heading[1] * wish[1]
@@ -115,8 +115,8 @@ def _narrowed(
     """The part of an interval of speeds along a heading that is inside a half-plane."""
     px, py, dx, dy = plane[0], plane[1], plane[2], plane[3]
     slope, bound = dx * heading[1] - dy * heading[0], dx * py - dy * px
-    if slope > PARALLEL:
+    if slope > PARALLEL_TOLERANCE:
         return max(low, bound / slope), high
-    if slope < -PARALLEL:
+    if slope < -PARALLEL_TOLERANCE:
         return low, min(high, bound / slope)
     return low, high

@@ -1,4 +1,4 @@
-"""The way of a robot around a payload, over a graph of two rings of points that keep clear of it.
+"""Paths of robots around a payload, over a graph of two rings of points that keep clear of it.
 
 The inner ring is close to the payload, the outer one passes behind robots that stand at it. Points
 are joined along their ring, and to the point beside them on the other ring.
@@ -7,15 +7,16 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.distance_field import MARGIN
-from swarmdata.behavior_policies.navigation.planner import free_distance, is_visible
-from swarmdata.envs.transport.payload import Shape
+from swarmdata.behavior_policies.navigation.distance_field import PATH_GAP
+from swarmdata.behavior_policies.navigation.planner import Ground, free_distance, is_visible
+from swarmdata.behavior_policies.transport.push_setup import PayloadState
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Double
 
 N_RING = 16
 """Points of a ring, four to a side."""
@@ -25,32 +26,40 @@ N_POINTS = 2 * N_RING
 RING_GAPS = (0.06, 0.32)
 """Gaps (m) between payload and robot on the rings."""
 
-PASS = 0.02
-"""Gap (m) that a way keeps from robots that stand at the payload."""
+PASSING_GAP = 0.02
+"""Gap (m) that a path keeps from robots that stand at the payload."""
 
-BUSY = 1.0
-"""Metres that a point or a line counts for beside its length where a robot stands in its way."""
+BLOCKED_TOLL = 1.0
+"""Cost (m), added to the length, of a point or a line that a standing robot blocks."""
 
 CLEAR_GAP = 0.01
 """Gap (m) that a straight line must keep for a robot to drive along it."""
 
 
+class Rings(NamedTuple):
+    """The points of both rings."""
+
+    points: Double  # [N_POINTS, 2] m
+    is_free: Bool  # [N_POINTS] where a robot has room
+
+
+class Pushers(NamedTuple):
+    """The robots of a team in one state."""
+
+    robots: Double  # [N, C] positions first
+    is_standing: Bool  # [N] at the payload, in their slots
+
+
 @kernel
 def crosses(
-    body: Double, shape: Shape, start: tuple[float, float], end: tuple[float, float], margin: float
+    payload: PayloadState, start: tuple[float, float], end: tuple[float, float], margin: float
 ) -> bool:
     """Whether a straight line meets the payload grown by `margin` metres on each side.
 
-    A line that starts within the margin may run away from the payload; one that ends within it,
-    beyond a corner of a box too, crosses.
-
-    Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        start: m.
-        end: m.
-        margin: m.
+    A line that starts within the margin may lead away from the payload; one that ends within it,
+    also beyond a corner of a box, crosses.
     """
+    body, shape = payload
     ux, uy = body[4], body[5]
     ax, ay = start[0] - body[0], start[1] - body[1]
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -75,24 +84,16 @@ def crosses(
 
 
 @kernel
-def fill_rings(
-    body: Double,
-    shape: Shape,
-    radius: float,
-    ground: tuple[Float, Double],
-    points: Double,
-    free: Bool,
-) -> None:
+def fill_rings(payload: PayloadState, radius: float, ground: Ground, rings: Rings) -> None:
     """Writes the points of the rings, each counter-clockwise, and where a robot has room.
 
     Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload; the rings of a circle come from its square.
+        payload: its state; the rings of a circle come from its square.
         radius: of the robots, m.
-        ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
-        points: written, m, [N_POINTS, 2].
-        free: written, [N_POINTS].
+        ground: the free space.
+        rings: written.
     """
+    (body, shape), (points, is_free) = payload, rings
     for n in range(N_POINTS):
         k, gap = n % N_RING, RING_GAPS[n // N_RING]
         a, b = shape[1] + radius + gap, shape[2] + radius + gap
@@ -110,33 +111,28 @@ def fill_rings(
             x, y = x * scale, y * scale
         points[n, 0] = body[0] + x * body[4] - y * body[5]
         points[n, 1] = body[1] + x * body[5] + y * body[4]
-        clear = free_distance(points[n, 0], points[n, 1], ground[0], ground[1])
-        free[n] = clear >= radius + MARGIN
+        is_free[n] = free_distance(points[n, 0], points[n, 1], ground) >= radius + PATH_GAP
 
 
 @kernel
-def _hindrance(
-    start: tuple[float, float],
-    end: tuple[float, float],
-    i: int,
-    robots: Double,
-    standing: Bool,
-    reach: float,
+def _blocking_toll(
+    i: int, pushers: Pushers, start: tuple[float, float], end: tuple[float, float], reach: float
 ) -> float:
-    """`BUSY` if robot i would touch a standing robot on a straight line, else 0.
+    """`BLOCKED_TOLL` if robot i would touch a standing robot on a straight line, else 0.
 
     A robot that it already touches does not count, so that it can leave.
     """
+    robots, is_standing = pushers
     vx, vy = end[0] - start[0], end[1] - start[1]
     square = vx * vx + vy * vy
     for j in range(robots.shape[0]):
-        if j == i or not standing[j]:
+        if j == i or not is_standing[j]:
             continue
         px, py = start[0] - robots[j, 0], start[1] - robots[j, 1]
         t = 0.0 if square == 0.0 else min(max(-(px * vx + py * vy) / square, 0.0), 1.0)
         qx, qy = px + t * vx, py + t * vy
         if qx * qx + qy * qy < reach * reach and (t > 0.0 or square == 0.0):
-            return BUSY
+            return BLOCKED_TOLL
     return 0.0
 
 
@@ -146,13 +142,12 @@ def _relax(points: Double, tolls: Double, costs: Double) -> None:
 
     Args:
         points: m, [N_POINTS, 2].
-        tolls: what entering a point costs beside the way, m, infinite where a robot cannot be,
-            [N_POINTS].
+        tolls: cost of entering a point, m, infinite where a robot does not fit, [N_POINTS].
         costs: read and written, m, [N_POINTS].
     """
-    again = True
-    while again:
-        again = False
+    has_changed = True
+    while has_changed:
+        has_changed = False
         for n in range(N_POINTS):
             first, k = n - n % N_RING, n % N_RING
             for step in range(3):
@@ -163,61 +158,57 @@ def _relax(points: Double, tolls: Double, costs: Double) -> None:
                 cost = costs[near] + math.sqrt(dx * dx + dy * dy) + tolls[n]
                 if cost < costs[n] - 1e-9:
                     costs[n] = cost
-                    again = True
+                    has_changed = True
 
 
 @kernel
-def way_around(
-    body: Double,
-    shape: Shape,
+def detour_waypoint(
     i: int,
+    pushers: Pushers,
     end: tuple[float, float],
+    payload: PayloadState,
     radius: float,
-    ground: tuple[Float, Double],
-    rings: tuple[Double, Bool],
-    team: tuple[Double, Bool],
+    ground: Ground,
+    rings: Rings,
 ) -> tuple[bool, float, float]:
-    """Returns the next point of a robot's way to `end`, around the payload.
+    """Returns the next point of a robot's path to `end`, around the payload.
 
     Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        i: which robot.
+        i: index of the robot.
+        pushers: the team.
         end: a point beside the payload, m.
+        payload: its state.
         radius: of the robots, m.
-        ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
-        rings: from `fill_rings`, [N_POINTS, 2] and [N_POINTS].
-        team: robots, positions first, [N, any], and which of them stand at the payload, [N].
+        ground: the free space.
+        rings: from `fill_rings`.
 
     Returns:
-        Whether there is one that the robot sees, and the point, m.
+        Whether a point of the path is visible to the robot, and that point, m.
     """
-    (points, free), (robots, standing), (grid, half) = rings, team, ground
-    need, margin, reach = radius + MARGIN, radius + CLEAR_GAP, 2.0 * radius + PASS
+    (points, is_free), robots = rings, pushers.robots
+    need, margin, reach = radius + PATH_GAP, radius + CLEAR_GAP, 2.0 * radius + PASSING_GAP
     position = (robots[i, 0], robots[i, 1])
     costs, tolls = np.full(N_POINTS, np.inf), np.full(N_POINTS, np.inf)
     for n in range(N_POINTS):
-        to = (points[n, 0], points[n, 1])
-        if not free[n]:
+        point = (points[n, 0], points[n, 1])
+        if not is_free[n]:
             continue
-        tolls[n] = _hindrance(to, to, i, robots, standing, reach)
-        if not crosses(body, shape, to, end, margin) and is_visible(
-            to[0], to[1], end[0], end[1], need, grid, half
-        ):
-            dx, dy = to[0] - end[0], to[1] - end[1]
-            toll = _hindrance(to, end, i, robots, standing, reach)
+        tolls[n] = _blocking_toll(i, pushers, point, point, reach)
+        if not crosses(payload, point, end, margin) and is_visible(point, end, need, ground):
+            dx, dy = point[0] - end[0], point[1] - end[1]
+            toll = _blocking_toll(i, pushers, point, end, reach)
             costs[n] = math.sqrt(dx * dx + dy * dy) + toll + tolls[n]
     _relax(points, tolls, costs)
     best, found, x, y = np.inf, False, position[0], position[1]
     for n in range(N_POINTS + 1):
-        to, cost = end, 0.0
+        point, cost = end, 0.0
         if n < N_POINTS:
-            to, cost = (points[n, 0], points[n, 1]), costs[n]
-        dx, dy = to[0] - position[0], to[1] - position[1]
+            point, cost = (points[n, 0], points[n, 1]), costs[n]
+        dx, dy = point[0] - position[0], point[1] - position[1]
         cost += math.sqrt(dx * dx + dy * dy)
-        if cost >= best or crosses(body, shape, position, to, margin):
+        if cost >= best or crosses(payload, position, point, margin):
             continue
-        cost += _hindrance(position, to, i, robots, standing, reach)
-        if cost < best and is_visible(position[0], position[1], to[0], to[1], need, grid, half):
-            best, found, x, y = cost, True, to[0], to[1]
+        cost += _blocking_toll(i, pushers, position, point, reach)
+        if cost < best and is_visible(position, point, need, ground):
+            best, found, x, y = cost, True, point[0], point[1]
     return found, x, y

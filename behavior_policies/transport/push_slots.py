@@ -1,45 +1,58 @@
-"""Where robots push a payload from: places along the faces that point against its way.
+"""Slots from which robots push a payload, along the faces that point against its direction.
 
 A face is numbered by the push it takes in the payload's frame: 0 along +x (the face on the -x
-side), 1 along -x, 2 along +y, 3 along -y. Circular payloads have no faces; robots stand on an arc
-behind them.
+side), 1 along -x, 2 along +y, 3 along -y. Circular payloads have no faces; their slots are on an
+arc behind them.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math
+from typing import NamedTuple
 
-from swarmdata.behavior_policies.navigation.planner import free_distance
-from swarmdata.envs.transport.payload import Shape
+from swarmdata.behavior_policies.navigation.planner import Ground, free_distance
+from swarmdata.behavior_policies.transport.push_setup import PayloadState
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import Double, Float
+from swarmdata.types import Double
 
 MAX_SLOTS = 16
-"""Most places at a payload."""
+"""Most slots at a payload."""
 
-ELBOW = 0.06
+NEIGHBOR_GAP = 0.06
 """Gap (m) between robots that push side by side."""
 
-EDGE = 0.04
+FACE_END_DISTANCE = 0.04
 """Distance (m) of a contact point to the end of its face."""
 
-CUT = 0.1
+CORNER_CLEARANCE = 0.1
 """Metres at the end of a face that are free for the robots around the corner."""
 
-BEHIND = 0.05
-"""Gap (m) to surfaces that a robot at a place must have."""
+SLOT_SURFACE_GAP = 0.05
+"""Gap (m) to surfaces that a robot in a slot must have."""
 
-SIDE, SIDE_KEPT = 0.2, 0.08
-"""Cosines of way and push above which a second face is used, and kept."""
+SECOND_FACE_MIN_COSINE, SECOND_FACE_KEPT_COSINE = 0.2, 0.08
+"""Cosines of direction and push above which a second face is used, and above which it is kept."""
 
-KEEP = 0.15
-"""Cosine by which another first face must be better."""
+FIRST_FACE_KEPT_COSINE = 0.15
+"""Increase of the cosine for which the first face changes."""
 
-ARC = 0.45
-"""Least cosine between the way and a push at a circle."""
+ARC_MIN_COSINE = 0.45
+"""Least cosine between the direction and a push at a circle."""
 
-NONE = -1
+NO_INDEX = -1
+"""Stands for the number of a face or slot where there is none."""
+
+
+class SlotSearch(NamedTuple):
+    """What slots are searched for: a payload, its direction, its surroundings and its team."""
+
+    payload: PayloadState
+    direction: tuple[float, float]  # unit vector of the payload's path
+    ground: Ground
+    n_robots: int
+    radius: float  # m, of the largest robot
+    n_needed: float  # robots whose forces together move the payload
 
 
 @kernel
@@ -47,7 +60,7 @@ def face_normal(body: Double, face: int) -> tuple[float, float]:
     """Direction of the push that a face takes, in the world's frame.
 
     Args:
-        body: columns `states.BODY`, [7].
+        body: columns `state_layout.BODY`, [7].
         face: its number.
     """
     ux, uy = body[4], body[5]
@@ -56,38 +69,39 @@ def face_normal(body: Double, face: int) -> tuple[float, float]:
 
 
 @kernel
-def fill_face(
-    body: Double,
-    shape: Shape,
-    faces: tuple[int, int],
-    radius: float,
-    most: int,
-    ground: tuple[Float, Double],
-    out: Double,
+def _add_slot(
+    search: SlotSearch, x: float, y: float, nx: float, ny: float, out: Double, n: int
 ) -> int:
-    """Writes up to `most` places at a face where a robot has room; returns how many.
+    """Writes a slot to row n if a robot has room there; returns the number of slots."""
+    if free_distance(x, y, search.ground) >= search.radius + SLOT_SURFACE_GAP:
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = x, y, nx, ny
+        n += 1
+    return n
+
+
+@kernel
+def fill_face(search: SlotSearch, face: int, other: int, limit: int, out: Double) -> int:
+    """Writes up to `limit` slots at a face where a robot has room; returns their number.
 
     Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        faces: the face, and the face around the corner at which robots push too, or `NONE`.
-        radius: of the robots, m.
-        most: how many.
-        ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
+        search: payload, surroundings and team.
+        face: number of the face.
+        other: the face around the corner at which robots push too, or `NO_INDEX`.
+        limit: largest number of slots.
         out: written: a robot's centre (m) when it touches, and the direction of its push, [any, 4].
     """
-    face, other = faces
+    (body, shape), radius = search.payload, search.radius
     nx, ny = face_normal(body, face)
     tx, ty = (-body[5], body[4]) if face < 2 else (body[4], body[5])
     depth, extent = (shape[1], shape[2]) if face < 2 else (shape[2], shape[1])
-    low, high = EDGE - extent, extent - EDGE
-    if other != NONE:
+    low, high = FACE_END_DISTANCE - extent, extent - FACE_END_DISTANCE
+    if other != NO_INDEX:
         if other % 2 == 0:  # it pushes along +, so its robots are at the - end
-            low += CUT
+            low += CORNER_CLEARANCE
         else:
-            high -= CUT
+            high -= CORNER_CLEARANCE
     length = max(high - low, 0.0)
-    n = min(int(length / (2.0 * radius + ELBOW) + 1e-9) + 1, most)
+    n = min(int(length / (2.0 * radius + NEIGHBOR_GAP) + 1e-9) + 1, limit)
     spacing = length / (n - 1) if n > 1 else 0.0
     middle = 0.5 * (low + high) if n > 1 else min(max(0.0, low), high)
     found = 0
@@ -95,126 +109,80 @@ def fill_face(
         lever = middle + (k - 0.5 * (n - 1)) * spacing
         x = body[0] - nx * (depth + radius) + tx * lever
         y = body[1] - ny * (depth + radius) + ty * lever
-        if free_distance(x, y, ground[0], ground[1]) >= radius + BEHIND:
-            out[found, 0], out[found, 1], out[found, 2], out[found, 3] = x, y, nx, ny
-            found += 1
+        found = _add_slot(search, x, y, nx, ny, out, found)
     return found
 
 
 @kernel
-def fill_arc(
-    body: Double,
-    shape: Shape,
-    way: tuple[float, float],
-    radius: float,
-    most: int,
-    ground: tuple[Float, Double],
-    out: Double,
-) -> int:
-    """Writes up to `most` places behind a circular payload; as `fill_face`.
-
-    Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        way: unit vector of its way.
-        radius: of the robots, m.
-        most: how many; no more than `ARC` allows.
-        ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
-        out: written, [any, 4].
-    """
+def fill_arc(search: SlotSearch, limit: int, out: Double) -> int:
+    """Writes up to `limit` slots behind a circular payload, as `fill_face` does at a face."""
+    (body, shape), direction, radius = search.payload, search.direction, search.radius
     reach = shape[1] + radius
-    h = (radius + 0.5 * ELBOW) / reach  # sine of half the angle between two neighbors
-    c, n = math.sqrt(1.0 - h * h), most
-    while True:  # the first robot's direction, turned back from the way by n - 1 half angles
-        nx, ny = way
+    h = (radius + 0.5 * NEIGHBOR_GAP) / reach  # sine of half the angle between two neighbors
+    c, n = math.sqrt(1.0 - h * h), limit
+    while True:  # the first robot's direction, turned back from the payload's by n - 1 half angles
+        nx, ny = direction
         for _ in range(n - 1):
             nx, ny = nx * c + ny * h, ny * c - nx * h
-        if n == 1 or ((nx * way[0] + ny * way[1]) >= ARC and (n - 1) * h < 2.0):
+        cosine = nx * direction[0] + ny * direction[1]
+        if n == 1 or (cosine >= ARC_MIN_COSINE and (n - 1) * h < 2.0):
             break
         n -= 1
     found = 0
     for _ in range(n):
         x, y = body[0] - nx * reach, body[1] - ny * reach
-        if free_distance(x, y, ground[0], ground[1]) >= radius + BEHIND:
-            out[found, 0], out[found, 1], out[found, 2], out[found, 3] = x, y, nx, ny
-            found += 1
+        found = _add_slot(search, x, y, nx, ny, out, found)
         for _ in range(2):
             nx, ny = nx * c - ny * h, ny * c + nx * h
     return found
 
 
 @kernel
-def _score(body: Double, face: int, way: tuple[float, float]) -> float:
-    nx, ny = face_normal(body, face)
-    return nx * way[0] + ny * way[1]
+def _face_cosine(search: SlotSearch, face: int) -> float:
+    """Cosine between the push at a face and the payload's direction."""
+    nx, ny = face_normal(search.payload.body, face)
+    return nx * search.direction[0] + ny * search.direction[1]
 
 
 @kernel
-def _first_face(
-    body: Double,
-    shape: Shape,
-    way: tuple[float, float],
-    before: int,
-    team: tuple[int, float, float],
-    ground: tuple[Float, Double],
-    out: Double,
-) -> int:
-    """The face that points best along the way, of those with room for enough robots."""
-    best, first = -1e9, NONE
-    for face in range(4):
-        score = _score(body, face, way) + (KEEP if face == before else 0.0)
-        if score <= best:
-            continue
-        n = fill_face(body, shape, (face, NONE), team[1], team[0], ground, out)
-        if n >= min(team[2], 1.0 * team[0]):
-            best, first = score, face
-    return first
+def choose_slots(search: SlotSearch, before: tuple[int, int], out: Double) -> tuple[int, int, int]:
+    """Chooses the one or two faces to push at, and the slots at them.
 
-
-@kernel
-def choose_slots(
-    body: Double,
-    shape: Shape,
-    way: tuple[float, float],
-    before: tuple[int, int],
-    team: tuple[int, float, float],
-    ground: tuple[Float, Double],
-    out: Double,
-) -> tuple[int, int, int]:
-    """Chooses the one or two faces to push at, and the places at them.
-
-    The first face is the one that points best along the way, the second its better neighbor, if
-    the way points at it at all and the robots at both can push along the way; else they push at
-    the first alone, and the way will turn. What was chosen before is kept when about as good, since
-    robots have to move for a change.
+    The first face is the one that points best along the direction and has room for enough robots.
+    The second is its better neighbor, if the robots at both can push along the direction;
+    otherwise they push at the first alone, and the direction will turn. An earlier choice is kept
+    while it is about as good, since robots have to move for a change.
 
     Args:
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        way: unit vector of its way.
-        before: faces of the step before, or `NONE`.
-        team: number of robots, their largest radius, m, and how many times a robot's force it takes
-            to move the payload.
-        ground: clearances, m, [rows, columns]; half width and half height of the arena, m, [2].
+        search: payload, direction, surroundings and team.
+        before: faces of the step before, or `NO_INDEX`.
         out: written, see `fill_face`, [MAX_SLOTS, 4].
 
     Returns:
-        First face, second face or `NONE`, and the number of places.
+        First face, second face or `NO_INDEX`, and the number of slots.
     """
-    n, radius = min(team[0], MAX_SLOTS), team[1]
-    if shape[0] == CIRCLE:
-        return 0, NONE, fill_arc(body, shape, way, radius, n, ground, out)
-    first = _first_face(body, shape, way, before[0], team, ground, out)
-    if first == NONE:
-        return NONE, NONE, 0
+    n, n_needed = min(search.n_robots, MAX_SLOTS), search.n_needed
+    if search.payload.shape[0] == CIRCLE:
+        return 0, NO_INDEX, fill_arc(search, n, out)
+    best, first = -1e9, NO_INDEX
+    for face in range(4):
+        cosine = _face_cosine(search, face)
+        cosine += FIRST_FACE_KEPT_COSINE if face == before[0] else 0.0
+        if cosine <= best:
+            continue
+        if fill_face(search, face, NO_INDEX, n, out) >= min(n_needed, 1.0 * n):
+            best, first = cosine, face
+    if first == NO_INDEX:
+        return NO_INDEX, NO_INDEX, 0
     near = 2 - 2 * (first // 2)  # the lower number of its neighbors
-    second = near if _score(body, near, way) > _score(body, near + 1, way) else near + 1
-    if second == before[0] and first == before[1]:  # the same faces; their order is no matter
+    second = near if _face_cosine(search, near) > _face_cosine(search, near + 1) else near + 1
+    if second == before[0] and first == before[1]:  # the same faces in the order of before
         first, second = second, first
-    aside, ahead = _score(body, second, way), _score(body, first, way)
-    if min(aside, ahead) > (SIDE_KEPT if (first, second) == before else SIDE):
-        found = fill_face(body, shape, (second, first), radius, n // 2, ground, out)
-        rest = fill_face(body, shape, (first, second), radius, n - found, ground, out[found:])
-        if found >= team[2] * aside and rest >= team[2] * ahead:
+    aside, ahead = _face_cosine(search, second), _face_cosine(search, first)
+    is_kept = (first, second) == before
+    if min(aside, ahead) > (SECOND_FACE_KEPT_COSINE if is_kept else SECOND_FACE_MIN_COSINE):
+        found = fill_face(search, second, first, n // 2, out)
+        rest = fill_face(search, first, second, n - found, out[found:])
+        if found >= n_needed * aside and rest >= n_needed * ahead:
             return first, second, found + rest
-    return first, NONE, fill_face(body, shape, (first, NONE), radius, n, ground, out)
+    return first, NO_INDEX, fill_face(search, first, NO_INDEX, n, out)

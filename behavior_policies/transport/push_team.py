@@ -1,4 +1,4 @@
-"""How a team pushes: who goes to which place, who is in place, and how hard each one pushes.
+"""How a team pushes: who takes which slot, who is in its slot, and how hard each robot pushes.
 
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
@@ -6,34 +6,37 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import numpy as np
 
 from swarmdata.behavior_policies.transport.payload_detour import crosses
-from swarmdata.envs.transport.payload import Shape
+from swarmdata.behavior_policies.transport.push_setup import PayloadState, PushSetup
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int
 
-DETOUR = 1.0
-"""Metres that going around the payload counts for in the choice of who goes where."""
+WAITING_GAP = 0.03
+"""Gap (m) to the payload at which a robot waits until it is beside its slot."""
 
-WORTH = 0.02
-"""Square metres of shorter ways for which robots swap their places."""
+DETOUR_LENGTH = 1.0
+"""Metres that going around the payload counts for in the assignment of slots."""
 
-ASIDE, AWAY = 0.06, 0.05
-"""Metres along and off the face within which a robot is in place."""
+SWAP_MIN_GAIN = 0.02
+"""Reduction of the summed squares of the paths, m^2, for which robots swap their slots."""
 
-LOST = 0.14
-"""Metres from its place, along or off the face, beyond which a pushing robot has lost it."""
+SLOT_SIDE_TOLERANCE, SLOT_GAP_TOLERANCE = 0.06, 0.05
+"""Metres along and off the face within which a robot is in its slot."""
 
-ARC_ASIDE = 0.3
-"""Metres from its place at which a robot in contact with a circle pushes all the same."""
+SLOT_LOST_DISTANCE = 0.14
+"""Metres from its slot, along or off the face, beyond which a pushing robot has lost it."""
 
-ENOUGH, TRUE = 1.05, 0.93
-"""Times the friction that a push must have, and its least cosine with the way, to begin it."""
+ARC_SIDE_TOLERANCE = 0.3
+"""Metres along a circle from its slot within which a robot in contact still pushes."""
 
-SPEED = 0.4
-"""Speed (m/s) of the payload that the team tries to hold; it leaves robots room to catch up."""
+PUSH_MIN_FRICTION_RATIO, PUSH_MIN_COSINE = 1.05, 0.93
+"""Least ratio of a push to the friction, and least cosine with the direction, to begin it."""
 
-RESPONSE = 0.5
-"""Seconds in which an error of the payload's velocity is taken away."""
+PAYLOAD_SPEED = 0.4
+"""Speed (m/s) of the payload that the team aims at; it leaves robots room to catch up."""
+
+VELOCITY_RESPONSE_TIME = 0.5
+"""Seconds in which an error of the payload's velocity is corrected."""
 
 TURN_DAMPING = 5.0
 """Force against turning, N per (rad/s of turn rate times m of lever)."""
@@ -41,30 +44,30 @@ TURN_DAMPING = 5.0
 
 @kernel
 def assign_slots(
-    robots: Double, body: Double, shape: Shape, slots: Double, margin: float, out: Int
+    robots: Double, payload: PayloadState, slots: Double, margin: float, out: Int
 ) -> None:
-    """Writes the place of each robot, or -1; starts from those in `out` if all places are taken.
+    """Writes the slot of each robot, or -1; starts from those in `out` if all slots are taken.
 
-    Ways count by their squares: two robots go a little rather than one past the other.
+    Path lengths count by their squares: two robots move a little rather than one past the other.
 
     Args:
-        robots: positions first, [N, any].
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
+        robots: positions first, [N, C].
+        payload: its state.
         slots: from `push_slots.choose_slots`, [K, 4], K at most N.
-        margin: by which a straight way must miss the payload, m.
+        margin: by which a straight path must miss the payload, m.
         out: read and written, [N].
     """
     n, k = robots.shape[0], slots.shape[0]
     costs = np.empty((n, k))
     for i in range(n):
         for s in range(k):
-            x, y = slots[s, 0] - 0.03 * slots[s, 2], slots[s, 1] - 0.03 * slots[s, 3]
+            x = slots[s, 0] - WAITING_GAP * slots[s, 2]
+            y = slots[s, 1] - WAITING_GAP * slots[s, 3]
             dx, dy = x - robots[i, 0], y - robots[i, 1]
-            way = np.sqrt(dx * dx + dy * dy)
-            if crosses(body, shape, (robots[i, 0], robots[i, 1]), (x, y), margin):
-                way += DETOUR
-            costs[i, s] = way * way
+            length = np.sqrt(dx * dx + dy * dy)
+            if crosses(payload, (robots[i, 0], robots[i, 1]), (x, y), margin):
+                length += DETOUR_LENGTH
+            costs[i, s] = length * length
     if (out >= 0).sum() != k or out.max() >= k:
         out[:] = -1
         for s in range(k):
@@ -78,40 +81,40 @@ def assign_slots(
 
 @kernel
 def _swap(costs: Double, out: Int) -> None:
-    """Swaps the places of two robots as long as that shortens their ways together."""
-    n, again = costs.shape[0], True
-    while again:
-        again = False
+    """Swaps the slots of two robots as long as that shortens their paths together."""
+    n, has_changed = costs.shape[0], True
+    while has_changed:
+        has_changed = False
         for i in range(n):
             for j in range(n):
                 if out[i] < 0:
                     continue
-                now, new = costs[i, out[i]], costs[j, out[i]]
+                cost, swapped = costs[i, out[i]], costs[j, out[i]]
                 if out[j] >= 0:
-                    now, new = now + costs[j, out[j]], new + costs[i, out[j]]
-                if new < now - WORTH:
+                    cost, swapped = cost + costs[j, out[j]], swapped + costs[i, out[j]]
+                if swapped < cost - SWAP_MIN_GAIN:
                     out[i], out[j] = out[j], out[i]
-                    again = True
+                    has_changed = True
 
 
 @kernel
 def contact(
-    robot: Double, inset: float, body: Double, shape: Shape, slot: Double
+    robot: Double, inset: float, payload: PayloadState, slot: Double
 ) -> tuple[float, float, float, float]:
-    """Where a robot would push, seen from its place.
+    """Returns how a robot would push, and where its slot is relative to it.
 
     At a box it pushes along the face's normal, wherever it stands; at a circle towards the centre.
 
     Args:
-        robot: position first, [any].
-        inset: how much smaller the robot's radius is than that of the places, m.
-        body: columns `states.BODY`, [7].
-        shape: of the payload.
-        slot: its place, [4].
+        robot: position first, [C].
+        inset: how much smaller the robot's radius is than that of the slots, m.
+        payload: its state.
+        slot: of the robot, [4].
 
     Returns:
-        Direction of its push, and how far its place is to the left and ahead of it, m.
+        Direction of its push, and how far its slot is to the left and ahead of it, m.
     """
+    body, shape = payload
     dx, dy, nx, ny = slot[0] - robot[0], slot[1] - robot[1], slot[2], slot[3]
     ahead = dx * nx + dy * ny
     if shape[0] == CIRCLE:
@@ -125,27 +128,27 @@ def contact(
 
 @kernel
 def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> bool:
-    """Whether a robot is in place, by what `contact` returned."""
-    aside = ARC_ASIDE if is_circle else (LOST if was_pushing else ASIDE)
-    away = LOST if was_pushing else AWAY
-    return abs(left) < aside and abs(ahead) < away
+    """Whether a robot is in its slot, from the last two values of `contact`."""
+    side = SLOT_LOST_DISTANCE if was_pushing else SLOT_SIDE_TOLERANCE
+    gap = SLOT_LOST_DISTANCE if was_pushing else SLOT_GAP_TOLERANCE
+    return abs(left) < (ARC_SIDE_TOLERANCE if is_circle else side) and abs(ahead) < gap
 
 
 @kernel
-def possible_way(way: tuple[float, float], pushes: Double) -> tuple[float, float]:
-    """The direction nearest to the way in which such pushes can move the payload.
+def feasible_direction(direction: tuple[float, float], pushes: Double) -> tuple[float, float]:
+    """The direction nearest to the wanted one in which pushes can move the payload.
 
     Args:
-        way: unit vector.
+        direction: unit vector.
         pushes: positions and directions, [K, 4].
 
     Returns:
-        A unit vector, or (0, 0) where none of the pushes is along the way.
+        A unit vector, or (0, 0) if none of the pushes has a component along the direction.
     """
     wx, wy = 0.0, 0.0
     for k in range(pushes.shape[0]):
         nx, ny = pushes[k, 2], pushes[k, 3]
-        ahead = max(way[0] * nx + way[1] * ny, 0.0) / _share(pushes, k)
+        ahead = max(direction[0] * nx + direction[1] * ny, 0.0) / _share(pushes, k)
         wx, wy = wx + ahead * nx, wy + ahead * ny
     length = np.sqrt(wx * wx + wy * wy)
     if length < 1e-9:
@@ -155,7 +158,7 @@ def possible_way(way: tuple[float, float], pushes: Double) -> tuple[float, float
 
 @kernel
 def _share(pushes: Double, k: int) -> float:
-    """How many robots share the work of push k: parallel ones count fully."""
+    """Number of robots that share the work of push k: parallel ones count fully."""
     share = 0.0
     for j in range(pushes.shape[0]):
         along = max(pushes[j, 2] * pushes[k, 2] + pushes[j, 3] * pushes[k, 3], 0.0)
@@ -165,21 +168,21 @@ def _share(pushes: Double, k: int) -> float:
 
 @kernel
 def _share_force(
-    body: Double, wanted: tuple[float, float], pushes: Double, most: float, out: Double
+    body: Double, wanted: tuple[float, float], pushes: Double, limit: float, out: Double
 ) -> tuple[float, float, float]:
-    """Shares a force among pushes, weakened in its direction until no robot exceeds `most`, N.
+    """Shares a force among pushes, scaled down until no robot exceeds `limit`, N.
 
     Returns:
-        The force and the torque that come of it, N and N m.
+        The resulting force and torque, N and N m.
     """
-    peak = most
+    peak = limit
     for k in range(pushes.shape[0]):
         along = wanted[0] * pushes[k, 2] + wanted[1] * pushes[k, 3]
         out[k] = max(along, 0.0) / _share(pushes, k)
         peak = max(peak, out[k])
     x, y, torque = 0.0, 0.0, 0.0
     for k in range(pushes.shape[0]):
-        out[k] *= most / peak
+        out[k] *= limit / peak
         fx, fy = out[k] * pushes[k, 2], out[k] * pushes[k, 3]
         x, y = x + fx, y + fy
         torque += (pushes[k, 0] - body[0]) * fy - (pushes[k, 1] - body[1]) * fx
@@ -188,32 +191,35 @@ def _share_force(
 
 @kernel
 def push_forces(
-    body: Double, way: tuple[float, float], pushes: Double, payload: Double, out: Double
+    body: Double, direction: tuple[float, float], pushes: Double, setup: PushSetup, out: Double
 ) -> bool:
-    """Writes the force (N) of each push that moves the payload along its way.
+    """Writes the force (N) of each push that moves the payload along its direction.
 
     The team's force overcomes friction and corrects the velocity; it is shared among the robots
-    of a face, and more goes to the side that lags.
+    of a face, and the side that lags behind pushes harder.
 
     Args:
-        body: columns `states.BODY`, [7].
-        way: unit vector, from `possible_way`.
+        body: columns `state_layout.BODY`, [7].
+        direction: unit vector, from `feasible_direction`.
         pushes: positions and directions, [K, 4].
-        payload: its mass with the robots', kg; friction, N; most force of a robot, N; most torque
-            that friction holds, N m; [4].
+        setup: constants of payload and team.
         out: written, not negative, [K].
 
     Returns:
-        Whether these pushes start it on its way, near enough and without turning it.
+        Whether these pushes start the payload closely enough along its direction, without turning
+        it.
     """
-    mass, friction, most = payload[0] / RESPONSE, payload[1], payload[2]
-    fx = friction * way[0] + mass * (SPEED * way[0] - body[2])
-    fy = friction * way[1] + mass * (SPEED * way[1] - body[3])
-    start = friction + mass * SPEED
-    x, y, torque = _share_force(body, (start * way[0], start * way[1]), pushes, most, out)
-    ahead, total = x * way[0] + y * way[1], np.sqrt(x * x + y * y)
-    _share_force(body, (fx, fy), pushes, most, out)
+    mass, friction = setup.moved_mass / VELOCITY_RESPONSE_TIME, setup.friction
+    dx, dy = direction
+    fx = friction * dx + mass * (PAYLOAD_SPEED * dx - body[2])
+    fy = friction * dy + mass * (PAYLOAD_SPEED * dy - body[3])
+    start = friction + mass * PAYLOAD_SPEED
+    limit = setup.robot_force
+    x, y, torque = _share_force(body, (start * dx, start * dy), pushes, limit, out)
+    ahead, total = x * dx + y * dy, np.sqrt(x * x + y * y)
+    _share_force(body, (fx, fy), pushes, limit, out)
     for k in range(pushes.shape[0]):
         lever = (pushes[k, 0] - body[0]) * pushes[k, 3] - (pushes[k, 1] - body[1]) * pushes[k, 2]
-        out[k] = min(max(out[k] - TURN_DAMPING * body[6] * lever, 0.0), most)
-    return ahead > ENOUGH * friction and ahead > TRUE * total and abs(torque) < payload[3]
+        out[k] = min(max(out[k] - TURN_DAMPING * body[6] * lever, 0.0), limit)
+    is_along = ahead > PUSH_MIN_FRICTION_RATIO * friction and ahead > PUSH_MIN_COSINE * total
+    return is_along and abs(torque) < setup.held_torque

@@ -56,7 +56,7 @@ class Worlds:
 
     def local_observations(self, step: Step) -> Float:
         """Returns the observations of any copies in the robots' frame, [C, N, O]."""
-        return step.observations if self.frame is None else self.frame.seen(step.observations)
+        return step.observations if self.frame is None else self.frame.inputs(step.observations)
 
     def grouped(self, array: Any) -> Any:
         """Views an array of all copies, [K E, ...], by seed, [K, E, ...]."""

@@ -9,7 +9,12 @@ import numpy as np
 
 from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
-from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, TRAINED, checkpoints
+from swarmdata.behavior_policies.tiers import (
+    FAMILIES,
+    FAMILY_SPECS,
+    TRAINED_TIERS,
+    checkpoints,
+)
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -96,7 +101,7 @@ def find_policy(source: str, seed: int, n_agents: int) -> Policy:
     Raises:
         BuildError: there is no such policy.
     """
-    shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED}
+    shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED_TIERS}
     if source not in shipped:
         return last_policy(Path(source), seed)
     family, tier = shipped[source]
@@ -107,7 +112,7 @@ def find_policy(source: str, seed: int, n_agents: int) -> Policy:
             f"below {len(found)}, or start from the folder of a run."
         )
     data = read_checkpoint(found[seed].file, found[seed].sha256)
-    return restored(load_actor(data, SPECS[family].n_agents, found[seed].file), n_agents)
+    return restored(load_actor(data, FAMILY_SPECS[family].n_agents, found[seed].file), n_agents)
 
 
 def copy_weights(

@@ -12,11 +12,11 @@ depends on its first and last state only.
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.distance_field import (
-    SPACING,
-    STRAIGHT,
+    NODE_SPACING,
+    STRAIGHT_COST,
     check_maps,
     fill_clearances,
-    fill_ways,
+    fill_paths,
     grid_shape,
     nearest_node,
 )
@@ -57,7 +57,7 @@ def fill_lengths(
     costs = np.empty(rows * columns, np.int32)
     paths = np.empty(rows * columns, np.int32)
     for c in copies:
-        fill_clearances(layouts[c], half, radius + SPACING, grid)
+        fill_clearances(layouts[c], half, radius + NODE_SPACING, grid)
         for row in range(rows):
             for column in range(columns):
                 gap = grid[row, column] - radius
@@ -66,9 +66,9 @@ def fill_lengths(
         end = nearest_node(goals[c, 0], goals[c, 1], weights - 1, columns, half)
         costs[:] = -1
         if end >= 0:
-            fill_ways(end, columns, weights, costs, paths)
+            fill_paths(end, columns, weights, costs, paths)
         for node in range(rows * columns):
-            length = costs[node] * SPACING / STRAIGHT
+            length = costs[node] * NODE_SPACING / STRAIGHT_COST
             out[c, node // columns, node % columns] = length if costs[node] >= 0 else np.inf
 
 
@@ -84,12 +84,12 @@ def look_up(points: Double, half: Double, lengths: Double, out: Double) -> None:
     """
     rows, columns = lengths.shape[1:]
     for c in range(points.shape[0]):
-        u, v = (points[c, 0] + half[0]) / SPACING, (points[c, 1] + half[1]) / SPACING
+        u, v = (points[c, 0] + half[0]) / NODE_SPACING, (points[c, 1] + half[1]) / NODE_SPACING
         out[c] = np.inf
         for row in range(max(int(v) - NODE_REACH, 0), min(int(v) + NODE_REACH + 2, rows)):
             for column in range(max(int(u) - NODE_REACH, 0), min(int(u) + NODE_REACH + 2, columns)):
                 dx, dy = column - u, row - v
-                length = np.sqrt(dx * dx + dy * dy) * SPACING + lengths[c, row, column]
+                length = np.sqrt(dx * dx + dy * dy) * NODE_SPACING + lengths[c, row, column]
                 out[c] = min(out[c], length)
 
 

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
-from swarmdata.behavior_policies.tiers import SPECS
+from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.cards.card import card_of
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.errors import SwarmdataError
@@ -70,7 +70,7 @@ def tiers(subject: Subject) -> Remarks:
         yield note("no references were measured for this spec, so the tier cannot be compared")
         return
     yield from _rung(subject, origin.tier, known)
-    family = next((name for name, spec in SPECS.items() if spec == origin.spec), None)
+    family = next((name for name, spec in FAMILY_SPECS.items() if spec == origin.spec), None)
     if family is not None:
         yield from _bands(subject, family, origin.tier, known)
 

@@ -1,1 +1,1 @@
-"""What robots see and hear: sensors, radios, frames, and the pipeline of both."""
+"""Perception: sensors, radios, frames, and the pipeline that makes observations of them."""

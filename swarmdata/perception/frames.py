@@ -1,15 +1,16 @@
-"""Frames in which policies see and act: the world's, or each robot's own, turned to an anchor.
+"""Frames in which policies observe and act: the world's, or each robot's own, turned to an anchor.
 
-A task without preferred directions looks the same when it is turned. A policy that sees every
-vector relative to where its robot has to go need not learn the same driving for every direction.
-How fast a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it. To see what that brings, train with `--set frame=world`.
+A task without preferred directions looks the same when it is turned. A policy that observes every
+vector relative to the direction of its target need not learn to drive in every direction. The speed
+at which a gap closes is a product of two vectors, which a small ReLU network does not form, so a
+frame adds it. To measure the effect, train with `--set frame=world`.
 
-Nor does a small network form the nearness of robots that are only heard: messages hold positions in
-metres, in the order of the senders. A frame adds what `observation: state` shows of robots that are
-seen. On `coop_nav-expert` with `state-0`, clones had 1.4 robot collisions an episode without
-messages and 1.5 with them; with what is added, 0.6 with `perfect` and 0.03 with `state`, which has
-velocities (`bc`, 4,000 updates of 128 rows, hidden sizes 64, 3 seeds, 100 episodes).
+Nor does a small network form the nearness of robots that it knows only from messages, which hold
+positions in metres, in the order of the senders. A frame adds the features that `observation:
+state` has for visible robots. On `coop_nav-expert` with `state-0`, clones had 1.4 robot collisions
+an episode without messages and 1.5 with them; with the added features, 0.6 with `perfect` and 0.03
+with `state`, which has velocities (`bc`, 4,000 updates of 128 rows, hidden sizes 64, 3 seeds, 100
+episodes).
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
@@ -24,8 +25,8 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
 from swarmdata.types import Double, Float, Int
 
-HEARING = 1.25
-"""Distance (m) between the centres of robots from which on the nearness of a sender is 0."""
+HEARING_RANGE = 1.25
+"""Distance (m) between the centres of robots at and beyond which the nearness of a sender is 0."""
 
 NOT_SENT = -1
 """Stands for the index of a velocity that messages do not have."""
@@ -38,13 +39,13 @@ class Frame:
     Attributes:
         anchor: index of the anchor's x component in an observation; its y component follows.
         vectors: indices of the x components of all planar vectors; their y components follow.
-        closing: pairs of such indices: the direction to something near, and the velocity relative
-            to it; their scalar product is seen too.
-        heard: for each slot of messages, the indices of the sender's position, of the own velocity
-            and of the sender's, -1 where that is not sent. The direction to the sender times its
-            nearness, 1 - distance / `HEARING`, is seen too, and how fast it is approached: the
-            scalar product with the own velocity minus the sender's. All are 0 beyond that distance,
-            and of senders that were never heard.
+        closing: pairs of such indices: the direction to a near object, and the velocity relative
+            to it; the frame adds their scalar product, the closing speed.
+        heard: for each slot of messages, the indices of the sender's position, of the robot's own
+            velocity and of the sender's, -1 if that is not sent. The frame adds the direction to
+            the sender times its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product
+            of that vector and the own velocity minus the sender's. All are 0 beyond that distance,
+            and for senders without a received message.
     """
 
     anchor: int
@@ -54,11 +55,11 @@ class Frame:
 
     @property
     def n_added(self) -> int:
-        """How many features `seen` adds."""
+        """Number of features that `inputs` adds."""
         return 2 + len(self.closing) + 3 * len(self.heard)
 
     def fits(self, n_features: int) -> bool:
-        """Whether every vector that this frame names is in observations of so many features."""
+        """Whether all vectors of this frame are in observations with `n_features` features."""
         first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}
         for position, own, other in self.heard:
             first |= {position, own} if other == NOT_SENT else {position, own, other}
@@ -67,19 +68,19 @@ class Frame:
     def directions(self, observations: Float) -> tuple[Double, Double]:
         """Returns the unit vectors of the frame's x axis, two arrays [..., N].
 
-        Where the anchor has no length, the frame is the world's.
+        If the anchor has length 0, the frame is the world's.
         """
         x, y = (observations[..., self.anchor + k].astype(np.float64) for k in (0, 1))
         length = np.sqrt(x * x + y * y)
-        still = length == 0.0
-        length = np.where(still, 1.0, length)
-        return np.where(still, 1.0, x / length), y / length
+        is_zero = length == 0.0
+        length = np.where(is_zero, 1.0, length)
+        return np.where(is_zero, 1.0, x / length), y / length
 
-    def seen(self, observations: Float) -> Float:
-        """Returns what a policy sees, float32 [..., N, O + 2 + C + 3 H].
+    def inputs(self, observations: Float) -> Float:
+        """Returns the inputs of a policy, float32 [..., N, O + 2 + C + 3 H].
 
-        Observations with their vectors turned, the frame's x axis in the world, closing speeds,
-        nearness (x, y) and closing speed of senders.
+        These are the observations with their vectors turned, the frame's x axis in the world, the
+        closing speeds, and nearness (x, y) and closing speed of senders.
         """
         size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
@@ -94,7 +95,7 @@ class Frame:
         return out
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
-        """Returns actions of this frame in the world's, [..., N, A]; the first two are turned.
+        """Returns actions in the world's frame, [..., N, A]; their first two columns are turned.
 
         Args:
             observations: in the world's frame, [..., N, O].
@@ -107,7 +108,7 @@ class Frame:
         return out
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
-        """Returns actions of the world's frame in this one; the inverse of `to_world`."""
+        """Returns actions in this frame; the inverse of `to_world`."""
         ux, uy = self.directions(observations)
         out = actions.astype(np.float64)
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
@@ -117,40 +118,40 @@ class Frame:
 
 @kernel
 def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, heard: Int, out: Float) -> None:
-    """Writes what is seen of observations, [M, O], into [M, O + 2 + C + 3 H]."""
+    """Writes `Frame.inputs` of observations [M, O] into [M, O + 2 + C + 3 H]."""
     size = rows.shape[1]
     for m in range(len(rows)):
-        row, seen = rows[m], out[m]
+        row, inputs = rows[m], out[m]
         x, y = np.float64(row[anchor]), np.float64(row[anchor + 1])
         length = np.sqrt(x * x + y * y)
         ux, uy = 1.0, 0.0
         if length != 0.0:
             ux, uy = x / length, y / length
-        seen[:size] = row
+        inputs[:size] = row
         for k in vectors:
             x, y = np.float64(row[k]), np.float64(row[k + 1])
-            seen[k], seen[k + 1] = ux * x + uy * y, ux * y - uy * x
-        seen[size], seen[size + 1] = ux, uy
+            inputs[k], inputs[k + 1] = ux * x + uy * y, ux * y - uy * x
+        inputs[size], inputs[size + 1] = ux, uy
         for c in range(len(closing)):
             near, speed = closing[c]
             product = np.float64(row[near]) * np.float64(row[speed])
-            seen[size + 2 + c] = product + np.float64(row[near + 1]) * np.float64(row[speed + 1])
+            inputs[size + 2 + c] = product + np.float64(row[near + 1]) * np.float64(row[speed + 1])
         at = size + 2 + len(closing)
         for h in range(len(heard)):
             x, y, speed = _approach(row, heard[h])
-            seen[at], seen[at + 1], seen[at + 2] = ux * x + uy * y, ux * y - uy * x, speed
+            inputs[at], inputs[at + 1], inputs[at + 2] = ux * x + uy * y, ux * y - uy * x, speed
             at += 3
 
 
 @kernel
 def _approach(row: Float, heard: Int) -> tuple[float, float, float]:
-    """Returns nearness times direction of a sender, x and y, and how fast it is approached."""
+    """Returns nearness times direction of a sender, x and y, and the closing speed."""
     position, own, other = heard
     x, y = np.float64(row[position]), np.float64(row[position + 1])
     distance = np.sqrt(x * x + y * y)
-    if distance == 0.0 or distance >= HEARING:
+    if distance == 0.0 or distance >= HEARING_RANGE:
         return 0.0, 0.0, 0.0
-    scale = (1.0 - distance / HEARING) / distance
+    scale = (1.0 - distance / HEARING_RANGE) / distance
     x, y = x * scale, y * scale
     vx, vy = np.float64(row[own]), np.float64(row[own + 1])
     if other != NOT_SENT:
@@ -161,8 +162,8 @@ def _approach(row: Float, heard: Int) -> tuple[float, float, float]:
 def in_world(frame: Frame | None, observations: Float, actions: Double) -> Double:
     """Returns a policy's actions in the world's frame, within [-1, 1], [E, N, A].
 
-    Worlds clip a command to a norm of 1 (`envs.dynamics`). Here that is done before they clip its
-    components, so that a turned command keeps its direction.
+    Worlds clip a command to a norm of 1 (`envs.physics.dynamics`) after its components. Here the
+    norm is clipped first, so that a turned command keeps its direction.
 
     Args:
         frame: in which the actions are; None for the world's.
@@ -179,9 +180,9 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
 
 
 def natural_anchor(features: Sequence[Feature]) -> str:
-    """Returns `target` where robots see their targets and take commands as vectors, else `world`.
+    """Returns `target` if targets are observed and commands are vectors, else `world`.
 
-    Beams and cells do not turn, nor do the commands of unicycles. Other anchors were not better:
+    Beams, cells and the commands of unicycles cannot be turned. Other anchors were not better:
     `bc` on `formation-expert` scored 89.2 in the target's frame and 85.4 in that of the reference's
     heading (4,000 updates of 128 rows, hidden sizes 64, 2 seeds, 100 episodes).
 
@@ -200,8 +201,8 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
 
     Args:
         features: of an observation.
-        anchor: what the x axis points to: the name of an observed vector without its `_x`, such as
-            `payload_goal`, or `target`, the robot's own; `world` for no turning at all.
+        anchor: the vector along the x axis: the name of an observed vector without its `_x`, such
+            as `payload_goal`, or `target`, the robot's own; `world` for no rotation.
 
     Raises:
         SpecError: these observations have no such vector.
@@ -229,7 +230,7 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
 
 
 def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:
-    """Pairs of near direction and relative velocity, for each slot of robots and of obstacles."""
+    """Indices of near direction and relative velocity, for each slot of robots and obstacles."""
     pairs = []
     for name, k in index.items():
         slot, _, field = name.rpartition(".")
@@ -240,7 +241,7 @@ def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:
 
 
 def _heard(index: Mapping[str, int]) -> tuple[tuple[int, int, int], ...]:
-    """Sender's position, own velocity and sender's velocity, for each slot of messages."""
+    """Indices of sender's position, own velocity, sender's velocity, for each slot of messages."""
     own = index.get("own.vx")
     slots = [name.partition(".")[0] for name in index if name.endswith(".position_x")]
     return tuple(

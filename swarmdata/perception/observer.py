@@ -1,4 +1,4 @@
-"""What robots see and hear in a state: one pipeline for live worlds and for recorded states."""
+"""The pipeline of sensors and radio that makes observations, of live worlds and recorded states."""
 
 import numpy as np
 
@@ -11,14 +11,14 @@ from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, St
 
 
 class Observer:
-    """Fills in what was observed and heard, step after step, for E copies.
+    """Writes the observations and messages of E copies, step after step.
 
-    An observation is what the sensor gives, then, with communication, the received messages. It is
-    a function of the episode's seed, layout, states and actions up to that step, so states can be
-    observed again, with any models, without the world.
+    An observation holds the features of the sensor and then, with communication, the received
+    messages. It is a function of the episode's seed, layout, states and actions up to that step, so
+    recorded states can be reobserved with any models, without the world.
 
     Args:
-        task: the task; its spec has the models.
+        task: the task; its spec contains the models.
         n_copies: E.
     """
 
@@ -34,29 +34,30 @@ class Observer:
             self.message_size, self.n_senders = self._channel.message_size, spec.n_agents
 
     def observe(
-        self, now: Step, actions: Float | Double | None, active: Bool, fresh: Int | None = None
+        self, step: Step, actions: Float | Double | None, active: Bool, fresh: Int | None = None
     ) -> None:
         """Writes observations, sent, delivered and ages of the active copies.
 
         Args:
-            now: a step whose states, layouts, seeds and times are complete.
-            actions: the actions that led to it, [E, N, A]; None where all active copies are fresh.
+            step: the current step; its states, layouts, seeds and times are complete.
+            actions: the actions that led to it, [E, N, A]; None if all active copies are fresh.
             active: copies to observe, [E].
             fresh: copies in which an episode has just begun.
         """
         if fresh is not None:
             self._sensor.forget(fresh)
         if self._channel is None:
-            self._sensor.observe(now, active, now.observations)
+            self._sensor.observe(step, active, step.observations)
         else:
-            cut = len(self._sensor.features)
-            known = self._sensor.observe(now, active, now.observations[..., :cut])
+            n_sensed = len(self._sensor.features)
+            sensed, messages = step.observations[..., :n_sensed], step.observations[..., n_sensed:]
+            known = self._sensor.observe(step, active, sensed)
             if fresh is not None:
                 self._channel.forget(fresh)
-            self._channel.transmit(now, known, actions, active, now.observations[..., cut:])
+            self._channel.transmit(step, known, actions, active, messages)
 
     def allocate(self, shape: tuple[int, ...], n_agents: int) -> tuple[Float, Float, Bool, Counts]:
-        """Zeroed arrays (observations, sent, delivered, ages) with leading axes `shape`."""
+        """Returns initial observations, sent, delivered and ages with leading axes `shape`."""
         n = n_agents
         return (
             np.zeros((*shape, n, len(self.features)), dtype=np.float32),
@@ -67,5 +68,5 @@ class Observer:
 
 
 def features_of(task: Task) -> tuple[Feature, ...]:
-    """What each number of one robot's observation is, received messages included."""
+    """Returns the features of one robot's observation, including received messages."""
     return Observer(task, 1).features

@@ -26,10 +26,10 @@ POLICIES = {
 }
 
 SCRIPTED_CONTROLLERS = {
-    "coop_nav": "swarmdata.behavior_policies.coop_nav_controller:CoopNavScript",
-    "transport": "swarmdata.behavior_policies.transport.transport_controller:TransportScript",
-    "warehouse": "swarmdata.behavior_policies.warehouse.warehouse_controller:WarehouseScript",
-    "formation": "swarmdata.behavior_policies.formation_controller:FormationScript",
+    "coop_nav": "swarmdata.behavior_policies.coop_nav_controller:CoopNavController",
+    "transport": "swarmdata.behavior_policies.transport.transport_controller:TransportController",
+    "warehouse": "swarmdata.behavior_policies.warehouse.warehouse_controller:WarehouseController",
+    "formation": "swarmdata.behavior_policies.formation_controller:FormationController",
 }
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""

@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.coop_nav_controller import CoopNavScript, turns_at_door
+from swarmdata.behavior_policies.coop_nav_controller import CoopNavController, turns_at_door
 from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy
@@ -50,7 +50,7 @@ def test_driving_straight_fails_more_often_than_not() -> None:
 
 def test_unassigned_goals_are_shared_out_by_least_squares() -> None:
     spec = preset("coop_nav-unassigned")
-    env, policy = make_env(spec, 8), CoopNavScript(spec)
+    env, policy = make_env(spec, 8), CoopNavController(spec)
     step = env.reset(np.arange(8, dtype=np.uint64))
     policy.reset(step, np.arange(8))
     for b in range(8):
@@ -64,7 +64,7 @@ def test_unassigned_goals_are_shared_out_by_least_squares() -> None:
 
 def test_an_assignment_stays_for_the_episode_and_other_copies() -> None:
     spec = preset("coop_nav-unassigned")
-    env, policy = make_env(spec, 2), CoopNavScript(spec)
+    env, policy = make_env(spec, 2), CoopNavController(spec)
     step = env.reset(np.arange(2, dtype=np.uint64))
     policy.reset(step, np.arange(2))
     kept = policy._targets.copy()
@@ -79,7 +79,7 @@ def test_an_assignment_stays_for_the_episode_and_other_copies() -> None:
 def test_assigned_goals_are_the_generic_controllers() -> None:
     spec = preset("coop_nav")
     step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
-    own, generic = CoopNavScript(spec, noise=0.1), Scripted(spec, noise=0.1)
+    own, generic = CoopNavController(spec, noise=0.1), Scripted(spec, noise=0.1)
     for policy in (own, generic):
         policy.reset(step, np.arange(2))
     np.testing.assert_array_equal(own.act(step), generic.act(step))
@@ -98,14 +98,14 @@ def test_the_right_team_waits_until_the_left_one_is_through() -> None:
 @pytest.mark.parametrize("name", ["coop_nav-unassigned", "coop_nav-doorway", "coop_nav-mixed"])
 def test_the_contract_of_policies_is_kept(name: str) -> None:
     spec = preset(name).with_updates(horizon=25)
-    check_policy(CoopNavScript(spec, noise=0.1), spec, make_env)
+    check_policy(CoopNavController(spec, noise=0.1), spec, make_env)
 
 
 def test_other_tasks_and_noise_that_is_none_are_refused() -> None:
     with pytest.raises(SpecError, match="expected 'coop_nav'"):
-        CoopNavScript(TaskSpec(rules=WarehouseRules()))
+        CoopNavController(TaskSpec(rules=WarehouseRules()))
     with pytest.raises(SpecError, match="noise"):
-        CoopNavScript(TaskSpec(), noise=-1.0)
+        CoopNavController(TaskSpec(), noise=-1.0)
 
 
 def test_the_robotarium_preset_has_the_testbeds_constants() -> None:

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.formation_controller import (
-    LOOK,
-    MARGIN,
-    FormationScript,
+    FREE_SLOT_GAP,
+    FormationController,
+    SlotPaths,
     aim_at_slots,
-    next_free_place,
+    next_free_position,
 )
 from swarmdata.envs.formation.formation import Formation
 from swarmdata.errors import SchemaError, SpecError
@@ -26,18 +26,10 @@ from swarmdata.types import Double, Step
 HALF = np.array([2.5, 2.5])
 
 
-def path_of(task: Formation) -> tuple[int, float, float]:
-    points = N_COLUMNS * task.spec.n_agents + [column.name for column in task.extras].index(
-        "control_0_x"
-    )
-    return points, task.spec.control_dt * task.segment_rate, LOOK * task.segment_rate
-
-
 def aims(step: Step, task: Formation) -> tuple[Double, Double]:
     targets, drifts = np.zeros((2, len(step.states), task.spec.n_agents, 2))
-    radii = np.array([robot.radius for robot in task.spec.robots])
-    path = path_of(task)
-    aim_at_slots(step.states, step.times, step.layouts, (radii, HALF), path, targets, drifts)
+    paths = SlotPaths.of(task)
+    aim_at_slots(step.states, step.times, step.layouts, paths, targets, drifts)
     return targets, drifts
 
 
@@ -58,12 +50,12 @@ def test_free_slots_are_followed_and_blocked_ones_awaited(seed: int, n_steps: in
     slots = robots_of(step.states, 4)[..., [TX, TY]].astype(np.float64)
     for b in range(2):
         for i in range(4):
-            is_free = clearance(*slots[b, i], step.layouts[b], HALF) >= 0.12 + MARGIN
+            is_free = clearance(*slots[b, i], step.layouts[b], HALF) >= 0.12 + FREE_SLOT_GAP
             if is_free:
                 np.testing.assert_array_equal(targets[b, i], slots[b, i])
                 assert np.linalg.norm(drifts[b, i]) > 0.0
             elif (targets[b, i] != slots[b, i]).any():
-                assert clearance(*targets[b, i], step.layouts[b], HALF) >= 0.12 + MARGIN
+                assert clearance(*targets[b, i], step.layouts[b], HALF) >= 0.12 + FREE_SLOT_GAP
                 np.testing.assert_array_equal(drifts[b, i], 0.0)
 
 
@@ -75,17 +67,17 @@ def test_a_blocked_slot_is_awaited_where_it_comes_out() -> None:
     layouts[0, 0] = (CIRCLE, *slot, 1.0, 0.0, 0.2, 0.2, 0.0)
     targets, drifts = aims(step._replace(states=states, layouts=layouts), task)
     away = np.linalg.norm(targets[0, 0] - slot)
-    assert 0.2 + 0.12 + MARGIN - 1e-6 <= away <= 0.5
+    assert 0.2 + 0.12 + FREE_SLOT_GAP - 1e-6 <= away <= 0.5
     np.testing.assert_array_equal(drifts[0, 0], 0.0)
     ahead = states[0, N_COLUMNS * 4 + 2 : N_COLUMNS * 4 + 4] @ (targets[0, 0] - slot)
     assert ahead > 0.0, "it waits where the slot comes from"
 
 
-def test_a_slot_that_stays_blocked_has_no_free_place() -> None:
+def test_a_slot_that_stays_blocked_has_no_free_position() -> None:
     task, step = a_step(preset("formation"), 3, 0)
     layout = np.array([[CIRCLE, 0, 0, 1, 0, 9, 9, 0]], dtype=np.float32)
-    first, _, per_look = path_of(task)
-    found = next_free_place(step.states[0], (0.0, 0.0), first, (0.0, per_look), 0.14, layout, HALF)
+    slot, paths = (0.0, 0.0), SlotPaths.of(task)
+    found = next_free_position(step.states[0], slot, 0.0, paths, 0.14, layout)
     assert not found[0]
 
 
@@ -93,7 +85,7 @@ def test_a_slot_that_stays_blocked_has_no_free_place() -> None:
 def test_the_team_forms_and_bends_around_obstacles(name: str) -> None:
     spec = preset(name)
     env, policy = make_env(spec, 10), make_policy("scripted", spec)
-    assert isinstance(policy, FormationScript)
+    assert isinstance(policy, FormationController)
     episodes = list(rollout(env, policy, np.arange(20, dtype=np.uint64)))
     assert sum(episode.success for episode in episodes) >= 16
     touched = sum(bool(episode.events.any()) for episode in episodes)
@@ -111,15 +103,15 @@ def test_driving_straight_fails_more_often_than_not() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_the_policy_contract(noise: float) -> None:
     spec = preset("formation").with_updates(horizon=25)
-    check_policy(FormationScript(spec, noise=noise), spec, make_env, n_episodes=5, n_steps=10)
+    check_policy(FormationController(spec, noise=noise), spec, make_env, n_episodes=5, n_steps=10)
 
 
 def test_wrong_use_is_refused() -> None:
     spec = preset("formation")
     with pytest.raises(SpecError, match="expected 'formation'"):
-        FormationScript(preset("coop_nav"))
+        FormationController(preset("coop_nav"))
     with pytest.raises(SpecError, match="noise"):
-        FormationScript(spec, noise=-1.0)
+        FormationController(spec, noise=-1.0)
     _, step = a_step(spec, 1, 0)
     with pytest.raises(SchemaError, match="no map"):
-        FormationScript(spec).act(step)
+        FormationController(spec).act(step)

@@ -12,9 +12,9 @@ from swarmdata.behavior_policies import tiers
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import (
     FAMILIES,
-    SPECS,
+    FAMILY_SPECS,
     TIERS,
-    TRAINED,
+    TRAINED_TIERS,
     Checkpoint,
     Index,
     checkpoints,
@@ -85,10 +85,10 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
 def test_recipes_are_of_the_spec_of_their_preset(
     trained: MappingProxyType[str, Recipe],
 ) -> None:
-    assert {spec.n_agents for spec in SPECS.values()} == {4, 8}
+    assert {spec.n_agents for spec in FAMILY_SPECS.values()} == {4, 8}
     for key, recipe in trained.items():
         family = max((name for name in FAMILIES if key.startswith(f"{name}-")), key=len)
-        assert recipe.spec == SPECS[family]
+        assert recipe.spec == FAMILY_SPECS[family]
 
 
 def test_no_two_tiers_share_their_episodes(trained: MappingProxyType[str, Recipe]) -> None:
@@ -138,7 +138,7 @@ def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> No
 
 def test_evaluated_policies_have_no_noise(trained: MappingProxyType[str, Recipe]) -> None:
     assert trained
-    for tier in TRAINED:
+    for tier in TRAINED_TIERS:
         found = sources("coop_nav", tier, 0.0)
         assert [source.noise for source in found] == [0.0] * len(INDEX[tier])
     assert sources("coop_nav", "scripted")[0].noise == 0.0
@@ -152,14 +152,14 @@ def test_evaluated_policies_have_no_noise(trained: MappingProxyType[str, Recipe]
 )
 def test_parts_suit_the_smallest_share(shares: list[float], n_steps: int, family: str) -> None:
     policies = [PolicySource(label=str(k), name="x", share=s) for k, s in enumerate(shares)]
-    size = part_size(SPECS[family], policies, n_steps)
+    size = part_size(FAMILY_SPECS[family], policies, n_steps)
 
     assert size in (4, 8, 16, 32, 64, 128, 256)
     needed = n_steps * min(shares) / sum(shares)
-    assert size == 4 or size * SPECS[family].horizon <= needed / 2 + 1e-6
+    assert size == 4 or size * FAMILY_SPECS[family].horizon <= needed / 2 + 1e-6
 
 
-@pytest.mark.parametrize("tier", TRAINED)
+@pytest.mark.parametrize("tier", TRAINED_TIERS)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_shipped_checkpoints_are_those_of_the_index(family: str, tier: str) -> None:
     for shipped in checkpoints(family, tier):

@@ -5,7 +5,7 @@ from importlib.resources import files
 import pytest
 
 from swarmdata.behavior_policies.tier_bands import complete_families, out_of_band
-from swarmdata.behavior_policies.tiers import FAMILIES, SPECS, checkpoints, shipped_recipes
+from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes
 from swarmdata.registry.published import published, references
 
 
@@ -20,7 +20,7 @@ def means(family: str) -> dict[str, dict[str, float]]:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_references_were_measured_on_the_headline_spec(family: str) -> None:
     found = references()[family]
-    assert found.spec_hash == SPECS[family].hash()
+    assert found.spec_hash == FAMILY_SPECS[family].hash()
     assert found.n_episodes == 1000
     trained = {tier for tier in ("medium", "expert") if checkpoints(family, tier)}
     assert set(found.policies) >= {"idle", "random", "straight", "scripted"} | trained

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILIES, SPECS
+from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.registry.published import references
 from swarmdata.rollouts.metrics import metrics_of
@@ -17,7 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 @pytest.mark.parametrize("family", FAMILIES)
 def test_an_outsider_computes_the_score(family: str) -> None:
     """Row 46: the references were in three decimals of Markdown only."""
-    content = reference_bytes(SPECS[family])
+    content = reference_bytes(FAMILY_SPECS[family])
     assert content is not None
     found, known = json.loads(content), references()[family]
     score = found["score"]
@@ -26,7 +26,7 @@ def test_an_outsider_computes_the_score(family: str) -> None:
     returns = {name: policy["return"]["value"] for name, policy in found["policies"].items()}
     assert returns == {name: known.mean_return(name) for name in known.policies}
     assert score["no_skill"] == max(returns["idle"], returns["random"])
-    assert set(found["metrics"]) == set(metrics_of(SPECS[family].task))
+    assert set(found["metrics"]) == set(metrics_of(FAMILY_SPECS[family].task))
     assert all(set(policy) == set(found["metrics"]) for policy in found["policies"].values())
     assert found["n_episodes"] == 1000
     assert np.isfinite(score["expert"])

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.behavior_policies.tiers import SPECS
+from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 
@@ -22,7 +22,7 @@ def run(*arguments: str, code: int = 0) -> str:
 @pytest.fixture(scope="module")
 def dataset(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("commands") / ID
-    record(folder, SPECS["coop_nav"].with_updates(horizon=50), ("random",))
+    record(folder, FAMILY_SPECS["coop_nav"].with_updates(horizon=50), ("random",))
     write_card(folder)
     return folder
 

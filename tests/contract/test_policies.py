@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED, Checkpoint, checkpoints
+from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
 from swarmdata.interfaces import Policy
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
@@ -20,7 +20,7 @@ SPEC = TaskSpec(horizon=25)
 SHIPPED = [
     pytest.param(family, found[0], id=f"{family}-{tier}")
     for family in FAMILIES
-    for tier in TRAINED
+    for tier in TRAINED_TIERS
     if (found := checkpoints(family, tier))
 ]
 """The first actor of every shipped tier, with its preset; the others are run by the same code."""

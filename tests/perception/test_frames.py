@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.perception.frames import HEARING, Frame, find_frame, natural_anchor
+from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, natural_anchor
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
@@ -51,9 +51,9 @@ def test_the_kernel_computes_what_is_written_here() -> None:
         expected[..., len(NAMES) + 2 + c] = (
             here[..., near] * here[..., speed] + here[..., near + 1] * here[..., speed + 1]
         )
-    np.testing.assert_array_equal(FRAME.seen(observations), expected)
+    np.testing.assert_array_equal(FRAME.inputs(observations), expected)
     every_second = np.asfortranarray(observations[::2])
-    np.testing.assert_array_equal(FRAME.seen(every_second), expected[::2])
+    np.testing.assert_array_equal(FRAME.inputs(every_second), expected[::2])
 
 
 def hearing(payload: str) -> tuple[Frame, list[str], Float]:
@@ -72,7 +72,7 @@ def hearing(payload: str) -> tuple[Frame, list[str], Float]:
 def test_senders_are_shown_by_their_nearness(payload: str) -> None:
     frame, names, observations = hearing(payload)
     assert len(frame.heard) == 3
-    added = frame.seen(observations)[..., len(names) + 2 + len(frame.closing) :]
+    added = frame.inputs(observations)[..., len(names) + 2 + len(frame.closing) :]
     assert added.shape[-1] == 9
     ux, uy = frame.directions(observations)
     here = {name: observations[..., k].astype(np.float64) for k, name in enumerate(names)}
@@ -80,7 +80,7 @@ def test_senders_are_shown_by_their_nearness(payload: str) -> None:
     for slot in range(3):
         x, y = here[f"message_{slot}.position_x"], here[f"message_{slot}.position_y"]
         distance = np.hypot(x, y)
-        nearness = np.maximum(1 - distance / HEARING, 0) / distance
+        nearness = np.maximum(1 - distance / HEARING_RANGE, 0) / distance
         vx, vy = (
             here[f"own.v{axis}"] - here.get(f"message_{slot}.velocity_{axis}", 0.0) for axis in "xy"
         )
@@ -94,7 +94,7 @@ def test_senders_are_shown_by_their_nearness(payload: str) -> None:
 def test_nobody_is_near_who_was_never_heard() -> None:
     frame, names, observations = hearing("state")
     observations[..., [k for k, name in enumerate(names) if name.startswith("message")]] = 0
-    assert (frame.seen(observations)[..., len(names) + 2 + len(frame.closing) :] == 0).all()
+    assert (frame.inputs(observations)[..., len(names) + 2 + len(frame.closing) :] == 0).all()
 
 
 @pytest.mark.parametrize("task", ["coop_nav", "warehouse", "formation", "transport"])
@@ -118,7 +118,7 @@ def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
     assert FRAME is not None
     observations = some_observations()
     size = observations.shape[-1]
-    seen, again = FRAME.seen(observations), FRAME.seen(turned(observations, angle))
+    seen, again = FRAME.inputs(observations), FRAME.inputs(turned(observations, angle))
     np.testing.assert_allclose(seen[..., :size], again[..., :size], atol=2e-6)
     np.testing.assert_allclose(seen[..., size + 2 :], again[..., size + 2 :], atol=2e-6)
     ux, uy = again[..., size], again[..., size + 1]
@@ -128,7 +128,7 @@ def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
 def test_the_anchor_lies_on_the_x_axis() -> None:
     assert FRAME is not None
     observations = some_observations()
-    seen = FRAME.seen(observations)
+    seen = FRAME.inputs(observations)
     x, y = NAMES.index("own.goal_dx"), NAMES.index("own.goal_dy")
     np.testing.assert_allclose(
         seen[..., x], np.hypot(observations[..., x], observations[..., y]), atol=1e-6
@@ -154,7 +154,7 @@ def test_what_closes_in_is_seen() -> None:
     observations[..., NAMES.index("obstacle_1.near_x")] = 0.8
     observations[..., NAMES.index("neighbor_0.near_y")] = -0.5
     observations[..., NAMES.index("neighbor_0.dvy")] = 0.6
-    added = FRAME.seen(observations)[..., observations.shape[-1] + 2 :]
+    added = FRAME.inputs(observations)[..., observations.shape[-1] + 2 :]
     assert added.shape[-1] == 6
     pairs = {NAMES[near].partition(".")[0]: k for k, (near, _) in enumerate(FRAME.closing)}
     np.testing.assert_allclose(added[..., pairs["obstacle_1"]], 0.4, atol=1e-6)

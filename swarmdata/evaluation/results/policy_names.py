@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import (
-    TRAINED,
+    TRAINED_TIERS,
     find_recipe,
     is_dataset,
     shipped_recipes,
@@ -103,7 +103,7 @@ def find_target(
     if name in POLICIES and name != "learned":
         spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
-    if name in TRAINED and (found := sources(task, name, 0.0)):
+    if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
         spec = models.evaluation_spec(name, find_spec(task), is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
         contents = [source.sha256 for source in found]
@@ -120,7 +120,7 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
     if not is_dataset(name):
-        trained = {tier for tier in TRAINED if sources(task, tier)}
+        trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)

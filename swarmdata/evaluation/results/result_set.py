@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import SPECS
+from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_files import Result, load_result
@@ -256,7 +256,7 @@ def reference_of(spec: Spec) -> Reference | None:
     """
     if spec.world is None:
         return None
-    worlds = [known for known in SPECS.values() if is_same_world(known, spec.world)]
+    worlds = [known for known in FAMILY_SPECS.values() if is_same_world(known, spec.world)]
     found = (references_of(each.hash()) for each in (spec, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)
     return None if known is None else known.reference

@@ -83,7 +83,7 @@ class ChoicePolicy(Memoryless):
         return by_dimension(torch.stack(twins).mean(0), self.choices.n_choices)
 
     def _choose(self, observations: Float, allowed: Tensor | None) -> Float:
-        seen = observations if self.frame is None else self.frame.seen(observations)
+        seen = observations if self.frame is None else self.frame.inputs(observations)
         log_probs = None
         if self.behavior:
             outputs = self._answer(self.behavior, seen)

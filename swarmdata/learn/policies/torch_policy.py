@@ -72,7 +72,7 @@ class TorchPolicy(Memoryless):
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        seen = observations if self.frame is None else self.frame.seen(observations)
+        seen = observations if self.frame is None else self.frame.inputs(observations)
         outputs = outputs_of(
             self.layers, seen, self.observation_mean, self.observation_std, self.parameters
         )

@@ -78,8 +78,8 @@ class _FramedSampler:
         following = batch.next_actions
         return replace(
             batch,
-            observations=frame.seen(here),
-            next_observations=frame.seen(there),
+            observations=frame.inputs(here),
+            next_observations=frame.inputs(there),
             actions=_turned(frame, here, batch.actions),
             next_actions=None if following is None else _turned(frame, there, following),
         )

@@ -1,4 +1,4 @@
-"""Who hears what, and when: a radio channel between the robots of a team."""
+"""The radio channel between the robots of a team."""
 
 from swarmdata.perception.comms.channel import Channel
 

@@ -1,4 +1,4 @@
-"""The radio of a team: what every robot sends, who hears it when, and what each robot remembers."""
+"""The radio of a team: messages that are sent, delivered, and remembered by each robot."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.perception.comms.links import NOT_DRAWN, TOPOLOGIES
 from swarmdata.perception.comms.payloads import (
-    COLUMNS,
+    PAYLOAD_COLUMNS,
     broadcast_of,
     message_fields,
     quantizer,
@@ -24,30 +24,29 @@ from swarmdata.types import NEVER_RECEIVED, Bool, Double, Float, Int, Step
 class Channel:
     """Carries the messages of E copies of a team, step after step.
 
-    In every step each robot broadcasts one message. What happens to it, in this order:
+    In every step each robot broadcasts one message. These stages follow each other:
 
     1. Quantise: each value is replaced by the middle of one of 2**bits equal cells, and clipped.
     2. Links: topology and range (distance between centres when the message is sent) say which
        senders each receiver can hear.
-    3. Bandwidth: a receiver decodes at most `messages_per_step` of them, in turn. What it does not
-       decode is still on air.
+    3. Bandwidth: a receiver decodes at most `messages_per_step` of them, in turn. The others still
+       collide.
     4. Collisions: with `slots_in_step`, messages that reach a receiver in the same time slot
        destroy each other, and a robot that sends is deaf (slotted ALOHA).
     5. Drops: each link loses the message by chance, on its own or in Gilbert-Elliott bursts.
-    6. Delay: what got through arrives, as it was sent, `delay` steps later.
+    6. Delay: the messages that remain arrive unchanged `delay` steps later.
 
-    A robot sends what its own sensors tell it of itself, with their noise and delay, and takes what
-    it hears relative to the same. It keeps the newest message of every other robot. What it
-    receives is a function of the episode's seed, states and actions: the same alone and in any
-    batch. Whatever `Step.delivered` says arrived, arrived in that step; `Step.ages` counts from the
-    step of sending.
+    A robot sends its own measured state, with the noise and delay of its sensors, and takes
+    received positions relative to the same. It keeps the newest message of every other robot. The
+    messages are a function of the episode's seed, states and actions: the same alone and in any
+    batch. `Step.delivered` marks the step of arrival; `Step.ages` counts from the step of sending.
 
     Args:
         spec: its communication must be a `Broadcast`.
         n_copies: E.
 
     Raises:
-        SpecError: the spec's robots do not talk.
+        SpecError: the spec has no communication.
     """
 
     message_size: int
@@ -71,51 +70,50 @@ class Channel:
         )
 
     def forget(self, copies: Int) -> None:
-        """Forgets all messages of the copies listed: an episode begins there."""
+        """Forgets all messages of these copies, in which an episode begins."""
         _, underway, _, ages, bad = self._memory
         underway[copies] = False
         ages[copies] = NEVER_RECEIVED
         bad[copies] = NOT_DRAWN
 
     def transmit(
-        self, now: Step, known: Float, actions: Float | Double | None, active: Bool, out: Float
+        self, step: Step, known: Float, actions: Float | Double | None, active: Bool, out: Float
     ) -> None:
-        """Sends, delivers and shows the messages of one step.
+        """Sends, delivers and writes the messages of one step.
 
-        To be called once for every step of an episode, from its beginning on.
+        Call it once for every step of an episode, from its beginning.
 
         Args:
-            now: its states (for ranges), seeds and times are read; its sent, delivered and ages
+            step: its states (for ranges), seeds and times are read; its sent, delivered and ages
                 are written.
-            known: what each robot knows of itself in this step, and so what it sends and what it
-                compares with what it hears: columns `ROBOT` first, [E, >= 8 N]; the states
-                themselves where sensors are exact.
-            actions: the actions that led to it, [E, N, A], message columns last; None where all
+            known: the robots' measurements of themselves, which they send and take positions
+                relative to: columns `ROBOT` first, [E, >= 8 N]; the states if sensors are exact.
+            actions: the actions that led to it, [E, N, A], message columns last; None if all
                 active copies have just begun. Learned messages are zero when an episode begins.
-            active: copies to do it for; nothing of the others is touched, [E].
-            out: what each robot has received, columns `features`, written, [E, N, F].
+            active: copies to change, [E].
+            out: received messages of each robot, columns `features`, written, [E, N, F].
 
         Raises:
-            SchemaError: learned messages are to be sent, and the actions have none.
+            SchemaError: messages are learned, and the actions contain none.
         """
         if self._is_learned:
-            self._listen_to(actions, now.times, active)
+            self._take_messages(actions, step.times, active)
         transmit_all(
-            now.states,
+            step.states,
             known,
-            now.seeds,
-            now.times,
+            step.seeds,
+            step.times,
             self._said,
             active,
-            now.sent,
-            now.delivered,
-            now.ages,
+            step.sent,
+            step.delivered,
+            step.ages,
             out,
             self._memory,
             self._constants,
         )
 
-    def _listen_to(self, actions: Float | Double | None, times: Int, active: Bool) -> None:
+    def _take_messages(self, actions: Float | Double | None, times: Int, active: Bool) -> None:
         """Takes the message columns of the actions, rounded to float32 as they are recorded."""
         if actions is None:
             if times[active].any():
@@ -135,9 +133,9 @@ class Channel:
 
 
 def _constants(spec: TaskSpec) -> Constants:
-    """Payload's columns, which are positions; cells' lower ends, widths; limits; chances."""
+    """Returns the constants of `transmit_all`, in its order."""
     model = broadcast_of(spec)
-    columns = COLUMNS[model.payload]
+    columns = PAYLOAD_COLUMNS[model.payload]
     is_position = [column in {X, Y, TX, TY} for column in columns]
     low, width = quantizer(spec)
     return (
@@ -151,7 +149,7 @@ def _constants(spec: TaskSpec) -> Constants:
 
 
 def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
-    """Topology, nearest senders, messages per step, time slots, cells; bursts? body frame?"""
+    """Returns the limits of `transmit_all`, in its order."""
     return (
         TOPOLOGIES[model.topology],
         min(model.n_nearest, spec.n_agents - 1),
@@ -164,7 +162,7 @@ def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
 
 
 def _chances(model: Broadcast) -> tuple[float, ...]:
-    """Squared range; loss on good and bad links; entering, leaving, starting in a burst."""
+    """Returns the chances of `transmit_all`, in its order."""
     reach = math.inf if model.range is None else model.range * model.range
     in_good = model.drop_probability
     if model.bursts is None:

@@ -1,4 +1,4 @@
-"""Which messages of one step get through: topology, range, bandwidth, collisions, drops.
+"""Selection of the messages of one step: topology, range, bandwidth, collisions, drops.
 
 A link is an ordered pair (receiver, sender). Every random number is a function of the episode's
 seed, the step, a purpose, the sender and the receiver, so that no link depends on another's luck.
@@ -18,23 +18,23 @@ FULL, NEAREST, RING, STAR = range(4)
 TOPOLOGIES = {"full": FULL, "nearest": NEAREST, "ring": RING, "star": STAR}
 
 GOOD, BAD, NOT_DRAWN = range(3)
-"""States of a link with bursts; the last before the first step of an episode."""
+"""States of a link with bursts; the last one before the first step of an episode."""
 
 DROP, BURST, TIME_SLOT = range(3)
-"""What a random number is for."""
+"""Purposes of random numbers."""
 
-_CHANNEL = STREAMS["channel"]
+_CHANNEL_STREAM = STREAMS["channel"]
 
 
 @kernel(inline="always")
 def purpose_bits(seed: int, t: int, purpose: int) -> int:
-    """What the numbers of one purpose in one step derive from: absorb the sender, the receiver."""
-    return absorb(absorb(absorb(seed, _CHANNEL), t), purpose)
+    """The counter of one purpose in one step; it then absorbs the sender and the receiver."""
+    return absorb(absorb(absorb(seed, _CHANNEL_STREAM), t), purpose)
 
 
 @kernel(inline="always")
 def squared_distance(states: Float, e: int, i: int, j: int) -> float:
-    """Between the centres of robots i and j of copy e, square metres."""
+    """Squared distance between the centres of robots i and j of copy e, m^2."""
     dx = float(states[e, N_COLUMNS * j + X]) - float(states[e, N_COLUMNS * i + X])
     dy = float(states[e, N_COLUMNS * j + Y]) - float(states[e, N_COLUMNS * i + Y])
     return dx * dx + dy * dy
@@ -42,7 +42,7 @@ def squared_distance(states: Float, e: int, i: int, j: int) -> float:
 
 @kernel(inline="always")
 def _in_topology(topology: int, i: int, j: int, n: int) -> bool:
-    """Whether robots i and j are linked, in a topology that does not depend on where they are."""
+    """Whether robots i and j are linked, in a topology that does not depend on positions."""
     if topology == RING:
         return (i + 1) % n == j or (j + 1) % n == i
     return topology == FULL or i == 0 or j == 0
@@ -58,7 +58,7 @@ def pick_links(
     found: Int,
     linked: Bool,
 ) -> None:
-    """Writes which senders each receiver of copy e can hear, linked [N, N].
+    """Writes which senders each receiver of copy e can receive from, linked [N, N].
 
     Args:
         states: [E, S].
@@ -66,7 +66,7 @@ def pick_links(
         topology: one of the codes above.
         reach: square of the range, square metres; infinite for no limit.
         distances: scratch for the nearest senders, [K].
-        found: the same, [K]; K is how many senders a receiver hears in topology "nearest".
+        found: scratch, [K]; K is the number of senders in topology "nearest".
         linked: written.
     """
     n = linked.shape[0]
@@ -85,7 +85,7 @@ def pick_links(
 def _pick_nearest(
     states: Float, e: int, i: int, reach: float, distances: Double, found: Int, linked: Bool
 ) -> None:
-    """Links robot i to the nearest senders within reach; of equally near ones the first."""
+    """Links robot i to the nearest senders within reach; ties go to the lower number."""
     n_found = 0
     for j in range(linked.shape[0]):
         linked[i, j] = False
@@ -108,10 +108,10 @@ def _pick_nearest(
 
 @kernel
 def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
-    """Removes from `taken` what a receiver does not decode, so that at most `limit` remain.
+    """Removes from `taken` the messages that a receiver does not decode; `limit` remain.
 
-    The links that a receiver has, in sender order, take turns: in step t those from number
-    t * limit on, round and round.
+    The links of a receiver, in sender order, take turns: in step t those from number t * limit on,
+    cyclically.
 
     Args:
         taken: all links before, changed, [N, N].
@@ -138,7 +138,7 @@ def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
 def collide(
     seed: int, t: int, n_time_slots: int, linked: Bool, groups: Int, counts: Int, taken: Bool
 ) -> None:
-    """Removes from `taken` what collides in slotted ALOHA.
+    """Removes from `taken` the messages that collide in slotted ALOHA.
 
     Every robot sends in one of `n_time_slots` time slots of the step, drawn evenly and anew each
     step (Abramson, "The ALOHA system", 1970; slots: Roberts, "ALOHA packet system with and without
@@ -148,7 +148,7 @@ def collide(
     Args:
         seed: of the episode.
         t: the step.
-        n_time_slots: at least 1; with 1 nobody ever hears anything.
+        n_time_slots: at least 1; with 1, no message ever arrives.
         linked: [N, N].
         groups: scratch, [2, N].
         counts: scratch, [N].
@@ -212,14 +212,14 @@ def step_bursts(
 def drop(
     seed: int, t: int, e: int, in_good: float, in_bad: float, bad: Counts, taken: Bool
 ) -> None:
-    """Removes from `taken` what is lost by chance.
+    """Removes from `taken` the messages that are lost by chance.
 
     Args:
         seed: of the episode.
         t: the step.
         e: the copy.
         in_good: probability that a message is lost on a good link.
-        in_bad: the same on a bad link.
+        in_bad: probability that a message is lost on a bad link.
         bad: state of each link, [E, N, N].
         taken: changed, [N, N].
     """

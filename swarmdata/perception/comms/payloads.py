@@ -1,4 +1,4 @@
-"""What a message says: its columns, its quantiser, and what a receiver's observation shows of it.
+"""Messages: their columns, their quantiser, and their features in a receiver's observation.
 
 Arithmetic as in `geometry`.
 """
@@ -15,7 +15,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int
 
-COLUMNS = {
+PAYLOAD_COLUMNS = {
     "pose": (X, Y, UX, UY),
     "pose_and_goal": (X, Y, UX, UY, TX, TY),
     "state": (X, Y, VX, VY, UX, UY),
@@ -25,7 +25,7 @@ COLUMNS = {
 
 _FROM_OWN = "the sender's position when it sent, minus the own now, both as measured"
 
-VECTORS = {
+VECTOR_FEATURES = {
     X: vector("position", "position", _FROM_OWN),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
@@ -34,22 +34,22 @@ VECTORS = {
 """Features of the vector that starts at a column."""
 
 AGE_LIMIT = 20
-"""Age (steps) from which on the feature `age` is 1."""
+"""Age (steps) at and above which the feature `age` is 1."""
 
-TRAILER = (
+TRAILER_FEATURES = (
     Feature("age", "flag", "", "steps since it was sent / 20, at most 1"),
     Feature("mask", "flag", "", "1 if anything was ever received from this sender"),
     Feature("sender", "flag", "", "index of the sender / (robots - 1)"),
 )
-"""What follows the message in a slot: its age over `AGE_LIMIT`, at most 1; 1 where a message is
-held; the index of the sender over N - 1."""
+"""The features after the message in a slot: its age over `AGE_LIMIT`, at most 1; 1 if there is a
+message; the index of the sender over N - 1."""
 
 
 def broadcast_of(spec: TaskSpec) -> Broadcast:
-    """The communication model of a spec whose robots talk.
+    """Returns the communication model of a spec.
 
     Raises:
-        SpecError: they do not.
+        SpecError: the spec has no communication.
     """
     if not isinstance(spec.communication, Broadcast):
         raise SpecError(
@@ -60,29 +60,29 @@ def broadcast_of(spec: TaskSpec) -> Broadcast:
 
 
 def message_fields(model: Broadcast) -> tuple[Feature, ...]:
-    """The P numbers of one message, as a receiver's observation shows them.
+    """Returns the P features of one message in a receiver's observation.
 
-    Positions are relative to the receiver's own present position.
+    Positions are relative to the receiver's current position.
     """
     if model.payload == "learned":
         return tuple(
             Feature(f"value_{c}", "flag", "", "value of a learned message")
             for c in range(model.message_size)
         )
-    columns = COLUMNS[model.payload]
-    return tuple(field for column in columns[::2] for field in VECTORS[column])
+    columns = PAYLOAD_COLUMNS[model.payload]
+    return tuple(field for column in columns[::2] for field in VECTOR_FEATURES[column])
 
 
 def slot_features(model: Broadcast, n_agents: int) -> tuple[Feature, ...]:
-    """Features of one robot's N - 1 slots, one for each other robot in agent order."""
-    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER))
+    """Returns the features of one robot's N - 1 slots, one for each other robot in agent order."""
+    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER_FEATURES))
 
 
 def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
-    """Lower ends [N, P] and widths [N, P] of the cells of each sender's uniform quantiser.
+    """Returns lower ends [N, P] and cell widths [N, P] of each sender's uniform quantiser.
 
     The range of a position is the arena, of a velocity the sender's top speed both ways, of a
-    direction or a learned value [-1, 1]. Without `bits` the width is 0: values go as they are.
+    direction or a learned value [-1, 1]. Without `bits` the width is 0: values are not quantised.
     """
     model = broadcast_of(spec)
     spans = np.array([_half_spans(model, robot, spec) for robot in spec.robots])
@@ -97,7 +97,7 @@ def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
     spans = {X: width, Y: height, TX: width, TY: height, VX: speed, VY: speed, UX: 1.0, UY: 1.0}
     if model.payload == "learned":
         return [1.0] * model.message_size
-    return [spans[column] for column in COLUMNS[model.payload]]
+    return [spans[column] for column in PAYLOAD_COLUMNS[model.payload]]
 
 
 @kernel(inline="always")
@@ -105,7 +105,7 @@ def quantize(value: float, low: float, width: float, n_cells: int) -> float:
     """The middle of the cell that holds the value, or of the outermost cell if none does.
 
     Args:
-        value: what is to be sent.
+        value: to be sent.
         low: lower end of the range.
         width: of one cell.
         n_cells: number of cells.
@@ -126,14 +126,14 @@ def compose(
     n_cells: int,
     sent: Float,
 ) -> None:
-    """Writes what every robot of copy e puts on air, sent [E, N, P].
+    """Writes the messages of all robots of copy e, sent [E, N, P].
 
     Args:
-        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
+        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
         actions: learned message of each robot, [E, N, P]; not read for other payloads.
         e: the copy.
-        begins: whether its episode has just begun; there is no action yet, so that learned
-            messages are zero.
+        begins: whether its episode has just begun; there is no action yet, so learned messages are
+            zero.
         columns: of the payload; empty for learned messages, [P or 0].
         low: lower ends of the quantiser, [N, P].
         width: widths of its cells, [N, P].
@@ -166,7 +166,7 @@ def write_slots(
     """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)].
 
     Args:
-        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
+        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
         e: the copy.
         held: newest message of each (receiver, sender), [E, N, N, P].
         ages: its age in steps, or NEVER_RECEIVED, [E, N, N].
@@ -208,14 +208,14 @@ def _write_vectors(
     out: Float,
     o: int,
 ) -> None:
-    """Writes robot j's message into out[e, i, o:], as robot i sees it."""
-    me = N_COLUMNS * i
-    ux, uy = float(known[e, me + UX]), float(known[e, me + UY])
+    """Writes robot j's message into out[e, i, o:], relative to robot i."""
+    first = N_COLUMNS * i
+    ux, uy = float(known[e, first + UX]), float(known[e, first + UY])
     for c in range(0, held.shape[3], 2):
         vx, vy = float(held[e, i, j, c]), float(held[e, i, j, c + 1])
         if is_position[c]:
-            vx -= float(known[e, me + X])
-            vy -= float(known[e, me + Y])
+            vx -= float(known[e, first + X])
+            vy -= float(known[e, first + Y])
         if in_body_frame:
             vx, vy = vx * ux + vy * uy, vy * ux - vx * uy
         out[e, i, o + c] = vx

@@ -1,6 +1,6 @@
-"""One step of every copy's radio, as one compiled call.
+"""One step of the radio of all copies, in one compiled call.
 
-Its parts are inlined: a call with many arrays costs as much as the work of a small team.
+Its parts are inlined: a call with many arrays takes as long as the work for a small team.
 """
 
 import numpy as np
@@ -10,14 +10,14 @@ from swarmdata.perception.comms.payloads import compose, write_slots
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Seeds
 
-OLDEST = NEVER_RECEIVED - 1
-"""Ages stop here."""
+MAX_AGE = NEVER_RECEIVED - 1
+"""Largest age that is counted."""
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]
-"""What a channel remembers; see `transmit_all`."""
+"""The memory of a channel; see `transmit_all`."""
 
 Constants = tuple[Int, Bool, Double, Double, Int, Double]
-"""What never changes; see `transmit_all`."""
+"""The constants of a channel; see `transmit_all`."""
 
 Scratch = tuple[Bool, Double, Int, Int, Int]
 
@@ -40,8 +40,8 @@ def transmit_all(
     """One step of the active copies.
 
     Args:
-        states: decide who is in range, [E, S].
-        known: what each robot knows of itself, columns `ROBOT` first, [E, >= 8 N].
+        states: true ones, which decide who is in range, [E, S].
+        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
         seeds: [E].
         times: [E].
         said: learned messages, [E, N, P].
@@ -50,9 +50,9 @@ def transmit_all(
         delivered: written, [E, N, N].
         ages: written, [E, N, N].
         out: the slots, written, [E, N, (N-1) (P+3)].
-        memory: messages [E, D+1, N, P] and links [E, D+1, N, N] that are under way, rings over the
-            steps of sending; newest message held [E, N, N, P], its age [E, N, N]; state of each
-            link [E, N, N].
+        memory: messages [E, D+1, N, P] and links [E, D+1, N, N] in transit, rings over the steps of
+            sending; newest received message [E, N, N, P], its age [E, N, N]; state of each link
+            [E, N, N].
         constants: columns of the payload, which of them are positions; lower ends and widths of
             the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step,
             time slots, cells, bursts or not, body frame or not; chances: squared range, loss on
@@ -91,7 +91,7 @@ def _choose(
     scratch: Scratch,
     taken: Bool,
 ) -> None:
-    """Writes which messages of step t get through, taken [N, N]."""
+    """Writes which messages of step t arrive, taken [N, N]."""
     linked, distances, found, groups, counts = scratch
     in_good, in_bad = chances[1], chances[2]
     pick_links(states, e, limits[0], chances[0], distances, found, taken)
@@ -117,7 +117,7 @@ def _deliver(
     delivered: Bool,
     ages: Counts,
 ) -> None:
-    """Hands over what was sent `delay` steps ago; what is held otherwise grows older.
+    """Delivers the messages sent `delay` steps ago; all other received messages age.
 
     Values are copied one by one: compiled slice assignments are several times slower.
     """
@@ -135,8 +135,8 @@ def _deliver(
             if arrives:
                 for c in range(size):
                     held[e, i, j, c] = messages[e, then, j, c]
-                age = min(delay, OLDEST)
-            elif age < OLDEST:
+                age = min(delay, MAX_AGE)
+            elif age < MAX_AGE:
                 age += 1
             newest[e, i, j] = age
             ages[e, i, j] = age

@@ -1,4 +1,4 @@
-"""Observation models: what robots sense in a state.
+"""Observation models: the sensors of the robots.
 
 The live environment and the reobservation of recorded data use the same `Sensor`.
 """

@@ -1,19 +1,19 @@
-"""The `bearing` model: ranges and bearings of the neighbours that a robot can see.
+"""The `bearing` model: ranges and bearings of the neighbours that are visible to a robot.
 
-A neighbour is seen if the segment between the two centres crosses no obstacle, no movable body and
-no third robot. Arithmetic as in `geometry`.
+A neighbour is visible if the segment between the two centres crosses no obstacle, no movable body
+and no third robot. Arithmetic as in `geometry`.
 """
 
 import math
 
 import numpy as np
 
-from swarmdata.numerics.geometry import CIRCLE, bounding_radius
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
-    POLAR,
+    POLAR_FEATURES,
     Scene,
     bar_of,
     gather,
@@ -25,30 +25,30 @@ from swarmdata.specs.sensing_models import BearingModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-NEIGHBOR = (
+NEIGHBOR_FEATURES = (
     Feature("range", "range", "", "distance between centers / range of the model"),
     *vector("bearing", "direction", "cosine and sine of its bearing"),
     Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
 )
 """Distance between centres (1 = the model's range); cosine and sine of the bearing."""
 
-_WIDTH = len(NEIGHBOR)
+_SLOT_WIDTH = len(NEIGHBOR_FEATURES)
 
 
 class Bearing:
     """Own velocity, the target in polar form, and the nearest visible neighbours.
 
-    Features: `scene.POLAR`, then the slots of `NEIGHBOR`, nearest centre first, as measured. A slot
-    without a neighbour is zero.
+    Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each neighbour, nearest
+    centre first, as measured. A slot without a neighbour is zero.
 
     Args:
-        model: how many slots, and how far robots see.
-        scene: what there is to see, and what hides it.
+        model: number of slots, and range.
+        scene: constants of the task.
     """
 
     def __init__(self, model: BearingModel, scene: Scene) -> None:
-        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR)
-        self.features = (*POLAR, *slots)
+        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+        self.features = (*POLAR_FEATURES, *slots)
         self.echoes = NO_ECHOES
         self._scene, self._ranges = scene, np.minimum(scene.ranges, model.range)
         self._size = (model.n_neighbors, model.range, scene.diagonal)
@@ -73,7 +73,7 @@ def _crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> boo
 
 @kernel
 def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tuple[float, float]:
-    """The part of a segment's [enter, leave] in which at + s * step lies within +-half.
+    """The part of the interval [enter, leave] of s in which at + s * step lies within +-half.
 
     (Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.)
     """
@@ -172,14 +172,14 @@ def observe_bearings(
     """Writes the `bearing` observation of some robots in every active copy.
 
     Args:
-        states: decide who is hidden, [E, S].
-        layouts: obstacles, the same, [E, M, 8].
+        states: true ones, which decide who is hidden, [E, S].
+        layouts: true obstacles, [E, M, 8].
         measured: states as measured; a robot that was missed is at NaN, [E, S].
         radii: m, [N].
-        ranges: how far each robot sees, m, [N].
+        ranges: of the robots' sensors, m, [N].
         bodies: movable bodies, as in `Scene`, [K, 3].
         size: number of slots, the model's range (m), and the arena's diagonal (m).
-        robots: first, and one past the last, of those that observe.
+        robots: index of the first robot that observes, and one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -189,18 +189,16 @@ def observe_bearings(
     for b in range(states.shape[0]):
         if not active[b]:
             continue
-        state, seen = states[b], measured[b]
-        gather(state, layouts[b], n_agents, bodies, rows)
-        for m in range(n_rows):
-            sizes[m] = bounding_radius(rows[m])
+        state, known = states[b], measured[b]
+        gather(state, layouts[b], n_agents, bodies, rows, sizes)
         for i in range(robots[0], robots[1]):
             o = out[b, i]
-            write_polar(o, seen, i, diagonal)
-            o[N_POLAR : N_POLAR + _WIDTH * n_slots] = 0.0
+            write_polar(o, known, i, diagonal)
+            o[N_POLAR : N_POLAR + _SLOT_WIDTH * n_slots] = 0.0
             slot = 0
-            for nth in range(_sort_by_distance(seen, i, n_agents, ranges[i], order)):
+            for nth in range(_sort_by_distance(known, i, n_agents, ranges[i], order)):
                 j = int(order[nth, 1])
                 if slot < n_slots and not _hidden(state, i, j, radii, rows, sizes):
-                    first = N_POLAR + _WIDTH * slot
-                    _write_slot(o[first:], seen, i, j, order[nth, 0], span)
+                    first = N_POLAR + _SLOT_WIDTH * slot
+                    _write_slot(o[first:], known, i, j, order[nth, 0], span)
                     slot += 1

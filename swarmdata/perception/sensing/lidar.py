@@ -5,20 +5,20 @@ frame once, and the innermost loop runs over rays in float32. `+ - * /` and `sqr
 rounded in float32 too, and nothing is contracted or reordered, so the bits do not depend on the
 platform or on how many rays the processor handles at once.
 
-A ray block has a constant number of lanes and one scratch array, because only then does the
-compiler prove that its loops may run in vector registers.
+A block of rays has a constant number of lanes and one scratch array: only then does the compiler
+vectorise its loops.
 """
 
 import math
 
 import numpy as np
 
-from swarmdata.numerics.geometry import CIRCLE, bounding_radius
+from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
-    POLAR,
+    POLAR_FEATURES,
     Scene,
     bar_of,
     gather,
@@ -30,37 +30,37 @@ from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float
 
-LANES = 16
+N_LANES = 16
 """Rays of a block."""
 
-_COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (LANES * row for row in range(6))
+_COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (N_LANES * row for row in range(6))
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-9)
 _NOTHING, _ROBOT, _OBSTACLE, _WALL, _PAYLOAD = (np.float32(code) for code in range(5))
 
-HITS = ("robot", "obstacle", "wall", "payload")
+HIT_CHANNELS = ("robot", "obstacle", "wall", "payload")
 """Channels of a beam's hit type; the last only in tasks with movable bodies."""
 
 
 class Lidar:
     """Scans a scene.
 
-    Features: `scene.POLAR`, then for each beam its distance (1 = the model's range, and where
-    nothing is within the robot's range) and one flag for each of `HITS`. The first beam points
-    along the heading, the others follow counter-clockwise.
+    Features: `POLAR_FEATURES`, then for each beam its distance (1 = the model's range, and also if
+    nothing is within the robot's range) and one flag for each of `HIT_CHANNELS`. The first beam
+    points along the heading, the others follow counter-clockwise.
 
     Args:
-        model: how many rays, and how far.
-        scene: what there is to hit.
+        model: number of rays, and range.
+        scene: constants of the task.
     """
 
     def __init__(self, model: LidarModel, scene: Scene) -> None:
-        channels = HITS if len(scene.bodies) else HITS[:3]
+        channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
         beam = (
             Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
             *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
         )
         beams = numbered("beam", model.n_rays, beam)
-        self.features = (*POLAR, *beams)
+        self.features = (*POLAR_FEATURES, *beams)
         self.echoes = echoes_of(self.features)
         self._scene, self._rays = scene, ray_blocks(model.n_rays)
         self._size = (model.n_rays, model.range, scene.diagonal)
@@ -75,19 +75,19 @@ class Lidar:
 
 
 def ray_blocks(n_rays: int) -> Float:
-    """Unit vectors of the rays in the body's frame, [blocks, 2, LANES]; spare lanes repeat ray 0.
+    """Unit vectors of the rays in the body's frame, [blocks, 2, N_LANES]; spare lanes repeat ray 0.
 
-    Cosines and sines are rounded to multiples of 2**-20 and normalised, so that the last bits of a
-    platform's own do not matter.
+    Cosines and sines are rounded to multiples of 2**-20 and normalised, so that they do not depend
+    on the last bits of a platform's functions.
     """
     angles = 2 * np.pi * np.arange(n_rays) / n_rays
     x, y = (np.round(f(angles) * 2**20) / 2**20 for f in (np.cos, np.sin))
     norm = np.sqrt(x * x + y * y)
-    blocks = np.zeros((-(-n_rays // LANES), 2, LANES), dtype=np.float32)
+    blocks = np.zeros((-(-n_rays // N_LANES), 2, N_LANES), dtype=np.float32)
     blocks[:, 0] = 1
     k = np.arange(n_rays)
-    blocks[k // LANES, 0, k % LANES] = x / norm
-    blocks[k // LANES, 1, k % LANES] = y / norm
+    blocks[k // N_LANES, 0, k % N_LANES] = x / norm
+    blocks[k // N_LANES, 1, k % N_LANES] = y / norm
     return blocks
 
 
@@ -97,7 +97,7 @@ def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
 
     A component below 1e-9 counts as 1e-9: a ray that is parallel to an edge meets it out of reach.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         c, s = lanes[_COS + k], lanes[_SIN + k]
         x, y = c * ax + s * ay, s * ax - c * ay
         lanes[_INV_X + k] = _ONE / (x if abs(x) > _TINY else _TINY)
@@ -109,18 +109,18 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
     """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
 
     Args:
-        lanes: scratch, written, [6 * LANES].
-        rays: of the block, [2, LANES].
-        robot: one robot's state, columns `states.ROBOT`.
+        lanes: scratch, written, [6 * N_LANES].
+        rays: of the block, [2, N_LANES].
+        robot: one robot's state, columns `state_layout.ROBOT`.
         half: half width and half height of the arena, m, [2].
         reach: m.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         lanes[_COS + k] = rays[0, k]
         lanes[_SIN + k] = rays[1, k]
     _invert(lanes, robot[UX], -robot[UY])
     px, py, hx, hy = robot[X], robot[Y], np.float32(half[0]), np.float32(half[1])
-    for k in range(LANES):
+    for k in range(N_LANES):
         ix, iy = lanes[_INV_X + k], lanes[_INV_Y + k]
         tx = hx * abs(ix) - px * ix
         ty = hy * abs(iy) - py * iy
@@ -132,9 +132,9 @@ def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.floa
 
 @kernel(error_model="numpy")
 def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.float32) -> None:
-    """Keeps the nearer of what each ray has met and a circle about (x, y) in the body's frame."""
+    """Updates the nearest hit of each ray with a circle about (x, y) in the body's frame."""
     rr = r * r
-    for k in range(LANES):
+    for k in range(N_LANES):
         c, s, best = lanes[_COS + k], lanes[_SIN + k], lanes[_BEST + k]
         along, across = c * x + s * y, c * y - s * x
         square = rr - across * across
@@ -150,12 +150,12 @@ def _circle(lanes: Float, x: np.float32, y: np.float32, r: np.float32, code: np.
 def _bar(
     lanes: Float, x: np.float32, y: np.float32, hx: np.float32, hy: np.float32, code: np.float32
 ) -> None:
-    """Keeps the nearer of what each ray has met and a bar, by the method of slabs.
+    """Updates the nearest hit of each ray with a bar, by the method of slabs.
 
-    (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) Expects the reciprocals of the
-    bar's frame, in which its centre is at (x, y) from the robot.
+    (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986.) The lanes hold the reciprocals in
+    the bar's frame, in which its centre is at (x, y) from the robot.
     """
-    for k in range(LANES):
+    for k in range(N_LANES):
         ix, iy, best = lanes[_INV_X + k], lanes[_INV_Y + k], lanes[_BEST + k]
         mx, my, ex, ey = x * ix, y * iy, hx * abs(ix), hy * abs(iy)
         enter_x, enter_y, leave_x, leave_y = mx - ex, my - ey, mx + ex, my + ey
@@ -171,7 +171,7 @@ def _bar(
 def _shape(
     lanes: Float, row: Double, dx: float, dy: float, ux: float, uy: float, code: np.float32
 ) -> None:
-    """Meets the bars of a shape, centred at (dx, dy) from a robot with heading (ux, uy)."""
+    """Updates the hits with a shape's bars, at (dx, dy) from a robot with heading (ux, uy)."""
     ax, ay = row[3], row[4]
     _invert(lanes, np.float32(ux * ax + uy * ay), np.float32(ux * ay - uy * ax))
     lx, ly = dx * ax + dy * ay, dy * ax - dx * ay
@@ -242,16 +242,16 @@ def scan(
     """Writes the `lidar` observation of some robots in every active copy.
 
     Args:
-        states: what the beams meet, [E, S].
-        layouts: obstacles, the same, [E, M, 8].
+        states: true ones, which the beams meet, [E, S].
+        layouts: true obstacles, [E, M, 8].
         measured: states as measured, for velocity and target, [E, S].
         radii: m, [N].
         ranges: m, of each robot's own sensors, [N].
         half: half width and half height of the arena, m, [2].
         bodies: movable bodies, as in `Scene`, [K, 3].
-        rays: as of `ray_blocks`.
+        rays: from `ray_blocks`.
         size: number of rays, the model's range (m), and the arena's diagonal (m).
-        robots: first, and one past the last, of those that observe.
+        robots: index of the first robot that observes, and one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
@@ -260,20 +260,18 @@ def scan(
     n_channels = 4 if n_bodies > 0 else 3
     rows = np.empty((n_obstacles + n_bodies, 8))
     sizes = np.empty(n_obstacles + n_bodies)
-    lanes = np.empty(6 * LANES, dtype=np.float32)
+    lanes = np.empty(6 * N_LANES, dtype=np.float32)
     for b in range(states.shape[0]):
         if not active[b]:
             continue
         state = states[b]
-        gather(state, layouts[b], n_agents, bodies, rows)
-        for m in range(rows.shape[0]):
-            sizes[m] = bounding_radius(rows[m])
+        gather(state, layouts[b], n_agents, bodies, rows, sizes)
         for i in range(robots[0], robots[1]):
             at, reach = N_COLUMNS * i, min(span, ranges[i])
             write_polar(out[b, i], measured[b], i, diagonal)
             for block in range(rays.shape[0]):
                 _start(lanes, rays[block], state[at:], half, np.float32(reach))
                 _objects(lanes, state, i, radii, rows, sizes, n_obstacles, reach)
-                first, done = LANES * block, N_POLAR + (1 + n_channels) * LANES * block
-                count = min(LANES, n_rays - first)
+                first, done = N_LANES * block, N_POLAR + (1 + n_channels) * N_LANES * block
+                count = min(N_LANES, n_rays - first)
                 _write(lanes, out[b, i, done:], count, n_channels, np.float32(span))

@@ -1,24 +1,24 @@
-"""The world as each robot has measured it: where it believes it is, and what it sees around it.
+"""The world as each robot measures it: its own pose, and the objects around it.
 
-Noise and losses act here, before any feature exists. Every feature is then the same function of the
-measured world as it is of the true one, so none of them can tell what the noise on another hides.
+Noise and losses act here, before features are computed. Every feature is then the same function of
+the measured world as of the true one, so no feature reveals what the noise on another hides.
 
-What is measured:
+Measurements:
 
 - a robot's own position, velocity and heading. Points that the task gives in the world's frame
-  (targets, goals, references, maps) are known exactly; the robot knows how far away they are as
-  well as it knows its own position;
+  (targets, goals, references, maps) are known exactly; their distances are as uncertain as the
+  robot's own position;
 - of every other robot, movable body and obstacle: the displacement from the robot, the relative
   velocity, the direction of its axis. In `bearing`, other robots by range and bearing.
 
-Displacements are measured in the world's frame by robots that localise (`state`), in the body's
-frame by all others, so that an error of the own heading does not turn them there.
+Robots that localise (`state`) measure displacements in the world's frame. All others measure them
+in the body's frame, where an error of their own heading does not turn them.
 
-All draws are functions of the episode's seed, the step, the robot that measures and the object that
-is measured: the order of slots plays no part.
+All draws are functions of the episode's seed, the step, the robot that measures and the measured
+object; the order of slots plays no part.
 
-Draws whose deviation is zero are made too: a branch around each would keep the loops out of vector
-registers, which costs four times as much.
+Draws whose deviation is zero are made too: a branch around each would keep the compiler from
+vectorising the loops, and cost four times as much.
 """
 
 import math
@@ -35,17 +35,17 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-_STREAM = STREAMS["sensor"]
+_SENSOR_STREAM = STREAMS["sensor"]
 
-_OWN, _SEEN, _MISSED = 2, 3, 4
-"""Counters after the robot's, of what a draw is for; `modifiers` has 0 and 1."""
+_OF_ITSELF, _OF_OBJECTS, _OF_LOSSES = 2, 3, 4
+"""Counters after the robot's: the purpose of a draw. `modifiers` has 0 and 1."""
 
 _DX, _DY, _DVX, _DVY, _TURN, _TURN_RATE, _RANGE = range(7)
 """Last counter of each draw for one object."""
 
 
 class Noise(NamedTuple):
-    """Standard deviations; see `senses.SensorNoise`."""
+    """Standard deviations; see `sensing_models.SensorNoise`."""
 
     position: float  # m
     velocity: float  # m/s
@@ -54,7 +54,7 @@ class Noise(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """How robots measure what is around them."""
+    """How robots measure the objects around them."""
 
     n_agents: int
     noise: Noise
@@ -65,10 +65,10 @@ class Survey(NamedTuple):
 
 
 class World(NamedTuple):
-    """What a sensor looks at: what was measured, and the truth that decides what is in sight."""
+    """The input of a sensor: the measured world, and the true one that decides visibility."""
 
-    states: Float  # [E, S] as measured by the robots that look
-    layouts: Float  # [E, M, 8] the same
+    states: Float  # [E, S] as measured by the robots that observe
+    layouts: Float  # [E, M, 8] as measured
     true_states: Float  # [E, S]
     true_layouts: Float  # [E, M, 8]
 
@@ -77,7 +77,7 @@ class MeasuredWorld:
     """Measures the world for one robot after the other.
 
     Args:
-        task: the task; its spec has the model.
+        task: the task; its spec contains the model.
         scene: its constants.
         n_copies: E.
     """
@@ -94,44 +94,44 @@ class MeasuredWorld:
             arms=np.array([bounding_radius(_row(body)) for body in scene.bodies], dtype=np.float64),
         )
         size = N_COLUMNS * n + N_BODY * len(scene.bodies) + len(task.extras)
-        self._own = np.zeros((n_copies, N_COLUMNS * n), dtype=np.float32)
+        self._known = np.zeros((n_copies, N_COLUMNS * n), dtype=np.float32)
         self._states = np.zeros((n_copies, size), dtype=np.float32)
         self._layouts = np.zeros((n_copies, len(task.kinds), 8), dtype=np.float32)
 
     @property
     def is_exact(self) -> bool:
-        """Whether what is measured is the truth, and nothing is lost."""
+        """Whether all measurements are exact, and nothing is lost."""
         return self._survey.dropout == 0.0 and not any(self._survey.noise)
 
-    def localise(self, now: Step, active: Bool) -> Float:
-        """What each robot of the active copies believes of itself, columns `ROBOT`, [E, 8 N].
+    def localise(self, step: Step, active: Bool) -> Float:
+        """Returns the measurements of the active copies' robots of themselves, [E, 8 N].
 
-        The array is written anew by the next call.
+        Columns are those of `ROBOT`. The next call overwrites the array.
         """
         noise = self._survey.noise
-        localise(now.states, now.seeds, now.times, active, noise, normal_table(), self._own)
-        return self._own
+        localise(step.states, step.seeds, step.times, active, noise, normal_table(), self._known)
+        return self._known
 
-    def seen_by(self, robot: int, now: Step, active: Bool) -> World:
-        """The world as one robot of each active copy measured it; after `localise`.
+    def measured_by(self, robot: int, step: Step, active: Bool) -> World:
+        """Returns the world as one robot of each active copy measured it; call `localise` first.
 
-        Objects that it missed are at NaN. The arrays are written anew by the next call.
+        Objects that it missed are at NaN. The next call overwrites the arrays.
         """
         look_around(
-            now.states, now.layouts, self._own, robot, self._survey, now.seeds, now.times, active,
-            normal_table(), self._states, self._layouts,
+            step.states, step.layouts, self._known, robot, self._survey, step.seeds, step.times,
+            active, normal_table(), self._states, self._layouts,
         )  # fmt: skip
-        return World(self._states, self._layouts, now.states, now.layouts)
+        return World(self._states, self._layouts, step.states, step.layouts)
 
 
 def _row(body: Double) -> Double:
-    """A movable body [3] of a scene as a row of a layout."""
+    """Returns a movable body [3] of a scene as a row of a layout."""
     return np.array([body[0], 0.0, 0.0, 1.0, 0.0, body[1], body[2], 0.0])
 
 
 @kernel(inline="always")
 def _turn(bits: np.uint64, std: float, table: Double) -> tuple[float, float]:
-    """Cosine and sine of a random angle 2 atan(std z / 2), which is std z where that is small.
+    """Cosine and sine of a random angle 2 atan(std z / 2), about std z for small angles.
 
     The rational parametrisation of the circle: a rotation without a trigonometric function, whose
     bits would depend on the platform.
@@ -143,15 +143,15 @@ def _turn(bits: np.uint64, std: float, table: Double) -> tuple[float, float]:
 
 @kernel(inline="always")
 def _measurement(seed: np.uint64, time: int, robot: int) -> np.uint64:
-    """What all draws of one robot in one step derive from."""
-    return absorb(absorb(absorb(seed, _STREAM), time), robot)
+    """The counter from which all draws of one robot in one step derive."""
+    return absorb(absorb(absorb(seed, _SENSOR_STREAM), time), robot)
 
 
 @kernel(error_model="numpy")
 def localise(
-    states: Float, seeds: Seeds, times: Int, active: Bool, noise: Noise, table: Double, own: Float
+    states: Float, seeds: Seeds, times: Int, active: Bool, noise: Noise, table: Double, known: Float
 ) -> None:
-    """Writes what every robot of the active copies measures of itself.
+    """Writes the measurements of every robot of the active copies of itself.
 
     Args:
         states: [E, S].
@@ -159,31 +159,31 @@ def localise(
         times: control steps since their reset, [E].
         active: copies to write, [E].
         noise: standard deviations.
-        table: quantiles of the normal, as of `seeding.normal_table`.
-        own: written, [E, 8 N].
+        table: quantiles of the normal distribution, from `random.normal_table`.
+        known: written, [E, 8 N].
     """
-    for b in range(own.shape[0]):
+    for b in range(known.shape[0]):
         if not active[b]:
             continue
-        for i in range(own.shape[1] // N_COLUMNS):
+        for i in range(known.shape[1] // N_COLUMNS):
             at = N_COLUMNS * i
             for c in range(N_COLUMNS):
-                own[b, at + c] = states[b, at + c]
-            bits = absorb(_measurement(seeds[b], times[b], i), _OWN)
-            own[b, at + X] += noise.position * to_normal(absorb(bits, _DX), table)
-            own[b, at + Y] += noise.position * to_normal(absorb(bits, _DY), table)
-            own[b, at + VX] += noise.velocity * to_normal(absorb(bits, _DVX), table)
-            own[b, at + VY] += noise.velocity * to_normal(absorb(bits, _DVY), table)
+                known[b, at + c] = states[b, at + c]
+            bits = absorb(_measurement(seeds[b], times[b], i), _OF_ITSELF)
+            known[b, at + X] += noise.position * to_normal(absorb(bits, _DX), table)
+            known[b, at + Y] += noise.position * to_normal(absorb(bits, _DY), table)
+            known[b, at + VX] += noise.velocity * to_normal(absorb(bits, _DVX), table)
+            known[b, at + VY] += noise.velocity * to_normal(absorb(bits, _DVY), table)
             c, s = _turn(bits, noise.direction, table)
             ux, uy = np.float64(states[b, at + UX]), np.float64(states[b, at + UY])
-            own[b, at + UX], own[b, at + UY] = c * ux - s * uy, s * ux + c * uy
+            known[b, at + UX], known[b, at + UY] = c * ux - s * uy, s * ux + c * uy
 
 
 @kernel(inline="always")
 def _displacement(
     dx: float, dy: float, bits: np.uint64, noise: Noise, by_range: bool, table: Double
 ) -> tuple[float, float]:
-    """A displacement as measured, by its components or by range and bearing."""
+    """Returns a measured displacement, by components or by range and bearing."""
     if by_range:
         distance = math.sqrt(dx * dx + dy * dy)
         measured = max(distance + noise.range * to_normal(absorb(bits, _RANGE), table), 0.0)
@@ -198,7 +198,7 @@ def _displacement(
 @kernel(inline="always")
 def _see_body(
     states: Float,
-    own: Float,
+    known: Float,
     b: int,
     me: int,
     at: int,
@@ -207,48 +207,48 @@ def _see_body(
     by_range: bool,
     heading: tuple[float, float],
     table: Double,
-    seen: Float,
+    measured: Float,
 ) -> None:
-    """Writes position, velocity and axis of a robot or movable body as another robot measures them.
+    """Writes position, velocity and axis of a robot or body as robot `me` measures them.
 
     The first six columns of `ROBOT` and of `BODY` are the same.
 
     Args:
         states: [E, S].
-        own: what the robots believe of themselves, [E, 8 N].
+        known: the robots' measurements of themselves, [E, 8 N].
         b: the copy.
         me: first column of the robot that measures.
-        at: first column of what is measured.
+        at: first column of the measured object.
         bits: of the draws for this object.
         noise: standard deviations.
         by_range: whether its position is measured by range and bearing.
-        heading: cosine and sine of the error of the own heading; (1, 0) in the world's frame.
-        table: quantiles of the normal.
-        seen: written, [E, S].
+        heading: cosine and sine of the error of the robot's heading; (1, 0) in the world's frame.
+        table: quantiles of the normal distribution.
+        measured: written, [E, S].
     """
     hc, hs = heading
     dx = np.float64(states[b, at + X]) - np.float64(states[b, me + X])
     dy = np.float64(states[b, at + Y]) - np.float64(states[b, me + Y])
     dx, dy = _displacement(dx, dy, bits, noise, by_range, table)
-    seen[b, at + X] = np.float64(own[b, me + X]) + (hc * dx - hs * dy)
-    seen[b, at + Y] = np.float64(own[b, me + Y]) + (hs * dx + hc * dy)
+    measured[b, at + X] = np.float64(known[b, me + X]) + (hc * dx - hs * dy)
+    measured[b, at + Y] = np.float64(known[b, me + Y]) + (hs * dx + hc * dy)
     dvx = np.float64(states[b, at + VX]) - np.float64(states[b, me + VX])
     dvy = np.float64(states[b, at + VY]) - np.float64(states[b, me + VY])
     dvx += noise.velocity * to_normal(absorb(bits, _DVX), table)
     dvy += noise.velocity * to_normal(absorb(bits, _DVY), table)
-    seen[b, at + VX] = np.float64(own[b, me + VX]) + (hc * dvx - hs * dvy)
-    seen[b, at + VY] = np.float64(own[b, me + VY]) + (hs * dvx + hc * dvy)
+    measured[b, at + VX] = np.float64(known[b, me + VX]) + (hc * dvx - hs * dvy)
+    measured[b, at + VY] = np.float64(known[b, me + VY]) + (hs * dvx + hc * dvy)
     c, s = _turn(bits, noise.direction, table)
     ux = np.float64(states[b, at + UX]) * hc - np.float64(states[b, at + UY]) * hs
     uy = np.float64(states[b, at + UX]) * hs + np.float64(states[b, at + UY]) * hc
-    seen[b, at + UX], seen[b, at + UY] = c * ux - s * uy, s * ux + c * uy
+    measured[b, at + UX], measured[b, at + UY] = c * ux - s * uy, s * ux + c * uy
 
 
 @kernel(inline="always")
 def _see_obstacle(
     states: Float,
     layouts: Float,
-    own: Float,
+    known: Float,
     b: int,
     me: int,
     m: int,
@@ -256,9 +256,9 @@ def _see_obstacle(
     noise: Noise,
     heading: tuple[float, float],
     table: Double,
-    seen: Float,
+    measured: Float,
 ) -> None:
-    """Writes row m of a layout as a robot measures it, seen [E, M, 8]; see `_see_body`."""
+    """Writes row m of a layout as a robot measures it, measured [E, M, 8]; see `_see_body`."""
     hc, hs = heading
     dx = np.float64(layouts[b, m, 1]) - np.float64(states[b, me + X])
     dy = np.float64(layouts[b, m, 2]) - np.float64(states[b, me + Y])
@@ -266,17 +266,17 @@ def _see_obstacle(
     c, s = _turn(bits, noise.direction, table)
     ux = np.float64(layouts[b, m, 3]) * hc - np.float64(layouts[b, m, 4]) * hs
     uy = np.float64(layouts[b, m, 3]) * hs + np.float64(layouts[b, m, 4]) * hc
-    seen[b, m, 0] = layouts[b, m, 0]
-    seen[b, m, 1] = np.float64(own[b, me + X]) + (hc * dx - hs * dy)
-    seen[b, m, 2] = np.float64(own[b, me + Y]) + (hs * dx + hc * dy)
-    seen[b, m, 3], seen[b, m, 4] = c * ux - s * uy, s * ux + c * uy
+    measured[b, m, 0] = layouts[b, m, 0]
+    measured[b, m, 1] = np.float64(known[b, me + X]) + (hc * dx - hs * dy)
+    measured[b, m, 2] = np.float64(known[b, me + Y]) + (hs * dx + hc * dy)
+    measured[b, m, 3], measured[b, m, 4] = c * ux - s * uy, s * ux + c * uy
     for k in range(5, 8):
-        seen[b, m, k] = layouts[b, m, k]
+        measured[b, m, k] = layouts[b, m, k]
 
 
 @kernel(inline="always")
 def _miss(
-    seen: Float,
+    measured: Float,
     layouts: Float,
     b: int,
     i: int,
@@ -285,10 +285,10 @@ def _miss(
     chance: np.uint64,
     dropout: float,
 ) -> None:
-    """Puts what robot i misses at NaN: other robots, and obstacles, counted from `first` on."""
+    """Puts what robot i misses at NaN: other robots, and obstacles, numbered from `first` on."""
     for j in range(n):
         if j != i and to_uniform(absorb(chance, j)) < dropout:
-            seen[b, N_COLUMNS * j + X], seen[b, N_COLUMNS * j + Y] = np.nan, np.nan
+            measured[b, N_COLUMNS * j + X], measured[b, N_COLUMNS * j + Y] = np.nan, np.nan
     for m in range(layouts.shape[1]):
         if to_uniform(absorb(chance, first + m)) < dropout:
             layouts[b, m, 1], layouts[b, m, 2] = np.nan, np.nan
@@ -298,15 +298,15 @@ def _miss(
 def look_around(
     states: Float,
     layouts: Float,
-    own: Float,
+    known: Float,
     i: int,
     survey: Survey,
     seeds: Seeds,
     times: Int,
     active: Bool,
     table: Double,
-    seen: Float,
-    seen_layouts: Float,
+    measured: Float,
+    measured_layouts: Float,
 ) -> None:
     """Writes the world as robot i of every active copy measures it.
 
@@ -315,15 +315,15 @@ def look_around(
     Args:
         states: [E, S].
         layouts: [E, M, 8].
-        own: what the robots believe of themselves, as of `localise`, [E, 8 N].
-        i: the robot that measures.
+        known: the robots' measurements of themselves, from `localise`, [E, 8 N].
+        i: index of the robot that measures.
         survey: how it measures.
         seeds: of the episodes, [E].
         times: control steps since their reset, [E].
         active: copies to write, [E].
-        table: quantiles of the normal, as of `seeding.normal_table`.
-        seen: states, written, [E, S].
-        seen_layouts: written, [E, M, 8].
+        table: quantiles of the normal distribution, from `random.normal_table`.
+        measured: states, written, [E, S].
+        measured_layouts: written, [E, M, 8].
     """
     n, noise, arms, me = survey.n_agents, survey.noise, survey.arms, N_COLUMNS * i
     first = n + arms.shape[0]
@@ -331,23 +331,24 @@ def look_around(
         if not active[b]:
             continue
         measurement = _measurement(seeds[b], times[b], i)
-        sight, heading = absorb(measurement, _SEEN), (1.0, 0.0)
+        sight, heading = absorb(measurement, _OF_OBJECTS), (1.0, 0.0)
         if survey.in_body:
-            heading = _turn(absorb(measurement, _OWN), noise.direction, table)
-        seen[b] = states[b]
-        seen[b, me : me + N_COLUMNS] = own[b, me : me + N_COLUMNS]
+            heading = _turn(absorb(measurement, _OF_ITSELF), noise.direction, table)
+        measured[b] = states[b]
+        measured[b, me : me + N_COLUMNS] = known[b, me : me + N_COLUMNS]
         for j in range(first):
             bits, is_robot = absorb(sight, j), j < n
             at = N_COLUMNS * j if is_robot else N_COLUMNS * n + N_BODY * (j - n)
             by_range = survey.by_range and is_robot
             if j != i:
-                _see_body(states, own, b, me, at, bits, noise, by_range, heading, table, seen)
+                _see_body(states, known, b, me, at, bits, noise, by_range, heading, table, measured)
             if not is_robot:
                 rate = noise.velocity / arms[j - n]
-                seen[b, at + N_BODY - 1] += rate * to_normal(absorb(bits, _TURN_RATE), table)
+                measured[b, at + N_BODY - 1] += rate * to_normal(absorb(bits, _TURN_RATE), table)
         for m in range(layouts.shape[1]):
             bits = absorb(sight, first + m)
-            _see_obstacle(states, layouts, own, b, me, m, bits, noise, heading, table, seen_layouts)
+            out = measured_layouts
+            _see_obstacle(states, layouts, known, b, me, m, bits, noise, heading, table, out)
         if survey.dropout > 0.0:
-            chance = absorb(measurement, _MISSED)
-            _miss(seen, seen_layouts, b, i, n, first, chance, survey.dropout)
+            chance = absorb(measurement, _OF_LOSSES)
+            _miss(measured, measured_layouts, b, i, n, first, chance, survey.dropout)

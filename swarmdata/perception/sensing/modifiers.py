@@ -1,7 +1,7 @@
-"""What is done to frames: lost and noisy echoes, delay and stacking.
+"""Frame modifiers: echo loss and noise, delay, frame stacking.
 
-An *echo* is one beam of a lidar, or one cell of a grid: a measurement of its own, with noise and
-losses of its own. What a sensor measures of whole objects is in `measured_world`.
+An *echo* is one beam of a lidar, or one cell of a grid: an independent measurement with its own
+noise and losses. Noise and losses of whole objects are in `measured_world`.
 
 Noise and losses are functions of the episode's seed and the step in which a frame is sensed.
 """
@@ -19,19 +19,19 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import LidarModel, ObservationModel
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-_STREAM = STREAMS["sensor"]
+_SENSOR_STREAM = STREAMS["sensor"]
 _NOISE, _LOSS = 0, 1
-"""Last counter but one of each draw; the last one is the feature, or the echo."""
+"""Last counter but one of each draw; the last is the index of the feature, or of the echo."""
 
 NO_ECHOES = np.zeros((0, 2), dtype=np.int64)
-"""Of models that measure objects."""
+"""The echoes of models that measure objects."""
 
 
 def echoes_of(features: Sequence[Feature]) -> Int:
-    """First feature of each numbered group with a flag, and one past its last, [R, 2].
+    """Returns the first feature of each numbered group with a flag, and one past its last, [R, 2].
 
-    The features `beam_3.distance`, `beam_3.robot`, ... belong to one echo because they share a
-    numbered prefix and have flags that say whether anything is there.
+    The features `beam_3.distance`, `beam_3.robot`, ... belong to one echo: they share a numbered
+    prefix and have flags that tell whether anything was hit.
     """
     found, first = [], 0
     for prefix, run in itertools.groupby(features, _numbered_prefix):
@@ -43,14 +43,14 @@ def echoes_of(features: Sequence[Feature]) -> Int:
 
 
 class Echoes:
-    """Adds noise to the distances of echoes and then loses some; their features are in [0, 1].
+    """Adds noise to the distances of echoes and loses some echoes; their features are in [0, 1].
 
-    A lost cell reads 0, a lost beam like one that hits nothing: distance 1, no hit.
+    A lost cell reads 0, a lost beam reads like one that hits nothing: distance 1, no hit.
 
     Args:
-        features: what a model's kind gives.
-        echoes: as of `echoes_of`.
-        model: how much noise, and how many losses.
+        features: of a model's kind.
+        echoes: from `echoes_of`.
+        model: its noise and dropout.
     """
 
     def __init__(self, features: Sequence[Feature], echoes: Int, model: ObservationModel) -> None:
@@ -60,34 +60,27 @@ class Echoes:
         self._deviation, self._dropout = noise, model.dropout
 
     @property
-    def are_worsened(self) -> bool:
-        """Whether there are echoes, with noise or losses."""
+    def are_degraded(self) -> bool:
+        """Whether there are echoes and they have noise or losses."""
         return len(self._echoes) > 0 and (self._dropout > 0 or self._deviation > 0)
 
-    def worsen(self, now: Step, active: Bool, frame: Float) -> None:
-        """Worsens the echoes of the active copies in place, [E, N, F]."""
-        worsen(
-            now.seeds,
-            now.times,
-            active,
-            self._echoes,
-            self._is_distance,
-            self._deviation,
-            self._dropout,
-            normal_table(),
-            frame,
-        )
+    def degrade(self, step: Step, active: Bool, frame: Float) -> None:
+        """Adds noise and losses to the echoes of the active copies in place, [E, N, F]."""
+        degrade(
+            step.seeds, step.times, active, self._echoes, self._is_distance, self._deviation,
+            self._dropout, normal_table(), frame,
+        )  # fmt: skip
 
 
 class History:
-    """The last frames of each copy: gives those of `delay` steps ago and before, newest first.
+    """Keeps the last frames of each copy and returns those from `delay` steps ago, newest first.
 
-    Before an episode's first frame there is nothing but that frame.
+    Frames from before an episode's first frame are copies of that frame.
 
     Args:
         shape: of a frame, (E, N, F).
-        delay: age of the newest frame that is given, steps.
-        stack: how many frames are given.
+        delay: age of the newest frame that is returned, steps.
+        stack: number of frames that are returned.
     """
 
     def __init__(self, shape: tuple[int, int, int], delay: int, stack: int = 1) -> None:
@@ -98,7 +91,7 @@ class History:
         self._delay, self._stack = delay, stack
 
     def forget(self, copies: Int) -> None:
-        """Lets the next frame of each of these copies be its first."""
+        """Makes the next frame of each of these copies its first."""
         self._counts[copies] = 0
 
     def exchange(self, frame: Float, active: Bool, out: Float) -> None:
@@ -112,7 +105,7 @@ def _numbered_prefix(feature: Feature) -> str:
 
 
 @kernel
-def worsen(
+def degrade(
     seeds: Seeds,
     times: Int,
     active: Bool,
@@ -128,12 +121,12 @@ def worsen(
     Args:
         seeds: of the episodes, [E].
         times: control steps since their reset, [E].
-        active: copies to worsen, [E].
+        active: copies to change, [E].
         echoes: first feature of each echo and one past its last, [R, 2].
         is_distance: which features are distances; the others of an echo are flags, [F].
         deviation: of the noise on a distance, in its own unit.
         dropout: probability that an echo is lost.
-        table: quantiles of the normal, as of `seeding.normal_table`.
+        table: quantiles of the normal distribution, from `random.normal_table`.
         frame: changed, [E, N, F].
     """
     for b in range(frame.shape[0]):
@@ -141,14 +134,14 @@ def worsen(
             continue
         for i in range(frame.shape[1]):
             row = frame[b, i]
-            robot = absorb(absorb(absorb(seeds[b], _STREAM), times[b]), i)
+            robot = absorb(absorb(absorb(seeds[b], _SENSOR_STREAM), times[b]), i)
             noise, loss = absorb(robot, _NOISE), absorb(robot, _LOSS)
             for r in range(echoes.shape[0]):
                 first, last = echoes[r]
-                is_there = False
+                has_hit = False
                 for f in range(first, last):
-                    is_there |= not is_distance[f] and row[f] != 0.0
-                if not is_there:
+                    has_hit |= not is_distance[f] and row[f] != 0.0
+                if not has_hit:
                     continue
                 is_lost = dropout > 0.0 and to_uniform(absorb(loss, r)) < dropout
                 for f in range(first, last):
@@ -167,11 +160,11 @@ def exchange(
 
     Args:
         ring: frames of each copy, changed, [E, delay + stack, N, F].
-        counts: frames since each episode's beginning, changed, [E].
+        counts: frames since the start of each episode, changed, [E].
         frame: the newest, [E, N, F].
-        active: copies to serve, [E].
+        active: copies to change, [E].
         delay: age of the newest frame to write, steps.
-        stack: how many to write.
+        stack: number of frames to write.
         out: written, newest first, [E, N, stack * F].
     """
     depth, n_features = ring.shape[1], ring.shape[3]

@@ -8,13 +8,14 @@ import numpy as np
 from swarmdata.specs.features import Feature
 from swarmdata.types import Float
 
-_BEAM = re.compile(r"beam_(\d+)\.distance")  # of the newest frame: older ones end with their age
+_BEAM_DISTANCE = re.compile(r"beam_(\d+)\.distance")
+"""Matches the newest frame only: the names of older ones end with their age."""
 
 
 def scan_of(features: Sequence[Feature], observations: Float) -> Float | None:
     """Returns the distances that the robots' beams measured, as shares of the lidar's range.
 
-    Noise, losses and delay included: what is drawn is what the robots believe.
+    They include noise, losses and delay: pictures show what the robots measured.
 
     Args:
         features: of one robot's observation, O.
@@ -23,5 +24,5 @@ def scan_of(features: Sequence[Feature], observations: Float) -> Float | None:
     Returns:
         [..., N, K], the first beam along the heading, then counter-clockwise; None without beams.
     """
-    columns = [k for k, feature in enumerate(features) if _BEAM.fullmatch(feature.name)]
+    columns = [k for k, feature in enumerate(features) if _BEAM_DISTANCE.fullmatch(feature.name)]
     return observations[..., np.array(columns)] if columns else None

@@ -1,4 +1,4 @@
-"""What every sensor needs to know of a task: robots, walls and movable bodies, as plain arrays."""
+"""The constants of a task that all sensors share, and the features of every body-frame model."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from swarmdata.interfaces import Task
-from swarmdata.numerics.geometry import BOX, CIRCLE
+from swarmdata.numerics.geometry import BOX, CIRCLE, bounding_radius
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
@@ -18,7 +18,7 @@ N_BODY = len(BODY)
 TARGET_NEAR = 0.01
 """Distance (m) within which a target has no bearing."""
 
-POLAR = (
+POLAR_FEATURES = (
     *vector("own.v", "velocity", "own velocity"),
     Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
     *vector(
@@ -27,9 +27,9 @@ POLAR = (
         "cosine and sine of the target's bearing; (0, 0) within 1 cm of it",
     ),
 )
-"""What every model in the body's frame starts with."""
+"""The first features of every model in the body's frame."""
 
-N_POLAR = len(POLAR)
+N_POLAR = len(POLAR_FEATURES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class Scene:
 
     n_agents: int
     radii: Double  # [N] m
-    ranges: Double  # [N] m, of each robot's own sensors; infinite where the model alone counts
+    ranges: Double  # [N] m, of each robot's own sensors; infinite if only the model limits them
     half: Double  # [2] half width and half height of the arena, m
     diagonal: float  # of the arena, m
     bodies: Double  # [K, 3] movable bodies: shape code, half length, half width, m
@@ -46,7 +46,7 @@ class Scene:
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """The scene of a task."""
+        """Returns the scene of a task."""
         robots, arena = task.spec.robots, task.spec.arena
         shapes = {"circle": CIRCLE, "box": BOX}
         bodies = [(shapes[p.shape], p.half_length, p.half_width) for p in task.movables]
@@ -64,7 +64,9 @@ class Scene:
 
 
 @kernel
-def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Double) -> None:
+def gather(
+    state: Float, layout: Float, n_agents: int, bodies: Double, rows: Double, sizes: Double
+) -> None:
     """Writes the obstacles and then the movable bodies as rows of a layout.
 
     Args:
@@ -73,6 +75,7 @@ def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Dou
         n_agents: N.
         bodies: [K, 3], as in `Scene`.
         rows: written, columns `geometry.OBSTACLE`, [M + K, 8].
+        sizes: written, bounding radii of the rows, m, [M + K].
     """
     n_obstacles = layout.shape[0]
     for m in range(n_obstacles):
@@ -88,15 +91,17 @@ def gather(state: Float, layout: Float, n_agents: int, bodies: Double, rows: Dou
         row[5] = bodies[k, 1]
         row[6] = bodies[k, 2]
         row[7] = 0.0
+    for m in range(rows.shape[0]):
+        sizes[m] = bounding_radius(rows[m])
 
 
 @kernel(inline="always")
 def bar_of(row: Double, index: int) -> tuple[float, float, float, float]:
-    """Centre and half sizes of one bar of a shape that is no circle, in its local frame.
+    """Centre and half sizes of one bar of a shape other than a circle, in its local frame.
 
     Args:
         row: one obstacle, columns `geometry.OBSTACLE`, [8].
-        index: which bar, below the shape code.
+        index: of the bar, below the shape code.
     """
     a, b, t = row[5], row[6], row[7]
     if row[0] == BOX:
@@ -115,7 +120,7 @@ def write_polar(out: Float, state: Float, i: int, diagonal: float) -> None:
     Args:
         out: written, one robot's observation, [>= 5].
         state: one copy's state, [S].
-        i: which robot.
+        i: index of the robot.
         diagonal: of the arena, m.
     """
     at = N_COLUMNS * i

@@ -1,4 +1,4 @@
-"""Sensor: what each robot of a task observes in a state, by the model that the spec names."""
+"""Sensor: the observations of the robots of a task, by the model that the spec names."""
 
 from typing import Protocol
 
@@ -28,7 +28,7 @@ from swarmdata.types import Bool, Float, Int, Step
 
 
 class Sense(Protocol):
-    """One kind of observation model on one scene."""
+    """One kind of observation model in one scene."""
 
     features: tuple[Feature, ...]
     echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
@@ -41,17 +41,18 @@ class Sense(Protocol):
 class Sensor:
     """Writes observations: a function of an episode's seed, layout and states up to the step.
 
-    A frame is what the model's kind gives, and what the task adds, in the same frame of reference,
-    both computed from the world as each robot measured it. Noise and losses of single beams and
-    cells, delay and stacking follow; in teams with several roles the robot's role is last.
+    A frame holds the features of the model's kind and those of the task, in the same frame of
+    reference, all computed from the world as each robot measured it. Noise and losses of single
+    beams and cells, delay and stacking follow; in teams with several roles the robot's role is
+    last.
 
     Args:
-        task: the task; its spec has the model.
+        task: the task; its spec contains the model.
         n_copies: E.
 
     Attributes:
-        features: every number of one robot's observation, O. In a stack the names of older frames
-            end with their age in steps, such as `own.x[-1]`.
+        features: of one robot's observation, O. In a stack the names of older frames end with
+            their age in steps, such as `own.x[-1]`.
     """
 
     def __init__(self, task: Task, n_copies: int) -> None:
@@ -60,7 +61,7 @@ class Sensor:
         self._task, self._sense = task, _sense(model, scene)
         kind, extra = self._sense.features, task.features
         frame = (*kind, *extra)
-        self._cut, self._size = len(kind), len(frame)
+        self._n_sensed, self._size = len(kind), len(frame)
         self._pairs = np.array(
             [len(kind) + k for k, feature in enumerate(extra) if feature.axis == "x"],
             dtype=np.int64,
@@ -70,17 +71,19 @@ class Sensor:
         self._measured = None if measured.is_exact else measured
         self._added = np.zeros((n_copies, spec.n_agents, len(extra)), dtype=np.float32)
         echoes = Echoes(kind, self._sense.echoes, model)
-        self._echoes = echoes if echoes.are_worsened else None
+        self._echoes = echoes if echoes.are_degraded else None
         self._shape = shape = (n_copies, spec.n_agents, self._size)
         has_history = model.delay + model.stack > 1
         self._history = History(shape, model.delay, model.stack) if has_history else None
         self._frame = np.zeros(shape if has_history else (0, 0, 0), dtype=np.float32)
-        itself = (n_copies, spec.n_agents, N_COLUMNS)
-        self._known = History(itself, model.delay) if model.delay > 0 else None
-        self._late = np.zeros(itself if model.delay > 0 else (0, 0, 0), dtype=np.float32)
+        robots = (n_copies, spec.n_agents, N_COLUMNS)
+        self._known = History(robots, model.delay) if model.delay > 0 else None
+        self._late = np.zeros(robots if model.delay > 0 else (0, 0, 0), dtype=np.float32)
         self._roles = _role_codes(spec)
+        older = [f._replace(name=f"{f.name}[-{k}]") for k in range(1, model.stack) for f in frame]
         self.features = (
-            *_stacked(frame, model.stack),
+            *frame,
+            *older,
             *(
                 Feature(f"role.{role.name}", "flag", "", "1 if the robot has this role")
                 for role in spec.team[: self._roles.shape[1]]
@@ -88,22 +91,23 @@ class Sensor:
         )
 
     def forget(self, copies: Int) -> None:
-        """Lets an episode begin in each of these copies: its next frame is its first."""
+        """Makes the next frame of each of these copies the first of an episode."""
         for history in (self._history, self._known):
             if history is not None:
                 history.forget(copies)
 
-    def observe(self, now: Step, active: Bool, out: Float) -> Float:
-        """Writes what the robots of the active copies observe.
+    def observe(self, step: Step, active: Bool, out: Float) -> Float:
+        """Writes the observations of the robots of the active copies.
 
         Args:
-            now: a step whose states, layouts, seeds and times are complete.
+            step: the current step; its states, layouts, seeds and times are complete.
             active: copies to observe, [E]; rows of the others are not written.
             out: written, [E, N, O].
 
         Returns:
-            What each robot knows of itself, columns `ROBOT` first, [E, >= 8 N]: with its sensors'
-            noise and delay, and so what it can tell others. To be read before the next call.
+            The robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N], with the
+            noise and delay of their sensors: what they can tell others. The next call overwrites
+            them.
 
         Raises:
             SchemaError: `out` does not have one column for each of `features`.
@@ -114,42 +118,41 @@ class Sensor:
                 f"{len(self.features)}. Allocate it with the sensor's features."
             )
         n_roles = self._roles.shape[1]
-        seen = out[..., :-n_roles] if n_roles else out
-        frame = seen if self._history is None else self._frame
-        own = self._write_frame(now, active, frame)
+        frames = out[..., :-n_roles] if n_roles else out
+        frame = frames if self._history is None else self._frame
+        known = self._write_frame(step, active, frame)
         if self._turns:
-            turn(own, self._pairs, active, frame)
+            turn(known, self._pairs, active, frame)
         if self._echoes is not None:
-            self._echoes.worsen(now, active, frame[..., : self._cut])
+            self._echoes.degrade(step, active, frame[..., : self._n_sensed])
         if self._history is not None:
-            self._history.exchange(frame, active, seen)
+            self._history.exchange(frame, active, frames)
         if n_roles:
             np.copyto(out[..., -n_roles:], self._roles, where=active[:, None, None])
-        return own if self._known is None else self._delay(self._known, own, active)
+        if self._known is None:
+            return known
+        n_copies, n, width = self._late.shape
+        robots = known[:, : n * width].reshape(n_copies, n, width)
+        self._known.exchange(robots, active, self._late)
+        return self._late.reshape(n_copies, n * width)
 
-    def _write_frame(self, now: Step, active: Bool, frame: Float) -> Float:
-        """Writes the frames of all robots; returns what each believes of itself, [E, >= 8 N]."""
-        robots, added = range(self._shape[1]), frame[..., self._cut :]
+    def _write_frame(self, step: Step, active: Bool, frame: Float) -> Float:
+        """Writes the frames of all robots; returns their own measured states, [E, >= 8 N]."""
+        robots, added = range(self._shape[1]), frame[..., self._n_sensed :]
         if self._measured is None:
-            truth = World(now.states, now.layouts, now.states, now.layouts)
+            truth = World(step.states, step.layouts, step.states, step.layouts)
             self._sense.sense(truth, robots, active, frame)
-            if self._cut < self._size:
-                self._task.write_features(now.states, now.layouts, active, added)
-            return now.states
-        own = self._measured.localise(now, active)
+            if self._n_sensed < self._size:
+                self._task.write_features(step.states, step.layouts, active, added)
+            return step.states
+        known = self._measured.localise(step, active)
         for i in robots:
-            world = self._measured.seen_by(i, now, active)
+            world = self._measured.measured_by(i, step, active)
             self._sense.sense(world, robots[i : i + 1], active, frame)
-            if self._cut < self._size:  # the task writes all robots; this world is one robot's
+            if self._n_sensed < self._size:  # the task writes all robots, for one robot's world
                 self._task.write_features(world.states, world.layouts, active, self._added)
                 np.copyto(added[:, i], self._added[:, i], where=active[:, None])
-        return own
-
-    def _delay(self, known: History, own: Float, active: Bool) -> Float:
-        """What the robots knew of themselves `delay` steps ago, [E, 8 N]."""
-        n_copies, n, width = self._late.shape
-        known.exchange(own[:, : n * width].reshape(n_copies, n, width), active, self._late)
-        return self._late.reshape(n_copies, n * width)
+        return known
 
 
 def _sense(model: ObservationModel, scene: Scene) -> Sense:
@@ -166,20 +169,15 @@ def _sense(model: ObservationModel, scene: Scene) -> Sense:
 
 
 def _role_codes(spec: TaskSpec) -> Float:
-    """One-hot roles [N, roles]; no columns if there is one role only."""
+    """One-hot roles [N, roles]; no columns if there is only one role."""
     n_roles = len(spec.team)
     codes = np.eye(n_roles, n_roles if n_roles > 1 else 0, dtype=np.float32)
     return np.repeat(codes, [role.count for role in spec.team], axis=0)
 
 
-def _stacked(frame: tuple[Feature, ...], n: int) -> tuple[Feature, ...]:
-    older = (f._replace(name=f"{f.name}[-{age}]") for age in range(1, n) for f in frame)
-    return (*frame, *older)
-
-
 @kernel
 def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
-    """Rotates vectors from the world's frame into each robot's body's, in place.
+    """Rotates vectors from the world's frame into each robot's body frame, in place.
 
     Args:
         states: [E, S].

@@ -20,12 +20,12 @@ from swarmdata.types import Bool, Double, Float, Int
 
 _TO_TARGET = "target minus own position"
 _TARGET_DIRECTION = "unit vector to the target, shrinking within 0.3 m of it"
-_NEAR = (
+_NEAR_MEANING = (
     "direction to the nearest surface point, either one of two, times closeness: 0 at the range, "
     "1 in contact"
 )
 
-OWN = (
+OWN_FEATURES = (
     Feature("own.x", "position", "x", "own position"),
     Feature("own.y", "position", "y", "own position"),
     Feature("own.vx", "velocity", "x", "own velocity"),
@@ -36,10 +36,10 @@ OWN = (
     Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
 )
 
-HEADING = vector("own.heading", "direction", "own heading")
-"""Follows `OWN` in teams with a unicycle."""
+HEADING_FEATURES = vector("own.heading", "direction", "own heading")
+"""Follows `OWN_FEATURES` in teams with a unicycle."""
 
-NEIGHBOR = (
+NEIGHBOR_FEATURES = (
     Feature("dx", "position", "x", "position relative to the own"),
     Feature("dy", "position", "y", "position relative to the own"),
     Feature("dvx", "velocity", "x", "velocity relative to the own"),
@@ -48,8 +48,8 @@ NEIGHBOR = (
     Feature("mask", "flag", meaning="1 if the slot holds a robot; nearest first"),
 )
 
-OBSTACLE = (
-    *vector("near", "direction", _NEAR),
+OBSTACLE_FEATURES = (
+    *vector("near", "direction", _NEAR_MEANING),
     Feature("dx", "position", "x", "center relative to the own position"),
     Feature("dy", "position", "y", "center relative to the own position"),
     *vector("axis", "position", "local x axis times the bounding radius"),
@@ -60,28 +60,29 @@ OBSTACLE = (
 GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
-_SLACK = 1e-4
-"""Part, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
-excludes what the exact test would keep."""
+_FIRST_TEST_SLACK = 1e-4
+"""Share, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
+excludes an obstacle that the exact test would keep."""
 
-_OWN, _NEIGHBOR, _OBSTACLE = len(OWN), len(NEIGHBOR), len(OBSTACLE)
+_OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
 
 class State:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
 
-    Features: `OWN`, `HEADING` in teams with a unicycle, then the slots of `NEIGHBOR` and of
-    `OBSTACLE`, nearest surface first. A slot without an object is zero.
+    Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
+    `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object
+    is zero.
 
     Args:
-        model: how many slots, and how far robots see.
-        scene: what there is to see.
+        model: number of slots, and range.
+        scene: constants of the task.
     """
 
     def __init__(self, model: StateModel, scene: Scene) -> None:
-        own = OWN + (HEADING if scene.has_headings else ())
-        near = numbered("neighbor", model.n_neighbors, NEIGHBOR)
-        around = numbered("obstacle", model.n_obstacles, OBSTACLE)
+        own = OWN_FEATURES + (HEADING_FEATURES if scene.has_headings else ())
+        near = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+        around = numbered("obstacle", model.n_obstacles, OBSTACLE_FEATURES)
         self.features = own + near + around
         limit = np.inf if model.limit is None else model.limit
         self.echoes = NO_ECHOES
@@ -122,7 +123,7 @@ def _closeness(gap: float, reach: float) -> float:
 
 @kernel(error_model="numpy")
 def _own(out: Float, state: Float, at: int, n_own: int) -> None:
-    """Fills `OWN`, and `HEADING` if there is room, of the robot whose state begins at `at`."""
+    """Fills the own features, heading included if there is room, of the robot at column `at`."""
     gx = float(state[at + TX]) - float(state[at + X])
     gy = float(state[at + TY]) - float(state[at + Y])
     scale = 1.0 / max(math.sqrt(gx * gx + gy * gy), GOAL_NEAR)
@@ -236,7 +237,7 @@ def _find_obstacles(
         distance, vx, vy = nearest_of(px, py, layout, m)
         if distance - radius <= limit:
             _insert(found, k, distance - radius, m, vx, vy)
-    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _SLACK) + _SLACK
+    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK) + _FIRST_TEST_SLACK
     n_nearer = 0
     for m in range(n):
         reach = bound + circles[2, m]
@@ -254,7 +255,7 @@ def _obstacles(
     out: Float, first: int, px: float, py: float, layout: Float, circles: Double, radius: float,
     k: int, reach: float, found: Double,
 ) -> None:  # fmt: skip
-    """Fills the obstacle slots of a robot at (px, py) from what was found."""
+    """Fills the obstacle slots of a robot at (px, py) from the rows of `_find_obstacles`."""
     for slot in range(k):
         o = first + _OBSTACLE * slot
         gap, vx, vy = found[slot, 0], found[slot, 2], found[slot, 3]
@@ -295,7 +296,7 @@ def observe_states(
         limits: gaps beyond which each robot sees nothing, m, [N].
         slots: length of the own block, number of neighbour and of obstacle slots.
         reach: gap (m) at which closeness features reach 0.
-        robots: first, and one past the last, of those that observe.
+        robots: index of the first robot that observes, and one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
     """

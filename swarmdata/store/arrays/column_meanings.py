@@ -2,7 +2,7 @@
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS
-from swarmdata.perception.comms.payloads import COLUMNS
+from swarmdata.perception.comms.payloads import PAYLOAD_COLUMNS
 from swarmdata.perception.observer import features_of
 from swarmdata.specs.features import UNITS, Feature
 from swarmdata.specs.sensing_models import Broadcast
@@ -107,7 +107,7 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
     own = robot_columns(spec.half_size)
     measured = tuple(
         own[k]._replace(meaning=f"of the sender, as it measured it{rounding}: {own[k].meaning}")
-        for k in COLUMNS[model.payload]
+        for k in PAYLOAD_COLUMNS[model.payload]
     )
     if spec.observation.noise.position == 0.0:
         return measured

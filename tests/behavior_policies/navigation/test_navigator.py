@@ -5,7 +5,12 @@ import pytest
 
 from swarmdata.behavior_policies.navigation.avoidance import stopping_half_planes
 from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.navigation.robot_scales import LENGTH, TIME, scales_of
+from swarmdata.behavior_policies.navigation.robot_scales import (
+    LENGTH_SCALE,
+    TIME_SCALE,
+    Team,
+    scales_of,
+)
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
@@ -28,10 +33,12 @@ def test_the_default_robot_is_the_reference() -> None:
 
 
 def test_scales_follow_brakes_size_and_turns() -> None:
-    assert scales(max_acceleration=0.5)[TIME] == pytest.approx(3.0)
-    assert scales(max_acceleration=0.5)[LENGTH] == pytest.approx(3.0)
+    assert scales(max_acceleration=0.5)[TIME_SCALE] == pytest.approx(3.0)
+    assert scales(max_acceleration=0.5)[LENGTH_SCALE] == pytest.approx(3.0)
     assert scales(max_speed=0.3) == pytest.approx((2.0, 1.0))  # two radii take twice as long
-    assert scales(dynamics="unicycle", max_turn_rate=1.0)[TIME] == pytest.approx(np.pi / 2 / 0.8)
+    assert scales(dynamics="unicycle", max_turn_rate=1.0)[TIME_SCALE] == pytest.approx(
+        np.pi / 2 / 0.8
+    )
     assert scales(dynamics="unicycle", max_turn_rate=9.0) == (1.0, 1.0)
 
 
@@ -72,7 +79,7 @@ def test_a_drift_that_is_known_leaves_no_lag(dynamics: str) -> None:
     assert lags[False] == pytest.approx(0.1, abs=0.03)  # 0.2 m/s over a rate of 2 / s
 
 
-def test_ways_are_planned_anew_when_targets_jump() -> None:
+def test_paths_are_planned_anew_when_targets_jump() -> None:
     """Two targets on the two sides of a wall with a door, one after the other."""
     spec = preset("coop_nav-doorway").with_updates(team=[{"count": 1}], horizon=400)
     env, navigator = make_env(spec, 1), Navigator(spec)
@@ -114,13 +121,15 @@ def test_commands_do_not_depend_on_the_batch_in_a_mixed_team() -> None:
 
 
 def test_stops_are_shared_half_and_half_and_never_ask_to_back_off() -> None:
-    bodies, brakes = np.array([[0.1, 0.6], [0.1, 0.6], [0.1, 0.6]]), np.array([0.5, 1.0, 0.5])
+    robot = {"radius": 0.1, "max_speed": 0.6}
+    spec = TaskSpec.parse({"team": [{"count": 3, "robot": robot}]})
+    team = Team.of(spec)._replace(stopping_times=np.array([0.5, 1.0, 0.5]))
     robots = np.array([[0.0, 0.0], [0.41, 0.0], [0.0, 0.15]])
     planes = np.empty((3, 4))
-    assert stopping_half_planes(0, robots, bodies, brakes, 0, planes) == 2
+    assert stopping_half_planes(0, robots, team, 0, planes) == 2
     bounds = planes[:2, 0] * -planes[:2, 3] + planes[:2, 1] * planes[:2, 2]
     towards = np.stack([planes[:2, 3], -planes[:2, 2]], axis=1)
     np.testing.assert_allclose(towards, [[1.0, 0.0], [0.0, 1.0]], atol=1e-12)
     np.testing.assert_allclose(-bounds, [0.5 * 0.2 / 1.0, 0.0], atol=1e-12)
     far = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]])
-    assert stopping_half_planes(0, far, bodies, brakes, 0, planes) == 0
+    assert stopping_half_planes(0, far, team, 0, planes) == 0

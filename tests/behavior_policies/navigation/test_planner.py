@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 
 from swarmdata.behavior_policies.navigation.distance_field import (
-    DIAGONAL,
-    SPACING,
-    STRAIGHT,
+    DIAGONAL_COST,
+    NODE_SPACING,
+    STRAIGHT_COST,
     Int32,
     fill_clearances,
-    fill_ways,
+    fill_paths,
     grid_shape,
     nearest_node,
     weights_of,
 )
 from swarmdata.behavior_policies.navigation.planner import (
-    UNPLANNED,
+    UNPLANNED_COST,
+    Ground,
+    Paths,
     free_distance,
     is_visible,
     n_primitives,
@@ -42,6 +44,10 @@ def grid_of(layout: Float, cap: float = 0.27) -> Float:
     return grid
 
 
+def unplanned(n_nodes: int) -> Paths:
+    return Paths(np.full(n_nodes, UNPLANNED_COST, np.int32), np.zeros(n_nodes, np.int32))
+
+
 def layout_of(seed: int) -> Float:
     layout: Float = make_env(SPEC, 1).reset(evaluation_seeds(seed + 1)[-1:]).layouts[0]
     return layout
@@ -53,7 +59,7 @@ def test_clearances_are_those_of_the_geometry_up_to_the_cap(seed: int) -> None:
     grid = grid_of(layout)
     rng = np.random.default_rng(seed)
     for row, column in rng.integers(0, 81, size=(400, 2)):
-        x, y = column * SPACING - 2.0, row * SPACING - 2.0
+        x, y = column * NODE_SPACING - 2.0, row * NODE_SPACING - 2.0
         assert grid[row, column] == pytest.approx(
             min(clearance(x, y, layout, HALF), 0.27), abs=1e-6
         )
@@ -61,10 +67,10 @@ def test_clearances_are_those_of_the_geometry_up_to_the_cap(seed: int) -> None:
 
 def test_interpolated_clearance_is_close() -> None:
     layout = layout_of(0)
-    grid = grid_of(layout)
+    ground = Ground(grid_of(layout), HALF)
     for x, y in np.random.default_rng(0).uniform(-1.99, 1.99, size=(400, 2)):
         expected = min(clearance(x, y, layout, HALF), 0.27)
-        assert free_distance(x, y, grid, HALF) == pytest.approx(expected, abs=0.02)
+        assert free_distance(x, y, ground) == pytest.approx(expected, abs=0.02)
 
 
 def plain_costs(goal: int, columns: int, weights: Int32) -> Double:
@@ -77,7 +83,7 @@ def plain_costs(goal: int, columns: int, weights: Int32) -> Double:
         for row in (-1, 0, 1):
             for column in (-1, 0, 1):
                 near = node + row * columns + column
-                base = DIAGONAL if row and column else STRAIGHT
+                base = DIAGONAL_COST if row and column else STRAIGHT_COST
                 new = cost + base * int(weights[near])
                 if weights[near] and new < costs[near]:
                     costs[near] = new
@@ -86,35 +92,34 @@ def plain_costs(goal: int, columns: int, weights: Int32) -> Double:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_ways_are_the_cheapest(seed: int) -> None:
+def test_paths_are_the_cheapest(seed: int) -> None:
     grid = grid_of(layout_of(seed))
     weights = weights_of(grid, 0.12)
     columns = grid.shape[1]
     goal = nearest_node(0.3 * seed - 0.5, 0.4, weights - 1, columns, HALF)
-    costs, ways = np.zeros(len(weights), np.int32), np.zeros(len(weights), np.int32)
-    fill_ways(goal, columns, weights, costs, ways)
+    costs, next_nodes = np.zeros((2, len(weights)), np.int32)
+    fill_paths(goal, columns, weights, costs, next_nodes)
     np.testing.assert_array_equal(costs, plain_costs(goal, columns, weights))
     reachable = np.flatnonzero(costs > 0)
     assert len(reachable) > 3000
-    assert (costs[ways[reachable]] < costs[reachable]).all()
+    assert (costs[next_nodes[reachable]] < costs[reachable]).all()
 
 
 def test_a_wall_hides_and_an_opening_does_not() -> None:
-    grid = grid_of(POCKET_ROW)
-    assert not is_visible(-1.0, 0.0, 1.0, 0.0, 0.135, grid, HALF)
-    assert is_visible(-1.0, 0.0, 0.0, 0.0, 0.135, grid, HALF)
-    assert is_visible(-1.0, 1.0, 1.0, 1.0, 0.135, grid, HALF)
+    ground = Ground(grid_of(POCKET_ROW), HALF)
+    assert not is_visible((-1.0, 0.0), (1.0, 0.0), 0.135, ground)
+    assert is_visible((-1.0, 0.0), (0.0, 0.0), 0.135, ground)
+    assert is_visible((-1.0, 1.0), (1.0, 1.0), 0.135, ground)
 
 
 def test_waypoints_lead_out_of_a_pocket_without_touching_it() -> None:
-    grid = grid_of(POCKET_ROW)
-    n = grid.size
-    ways = (np.full(n, UNPLANNED, dtype=np.int32), np.zeros(n, dtype=np.int32))
+    ground = Ground(grid_of(POCKET_ROW), HALF)
+    paths = unplanned(ground.clearances.size)
     x, y, goal = 0.1, 0.0, np.array([1.2, 0.0])
-    first = waypoint((x, y), goal, 0.12, grid, ways, HALF)
+    first = waypoint((x, y), goal, 0.12, ground, paths)
     assert first[0] < -0.3  # out of the mouth first
     for _ in range(200):
-        to_x, to_y = waypoint((x, y), goal, 0.12, grid, ways, HALF)
+        to_x, to_y = waypoint((x, y), goal, 0.12, ground, paths)
         d = float(np.hypot(to_x - x, to_y - y))
         step = min(0.05, d) / max(d, 1e-9)
         x, y = x + step * (to_x - x), y + step * (to_y - y)
@@ -122,11 +127,11 @@ def test_waypoints_lead_out_of_a_pocket_without_touching_it() -> None:
     assert (x, y) == pytest.approx((1.2, 0.0), abs=1e-6)
 
 
-def test_without_any_way_the_goal_is_aimed_at() -> None:
+def test_without_a_path_the_goal_is_aimed_at() -> None:
     grid = np.zeros(grid_shape(SPEC), dtype=np.float32)
-    ways = (np.full(grid.size, UNPLANNED, dtype=np.int32), np.zeros(grid.size, dtype=np.int32))
     grid[40, 20] = 0.3
-    assert waypoint((-1.0, 0.0), np.array([1.0, 1.0]), 0.12, grid, ways, HALF) == (1.0, 1.0)
+    ground, goal = Ground(grid, HALF), np.array([1.0, 1.0])
+    assert waypoint((-1.0, 0.0), goal, 0.12, ground, unplanned(grid.size)) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("kind", [CIRCLE, BOX, CORNER, POCKET])

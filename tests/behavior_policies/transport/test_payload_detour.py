@@ -1,4 +1,4 @@
-"""Ways around a payload: they never cross it, and lead to the other side."""
+"""Paths around a payload: they never cross it, and lead to the other side."""
 
 import math
 
@@ -7,17 +7,21 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from swarmdata.behavior_policies.navigation.planner import Ground
 from swarmdata.behavior_policies.transport.payload_detour import (
     N_POINTS,
     N_RING,
     RING_GAPS,
+    Pushers,
+    Rings,
     crosses,
+    detour_waypoint,
     fill_rings,
-    way_around,
 )
+from swarmdata.behavior_policies.transport.push_setup import PayloadState
 from swarmdata.envs.transport.payload import Shape, place_row
 from swarmdata.numerics.geometry import BOX, CIRCLE, nearest
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Double, Float
 
 RADIUS = 0.12
 BOX_SHAPE: Shape = (BOX, 0.35, 0.25)
@@ -40,17 +44,17 @@ def gap(shape: Shape, pose: Double, x: float, y: float) -> float:
     return float(nearest(x, y, row)[0])
 
 
-def rings(shape: Shape, pose: Double, grid: Float = FREE) -> tuple[Double, Bool]:
-    points, free = np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_)
-    fill_rings(pose, shape, RADIUS, (grid, HALF), points, free)
-    return points, free
+def rings_of(payload: PayloadState, grid: Float = FREE) -> Rings:
+    rings = Rings(np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_))
+    fill_rings(payload, RADIUS, Ground(grid, HALF), rings)
+    return rings
 
 
 @settings(deadline=None)
 @given(shapes, angles)
 def test_rings_keep_their_gaps(shape: Shape, angle: float) -> None:
     pose = body(angle)
-    points, free = rings(shape, pose)
+    points, free = rings_of(PayloadState(pose, shape))
     assert free.all()
     for k, (x, y) in enumerate(points):
         least = RADIUS + RING_GAPS[k // N_RING]
@@ -68,7 +72,7 @@ def test_a_line_crosses_where_its_points_come_near(
     share = np.linspace(0, 1, 300)[:, None]
     line = np.array([x, y]) + share * np.array([u - x, v - y])
     least = min(gap(shape, pose, *point) for point in line)
-    found = crosses(pose, shape, (x, y), (u, v), margin)
+    found = crosses(PayloadState(pose, shape), (x, y), (u, v), margin)
     if least < 0.09:
         assert found
     if least > math.sqrt(2) * margin + 0.01:  # a box grows with its corners
@@ -78,12 +82,13 @@ def test_a_line_crosses_where_its_points_come_near(
 def walk(
     shape: Shape, pose: Double, start: tuple[float, float], end: tuple[float, float], grid: Float
 ) -> Double:
-    """Where a robot that follows the way is, every 0.05 m."""
-    robots, nobody = np.array([[*start]]), np.zeros(1, np.bool_)
-    graph = rings(shape, pose, grid)
+    """Where a robot that follows the path is, every 0.05 m."""
+    payload, ground = PayloadState(pose, shape), Ground(grid, HALF)
+    robots, rings = np.array([[*start]]), rings_of(payload, grid)
+    pushers = Pushers(robots, np.zeros(1, np.bool_))
     path = [robots[0].copy()]
     for _ in range(200):
-        found, x, y = way_around(pose, shape, 0, end, RADIUS, (grid, HALF), graph, (robots, nobody))
+        found, x, y = detour_waypoint(0, pushers, end, payload, RADIUS, ground, rings)
         assert found
         step = np.array([x, y]) - robots[0]
         robots[0] += step * min(1.0, 0.05 / max(np.hypot(*step), 1e-9))
@@ -115,27 +120,26 @@ def test_it_takes_the_free_side() -> None:
 
 
 def test_it_passes_behind_robots_that_stand_at_the_payload() -> None:
-    pose = body()
+    payload = PayloadState(body(), BOX_SHAPE)
     robots = np.array([[-0.9, -0.6], [-0.05, -0.47], [0.25, -0.47]])
-    standing = np.array([False, True, True])
-    end = (0.75, -0.1)
-    found, x, y = way_around(
-        pose, BOX_SHAPE, 0, end, RADIUS, (FREE, HALF), rings(BOX_SHAPE, pose), (robots, standing)
-    )
+    pushers = Pushers(robots, np.array([False, True, True]))
+    ground, rings = Ground(FREE, HALF), rings_of(payload)
+    found, x, y = detour_waypoint(0, pushers, (0.75, -0.1), payload, RADIUS, ground, rings)
     assert found
-    way = np.array([x, y]) - robots[0, :2]
+    line = np.array([x, y]) - robots[0, :2]
     for other in robots[1:]:
-        t = np.clip((other - robots[0]) @ way / (way @ way), 0, 1)
-        assert np.hypot(*(robots[0] + t * way - other)) >= 2 * RADIUS
+        t = np.clip((other - robots[0]) @ line / (line @ line), 0, 1)
+        assert np.hypot(*(robots[0] + t * line - other)) >= 2 * RADIUS
 
 
-def test_without_room_there_is_no_way() -> None:
-    pose, solid = body(), np.zeros((121, 121), dtype=np.float32)
-    robots, nobody = np.array([[-1.0, 0.0]]), np.zeros(1, np.bool_)
-    graph = rings(BOX_SHAPE, pose, solid)
-    assert not graph[1].any()
-    found, x, y = way_around(
-        pose, BOX_SHAPE, 0, (0.9, 0.0), RADIUS, (solid, HALF), graph, (robots, nobody)
+def test_without_room_there_is_no_path() -> None:
+    payload, solid = PayloadState(body(), BOX_SHAPE), np.zeros((121, 121), dtype=np.float32)
+    pushers, rings = (
+        Pushers(np.array([[-1.0, 0.0]]), np.zeros(1, np.bool_)),
+        rings_of(payload, solid),
     )
+    assert not rings.is_free.any()
+    ground = Ground(solid, HALF)
+    found, x, y = detour_waypoint(0, pushers, (0.9, 0.0), payload, RADIUS, ground, rings)
     assert not found
     assert (x, y) == pytest.approx((-1.0, 0.0))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.transport.transport_controller import TransportScript
+from swarmdata.behavior_policies.transport.transport_controller import TransportController
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
@@ -40,7 +40,7 @@ def share(episodes: list[Episode]) -> float:
 )
 def test_it_keeps_the_contract_of_policies(spec: TaskSpec) -> None:
     short = spec.with_updates(horizon=40)
-    check_policy(TransportScript(short, noise=0.1), short, make_env)
+    check_policy(TransportController(short, noise=0.1), short, make_env)
 
 
 @pytest.mark.parametrize(
@@ -72,11 +72,11 @@ def test_it_beats_doing_nothing_by_far() -> None:
 
 def test_it_says_which_robots_and_goals_it_cannot_serve() -> None:
     with pytest.raises(SpecError, match="robot_0 has unicycle dynamics"):
-        TransportScript(DEFAULT.with_updates(team=team(dynamics="unicycle")))
+        TransportController(DEFAULT.with_updates(team=team(dynamics="unicycle")))
     with pytest.raises(SpecError, match=r"goal_angle is 0\.2"):
-        TransportScript(DEFAULT.with_updates(rules={**BOX, "goal_angle": 0.2}))
+        TransportController(DEFAULT.with_updates(rules={**BOX, "goal_angle": 0.2}))
     with pytest.raises(SpecError, match="expected 'transport'"):
-        TransportScript(TaskSpec())
+        TransportController(TaskSpec())
 
 
 def test_an_episode_that_it_has_no_map_of_is_refused() -> None:

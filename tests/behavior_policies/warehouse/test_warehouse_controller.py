@@ -7,17 +7,19 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes
 from swarmdata.behavior_policies.warehouse.traffic_routes import (
     lane_along,
     lane_at,
     one_way,
+    roads_of,
     steer,
-    tracks_of,
 )
 from swarmdata.behavior_policies.warehouse.warehouse_controller import (
-    WarehouseScript,
+    TRAFFIC_HORIZON,
+    TRAFFIC_ROBOT_GAP,
+    WarehouseController,
     brake_half_planes,
-    rank_half_planes,
 )
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse
@@ -39,9 +41,7 @@ Point = tuple[float, float]
 
 
 def steered(spec: TaskSpec, at: Point, target: Point) -> Double:
-    plan = FloorPlan.of(spec)
-    to = steer(*at, target, plan.lanes, plan.rows, plan.middles, tracks_of(spec))
-    return np.array(to) - at
+    return np.array(steer(*at, target, roads_of(spec))) - at
 
 
 def follow(spec: TaskSpec, at: Point, target: Point, n_steps: int = 2000) -> Double:
@@ -112,25 +112,26 @@ def test_lanes_are_found_by_where_they_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rules", "aside", "narrow"),
+    ("rules", "offsets", "is_one_way"),
     [
-        ({}, [0.2, 0.1550, 0.175], 0.0),
-        ({"aisle_width": 0.57}, [0.2, 0.0, 0.175], 1.0),
-        ({"aisle_width": 0.9, "front": 0.4}, [0.0, 0.225, 0.175], 0.0),
+        ({}, [0.2, 0.1550, 0.175], False),
+        ({"aisle_width": 0.57}, [0.2, 0.0, 0.175], True),
+        ({"aisle_width": 0.9, "front": 0.4}, [0.0, 0.225, 0.175], False),
     ],
 )
-def test_tracks_need_room_for_two(rules: Any, aside: list[float], narrow: float) -> None:
-    spec = preset("warehouse").with_updates(rules={"task": "warehouse", **rules})
-    np.testing.assert_allclose(tracks_of(spec), [*aside, narrow])
+def test_tracks_need_room_for_two(rules: Any, offsets: list[float], is_one_way: bool) -> None:
+    roads = roads_of(preset("warehouse").with_updates(rules={"task": "warehouse", **rules}))
+    np.testing.assert_allclose(roads.offsets, offsets)
+    assert roads.is_one_way == is_one_way
 
 
 def test_the_lower_number_has_the_right_of_way() -> None:
     robots = np.array([[0.0, 0.0, 0.3, 0.0], [0.6, 0.0, -0.3, 0.0], [5.0, 5.0, 0.0, 0.0]])
-    radii, aims = np.full(3, 0.12), np.array([[0.6, 0.0], [-0.6, 0.0], [0.0, 0.0]])
-    planes, scales = np.empty((12, 4)), np.ones((3, 2))
-    assert rank_half_planes(0, robots, radii, scales, aims, 0, planes) == 1
-    assert rank_half_planes(1, robots, radii, scales, aims, 0, planes) == 2
-    assert rank_half_planes(2, robots, radii, scales, aims, 3, planes) == 3  # nobody is near
+    aims = np.array([[0.6, 0.0, 0.0], [-0.6, 0.0, -1.0], [0.0, 0.0, -2.0]])
+    radii, scales, planes = np.full(3, 0.12), np.ones((3, 2)), np.empty((12, 4))
+    rule = (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
+    counts = [robot_half_planes(i, robots, radii, scales, aims, rule, 3, planes) for i in range(3)]
+    assert counts == [4, 5, 3]  # nobody is near the last
 
 
 @given(
@@ -169,7 +170,7 @@ class Meeting(Warehouse):
 
 def test_two_robots_pass_each_other_head_on_in_an_aisle() -> None:
     spec = WIDE.with_updates(team=[{"count": 2}])
-    env, policy = TaskEnv(Meeting(spec), 1), WarehouseScript(spec)
+    env, policy = TaskEnv(Meeting(spec), 1), WarehouseController(spec)
     step = env.reset(np.array([1], dtype=np.uint64))
     passed = False
     for _ in range(70):
@@ -200,14 +201,14 @@ def test_policies_without_a_map_do_not_get_through(name: str) -> None:
 @pytest.mark.parametrize("options", [{}, {"noise": 0.3}])
 def test_the_contract_of_policies_holds(options: dict[str, float]) -> None:
     spec = NARROW.with_updates(horizon=30)
-    check_policy(WarehouseScript(spec, **options), spec, make_env)
+    check_policy(WarehouseController(spec, **options), spec, make_env)
 
 
 def test_a_learned_message_is_left_empty() -> None:
     channel = {"kind": "broadcast", "payload": "learned", "message_size": 3}
     spec = WIDE.with_updates(communication=channel)
     step = make_env(WIDE, 2).reset(np.arange(2, dtype=np.uint64))
-    actions: Float = WarehouseScript(spec).act(step)
+    actions: Float = WarehouseController(spec).act(step)
     assert actions.shape == (2, 4, 5)
     assert not actions[..., 2:].any()
 
@@ -227,7 +228,7 @@ def test_robots_of_different_sizes_and_speeds_share_the_floor() -> None:
     small = {"radius": 0.08, "max_speed": 0.4}
     team = [{"name": "big", "count": 2}, {"name": "small", "count": 2, "robot": small}]
     spec = WIDE.with_updates(team=team)
-    policy = WarehouseScript(spec)
+    policy = WarehouseController(spec)
     result = evaluate(policy, spec, name="scripted", n_episodes=20, progress=False)
     assert result.metrics["deliveries"].mean() >= 6.0
     assert result.metrics["robot_collisions"].mean() <= 0.1
@@ -235,6 +236,6 @@ def test_robots_of_different_sizes_and_speeds_share_the_floor() -> None:
 
 def test_the_spec_of_another_task_is_refused() -> None:
     with pytest.raises(SpecError, match="expected 'warehouse'"):
-        WarehouseScript(TaskSpec())
+        WarehouseController(TaskSpec())
     with pytest.raises(SpecError, match="expected 'warehouse'"):
-        tracks_of(TaskSpec())
+        roads_of(TaskSpec())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import SPECS, shipped_recipes
+from swarmdata.behavior_policies.tiers import FAMILY_SPECS, shipped_recipes
 from swarmdata.cards.card import write_card
 from swarmdata.hub.catalog import identity
 from swarmdata.hub.publishing import blockers
@@ -20,7 +20,7 @@ from swarmdata.store import open_store
 @pytest.fixture(scope="module")
 def good(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("gate") / "good"
-    spec = SPECS["coop_nav"].with_updates(horizon=50)
+    spec = FAMILY_SPECS["coop_nav"].with_updates(horizon=50)
     record(folder, spec, ("random",))
     write_card(folder)
     return folder
@@ -65,7 +65,9 @@ def test_cards(good: Path, remote: FolderRemote, tmp_path: Path) -> None:
 def test_a_version_that_is_taken(
     good: Path, remote: FolderRemote, record: Callable[..., Path], tmp_path: Path
 ) -> None:
-    another = record(tmp_path / "another", SPECS["coop_nav"].with_updates(horizon=60), ("random",))
+    another = record(
+        tmp_path / "another", FAMILY_SPECS["coop_nav"].with_updates(horizon=60), ("random",)
+    )
     write_card(another)
     push(good, remote, lambda folder: ())
     (reason,) = find_blockers(another, remote)

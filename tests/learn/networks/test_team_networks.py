@@ -91,7 +91,7 @@ def test_a_policy_of_a_frame_sees_and_acts_in_it() -> None:
     frame = Frame(anchor=0, vectors=(0, 3), closing=())
     ours = policy("shared", frame)
     observations = FEATURES[0].numpy()
-    local = answer(ours.layers, torch.from_numpy(frame.seen(observations)).double() / 2, "shared")
+    local = answer(ours.layers, torch.from_numpy(frame.inputs(observations)).double() / 2, "shared")
     expected = frame.to_world(observations, local.tanh().numpy())
     norms = np.maximum(np.linalg.norm(expected, axis=-1, keepdims=True), 1)
     np.testing.assert_allclose(ours.actions(observations), expected / norms, atol=1e-6)

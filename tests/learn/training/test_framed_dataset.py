@@ -40,8 +40,8 @@ def test_batches_are_those_of_the_data_turned(data: Dataset, frame: Frame) -> No
     index = plain.draw()
     np.testing.assert_array_equal(turned.draw(), index)
     world, seen = plain.gather(index), turned.gather(index)
-    np.testing.assert_array_equal(seen.observations, frame.seen(world.observations))
-    np.testing.assert_array_equal(seen.next_observations, frame.seen(world.next_observations))
+    np.testing.assert_array_equal(seen.observations, frame.inputs(world.observations))
+    np.testing.assert_array_equal(seen.next_observations, frame.inputs(world.next_observations))
     for name in ("rewards", "states", "next_states", "terminations", "truncations", "mask"):
         np.testing.assert_array_equal(getattr(seen, name), getattr(world, name))
     for now, then in (("observations", "actions"), ("next_observations", "next_actions")):
@@ -60,7 +60,7 @@ def test_without_a_frame_it_is_the_data(data: Dataset) -> None:
 def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Frame) -> None:
     whole = framed(data, frame)
     measured = Statistics.measure(whole, 0.9)
-    every = frame.seen(np.concatenate([episode.observations[:-1] for episode in data]))
+    every = frame.inputs(np.concatenate([episode.observations[:-1] for episode in data]))
     spread = every.std((0, 1))
     near = 0.05 * spread + 1e-3  # they are measured on a sample
     assert (np.abs(measured.observation_mean - every.mean((0, 1))) < near).all()
@@ -87,6 +87,6 @@ def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
         assert actions.shape == (4, data.task.n_agents, 2)
         assert np.linalg.norm(actions, axis=-1).max() <= 1 + 1e-6
         world = dataclasses.replace(policy, frame=None)
-        turned = frame.to_world(observations, world.actions(frame.seen(observations)))
+        turned = frame.to_world(observations, world.actions(frame.inputs(observations)))
         norm = np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1)
         np.testing.assert_allclose(actions, turned / norm, atol=1e-6)

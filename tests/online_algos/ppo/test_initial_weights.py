@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.behavior_policies.tiers import SPECS, checkpoints
+from swarmdata.behavior_policies.tiers import FAMILY_SPECS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError, SpecError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
@@ -93,19 +93,19 @@ def test_squashed_actors_of_the_same_sizes_are_refused(tmp_path: Path) -> None:
 def test_a_shipped_tier_is_a_start() -> None:
     """As rounded as its checkpoint: its actions differ by the rounding of activations only."""
     config = replace(SMALL, hidden=128, start=StartConfig(policies="coop_nav-expert"))
-    env = make_env(SPECS["coop_nav"], 2 * config.n_copies)
+    env = make_env(FAMILY_SPECS["coop_nav"], 2 * config.n_copies)
     run = MAPPO(env, (2, 0), config)
     run.prepare()
-    step = make_env(SPECS["coop_nav"], 5).reset(np.arange(5, dtype=np.uint64))
+    step = make_env(FAMILY_SPECS["coop_nav"], 5).reset(np.arange(5, dtype=np.uint64))
     for index, seed in enumerate((2, 0)):
         shipped = checkpoints("coop_nav", "expert")[seed]
-        learned = Learned(SPECS["coop_nav"], checkpoint=shipped.file, sha256=shipped.sha256)
+        learned = Learned(FAMILY_SPECS["coop_nav"], checkpoint=shipped.file, sha256=shipped.sha256)
         np.testing.assert_allclose(run.policy(index).act(step), learned.act(step), atol=0.01)
 
 
 def test_a_shipped_tier_starts_a_larger_team() -> None:
     config = replace(SMALL, hidden=128, start=StartConfig(policies="coop_nav-expert"))
-    run = MAPPO(make_env(SPECS["coop_nav-n8"], config.n_copies), (0,), config)
+    run = MAPPO(make_env(FAMILY_SPECS["coop_nav-n8"], config.n_copies), (0,), config)
     run.prepare()
     run.update()
 

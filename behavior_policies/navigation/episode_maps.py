@@ -1,0 +1,94 @@
+"""Maps of the episodes that run in E copies: obstacles, clearances and planned paths."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.behavior_policies.navigation.distance_field import (
+    Int32,
+    check_maps,
+    fill_clearances,
+    grid_shape,
+)
+from swarmdata.behavior_policies.navigation.planner import (
+    UNPLANNED_COST,
+    n_primitives,
+    primitives_of,
+)
+from swarmdata.errors import SchemaError
+from swarmdata.registry.components import make_task
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Int, Step
+
+CLEARANCE_MARGIN = 0.15
+"""Metres beyond the largest radius up to which clearances are computed."""
+
+
+class Maps(NamedTuple):
+    """Maps of E copies, each with paths to G goals."""
+
+    primitives: Float  # [E, P, 8] convex obstacles
+    clearances: Float  # [E, rows, columns] m, of the nodes
+    half: Double  # [2] m, half width and half height of the arena
+    costs: Int32  # [E, G, n] of the paths; see `planner.Paths`
+    next_nodes: Int32  # [E, G, n] on the paths
+    goals: Double  # [E, G, 2] m, that the paths were planned to
+
+
+class EpisodeMaps:
+    """Keeps the maps of E episodes.
+
+    Args:
+        spec: the task.
+        n_goals: G, goals in an episode.
+        radius: of the largest body that paths are planned for, m.
+
+    Raises:
+        SpecError: the arena is too large to be mapped.
+    """
+
+    def __init__(self, spec: TaskSpec, n_goals: int, radius: float) -> None:
+        self._spec, self._n_goals = spec, n_goals
+        self._n_primitives = n_primitives(make_task(spec).kinds)
+        self._cap = radius + CLEARANCE_MARGIN
+        self._allocate(0)
+
+    def _allocate(self, n_copies: int) -> None:
+        """Makes room for the maps of `n_copies` episodes; none is valid yet."""
+        check_maps(self._spec, max(n_copies, 1), self._n_goals)
+        arena, (rows, columns) = self._spec.arena, grid_shape(self._spec)
+        nodes = (n_copies, self._n_goals, rows * columns)
+        self._is_mapped = np.zeros(n_copies, dtype=np.bool_)
+        self._seeds = np.zeros(n_copies, dtype=np.uint64)
+        self._maps = Maps(
+            primitives=np.zeros((n_copies, self._n_primitives, 8), dtype=np.float32),
+            clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
+            half=np.array([arena.width / 2.0, arena.height / 2.0]),
+            costs=np.zeros(nodes, dtype=np.int32),
+            next_nodes=np.zeros(nodes, dtype=np.int32),
+            goals=np.zeros((n_copies, self._n_goals, 2)),
+        )
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Maps the layouts of `copies`; their paths are planned when they are needed."""
+        if len(step.seeds) != len(self._seeds):
+            self._allocate(len(step.seeds))
+        maps = self._maps
+        for b in copies:
+            maps.primitives[b] = primitives_of(step.layouts[b])
+            fill_clearances(step.layouts[b], maps.half, self._cap, maps.clearances[b])
+        maps.costs[copies, :, 0], maps.goals[copies] = UNPLANNED_COST, np.inf
+        self._seeds[copies], self._is_mapped[copies] = step.seeds[copies], True
+
+    def of(self, step: Step) -> Maps:
+        """Returns the maps of a step's episodes.
+
+        Raises:
+            SchemaError: `reset` was not called for one of them.
+        """
+        if not (self._is_mapped.all() and np.array_equal(self._seeds, step.seeds)):
+            raise SchemaError(
+                "the scripted policy has no map of some episodes of this step. Call "
+                "policy.reset(step, copies) whenever the environment resets copies."
+            )
+        return self._maps
