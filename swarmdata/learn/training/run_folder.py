@@ -4,7 +4,7 @@ config.json             the run, completely (`Run`)
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               what the evaluation callback returned, every `evaluate_every` updates
 checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
-                        run that was made small (`learn.compact`), what its policies are made of
+                        run that was made small (`training.compact`), what its policies are made of
 checkpoints/            earlier ones, by update, if they were to be kept
 """
 
@@ -165,7 +165,7 @@ def load_algorithm(
 
     Raises:
         CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
-            only what policies need (`learn.compact`).
+            only what policies need (`training.compact`).
     """
     path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
     loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)
