@@ -83,8 +83,9 @@ class CFCQL:
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(batch, x, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)

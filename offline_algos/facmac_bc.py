@@ -112,8 +112,9 @@ class FACMACBC:
 
     def critic_loss(self, batch: Batch, x: tuple[Tensor, Tensor]) -> Loss:
         """Returns sum_j L(Q_j), FACMAC eq. 5; draws the targets' noise."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(*x, batch.actions)  # [K, 2, B]
-        loss = td_error(q, self.targets(batch))  # [K]
+        loss = td_error(q, y)  # [K]
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
 
     @torch.no_grad()

@@ -107,8 +107,9 @@ class OMAR:
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
         actions = by_agent(batch.actions)
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, actions)[..., 0]  # [K, 2, B N]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(x, actions, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)
