@@ -20,10 +20,10 @@ Deviations:
 - alpha and tau are in units of scaled rewards, of which the returns-to-go have deviation 1, and one
   pair serves all datasets. The authors choose alpha for each (0.3 to 5) in raw rewards, whose
   values are tens of times as large, with tau 1: that is a tau of a few hundredths here.
-- The authors make 5 critic steps for one of the actors; here it is `policy_delay` 2, after a warm
-  start in which the critics learn the value of a clone, as in MADDPG+BC.
+- The authors make 5 critic steps for one of the actors; here it is `policy_delay` 2, after a
+  warm-up in which the critics learn the value of a clone, as in MADDPG+BC.
 - Actors are one network for all agents, which sees the agent's number. Target smoothing, LayerNorm,
-  `clip_target`, normalization and step sizes are those of `maddpg_bc`, which has their sources.
+  `clip_target`, normalization and learning rates are those of `maddpg_bc`, which has their sources.
 - `bc_weight` w: the paper has none. With w = 0 actors leave narrow data: on `coop_nav-expert-mini`
   (2 seeds, 1,500 updates of 128 rows, hidden sizes 64, 100 episodes) the score was -141. 0.4 is the
   weight that MADDPG+BC at alpha 2.5 has.
@@ -83,8 +83,9 @@ class CFCQL:
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(batch, x, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)

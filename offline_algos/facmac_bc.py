@@ -13,7 +13,7 @@ FACMAC (Peng et al. 2021) with the imitation term and the weight lambda of TD3+B
 Every agent's action in L(pi) comes from its policy: the centralized policy gradient.
 
 Deviations from FACMAC:
-- Twin critics, each with a mixer of its own, target policy smoothing and delayed actors, as in TD3
+- Two critics, each with a mixer of its own, target policy smoothing and delayed actors, as in TD3
   (Fujimoto et al. 2018); FACMAC has one critic.
 - Agents share one utility network and one actor, which see the agent's number, and nothing is
   recurrent.
@@ -31,8 +31,9 @@ Those of `maddpg_bc`, for the reasons given there:
 - Utilities have LayerNorm; inputs are normalized, rewards divided by the standard deviation of the
   returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset.
-- Warm start: during the first `warm_start` updates lambda is 0 and actors move in every update.
-- Step sizes decay along a cosine, from 1e-3 for critics and 3e-3 for actors; the discount is 0.95.
+- Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update.
+- Learning rates decay along a cosine, from 1e-3 for critics and 3e-3 for actors; the discount is
+  0.95.
 """
 
 from dataclasses import dataclass
@@ -111,8 +112,9 @@ class FACMACBC:
 
     def critic_loss(self, batch: Batch, x: tuple[Tensor, Tensor]) -> Loss:
         """Returns sum_j L(Q_j), FACMAC eq. 5; draws the targets' noise."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(*x, batch.actions)  # [K, 2, B]
-        loss = td_error(q, self.targets(batch))  # [K]
+        loss = td_error(q, y)  # [K]
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
 
     @torch.no_grad()

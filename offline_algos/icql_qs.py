@@ -1,4 +1,4 @@
-"""ICQL-QS: targets in which one agent leaves the data, and critics pessimistic about the same.
+"""ICQL-QS: in targets and penalties, one agent alone leaves the data.
 
 Partial action replacement ("Partial action replacement: tackling distribution shift in offline
 MARL", 2025, arXiv 2511.07629; its variant that replaces one agent) with the counterfactual penalty
@@ -22,7 +22,7 @@ Deviations:
   with weights from the spread of an ensemble of ten critics, is left out.
 - lambda_i = 1/N, with one agent drawn for each row; the penalty's other deviations, and the units
   of alpha and tau, are those of `cfcql`.
-- Actors, warm start, target smoothing, LayerNorm, `clip_target`, normalization and step sizes are
+- Actors, warm-up, target smoothing, LayerNorm, `clip_target`, normalization and learning rates are
   those of `maddpg_bc`, which has their sources.
 - `bc_weight` w: the paper has none; it is 0.4 for the reason that `cfcql` gives.
 """
@@ -78,8 +78,9 @@ class ICQLQS:
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(batch, x, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)

@@ -21,7 +21,7 @@ Deviations:
   scaled to returns of 1,000, weighs almost all alike, between 0.85 and 1.2. More is worse: the
   weights then prefer speed to distance. With 10 the score on `coop_nav-medium-replay` was 6, that
   of `bc` 26 (in the target's frame, 4,000 and 3,000 updates of 128 rows, 2 seeds, 100 episodes).
-- The step size of all networks decays along a cosine; in the paper only the actor's.
+- The learning rates of all networks decay along a cosine; in the paper only the actor's.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
@@ -67,7 +67,7 @@ class IQLConfig(ActorCriticConfig):
 
 
 class IQL:
-    """K seeds of actors, twin critics and value networks, trained at once."""
+    """K seeds of actors, two critics and value networks, trained at once."""
 
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")

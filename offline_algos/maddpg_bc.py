@@ -1,7 +1,7 @@
 """MADDPG+BC: a centralized critic improves actors that stay close to the dataset's actions.
 
 The algorithm is TD3+BC (Fujimoto & Gu 2021, eq. 3-5) with the critic of MADDPG (Lowe et al. 2017,
-eq. 6), which sees x = (state, all observations) and all actions; in the twin-critic form it is
+eq. 6), which sees x = (state, all observations) and all actions; with two critics it is
 MATD3 (Ackermann et al. 2019, section 4). With team reward r, the mean over agents:
 
     y      = r + gamma (1 - termination) min_j Q'_j(x', pi'(o') + clip(noise, -c, c))
@@ -23,11 +23,11 @@ Deviations:
   rewards are divided by the standard deviation of the returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset (the
   critic clipping of B3C, Kim et al. 2026, with a tighter bound).
-- Warm start: during the first `warm_start` updates lambda is 0 and actors move in every update, so
+- Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update, so
   that they clone the data while critics are still noise.
-- Step sizes decay along a cosine, as those of behavior cloning do.
-- The critics' step size is 1e-3, the paper's 3e-4 is for a million updates and does not decay; that
-  of actors is the one of `bc`, which has measured it.
+- Learning rates decay along a cosine, as that of behavior cloning does.
+- The critics' learning rate is 1e-3; the paper's 3e-4 is for a million updates and does not decay.
+  That of the actors is the one of `bc`, which has measured it.
 - The discount is 0.95 per control step, not the paper's 0.99: rewards for progress and contact are
   dense, so that 20 steps (2 s) hold the consequences of an action. Its effect was not isolated.
 """

@@ -1,6 +1,6 @@
 """MADDPG+CQL: a centralized critic that is pessimistic about joint actions the data lack.
 
-CQL (Kumar et al. 2020, eq. 4, the form CQL(H) with importance sampling of appendix F) on the twin
+CQL (Kumar et al. 2020, eq. 4, the form CQL(H) with importance sampling of appendix F) on the two
 joint critics of MATD3 (Lowe et al. 2017, eq. 6; Ackermann et al. 2019, section 4); MACQL in the
 tables of Shao et al. 2023. Joint actions b_m are drawn evenly, near pi(o), and near pi(o'), M of
 each, from densities p_m:
@@ -22,9 +22,9 @@ Deviations:
   code of OMAR and CFCQL, with its log-density (OMAR's subtracts the density itself).
 - No Lagrange multiplier: alpha is fixed, and in units of scaled rewards, as is tau; `cfcql` says
   why tau is below 1.
-- Actors are one network for all agents, which sees the agent's number. Warm start, target
-  smoothing, LayerNorm, `clip_target`, normalization and step sizes are those of `maddpg_bc`, which
-  has their sources.
+- Actors are one network for all agents, which sees the agent's number. Warm-up, target
+  smoothing, LayerNorm, `clip_target`, normalization and learning rates are those of `maddpg_bc`,
+  which has their sources.
 - `bc_weight` w: the papers have none; it is 0.4 for the reason that `cfcql` gives.
 """
 
@@ -89,8 +89,9 @@ class MADDPGCQL:
 
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(batch, x, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)

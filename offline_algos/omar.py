@@ -19,8 +19,8 @@ The search (algorithm 1) begins with mu = 0 and sigma = 2 and repeats `n_iterati
 best_i is the action with the highest Q_1 among pi(o_i, i) and the samples of the last repetition.
 
 Deviations:
-- One network for all actors and one for each twin, which see the agent's number; the paper's agents
-  have their own.
+- One network for all actors and one for each of the two critics, which see the agent's number; in
+  the paper each agent has its own.
 - s is the standard deviation of the samples' values. The paper has s = 1 and raw rewards; with
   scaled rewards the weights would be even.
 - rho is 0.7 for all datasets; the authors choose 0.1 to 1 for each, and alpha as well (0.5 to 5).
@@ -32,8 +32,8 @@ Deviations:
   seeds, 3,000 updates of 128 rows, critics of 64 units): policies that leave narrow data are
   penalized, and so are then the targets that they give. The score was -322.
 - No `clip_target`: the largest return of the team does not bound that of an agent.
-- Rewards are divided by the deviation of the team's returns-to-go. Warm start, target smoothing,
-  LayerNorm, normalization and step sizes are those of `maddpg_bc`, which has their sources.
+- Rewards are divided by the deviation of the team's returns-to-go. Warm-up, target smoothing,
+  LayerNorm, normalization and learning rates are those of `maddpg_bc`, which has their sources.
 """
 
 from dataclasses import dataclass
@@ -107,8 +107,9 @@ class OMAR:
     def critic_loss(self, batch: Batch, x: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
         actions = by_agent(batch.actions)
+        y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, actions)[..., 0]  # [K, 2, B N]
-        td_loss = td_error(q, self.targets(batch))  # [K]
+        td_loss = td_error(q, y)  # [K]
         gap = self.gap(x, actions, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)

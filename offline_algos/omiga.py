@@ -23,12 +23,12 @@ Deviations:
   leaves such samples no gradient but that of + w V / alpha: it lowers a V that is too low already.
   The subtraction of the largest z, which the cut makes necessary, is not needed then.
 - In L(pi), exp(z) is at most w*, 100 as in implicit Q-learning; in the code exp(10) = 22,026.
-- w_i = |1 + h_i(x)| / N rather than |h_i(x)|: `learn.mixers.LinearMixer` says why.
+- w_i = |1 + h_i(x)| / N rather than |h_i(x)|: `mixers.LinearMixer` says why.
 - Actors are deterministic and cloned with a weighted squared error, as in `iql`; the paper's are
   Gaussians under a tanh.
 - Utilities and V_i have LayerNorm, and all see normalized inputs. x has the state; in the code it
   is the observations.
-- Step sizes decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
+- Learning rates decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
 from collections.abc import Mapping

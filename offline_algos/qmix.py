@@ -10,7 +10,7 @@ names the sources:
     y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(s', o', a'), R*)   valued by the targets
     L_td  = sum_j Huber(Q_j(s, o, a) - y),                        plus L_b or L_cql of `vdn`
 
-f is `learn.mixers.MonotonicMixer` on the normalized state.
+f is `mixers.MonotonicMixer` on the normalized state.
 
 Deviations: those of `offline_algos.vdn` but the first, and
 - one hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the

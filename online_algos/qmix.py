@@ -2,14 +2,14 @@
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
 learning", ICML 2018, equations 5 and 6, over choices among bins of each action dimension
-(`learn.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
+(`learn.choices.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
 
     Q_tot(s, o, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); s)      dQ_tot / dQ_i >= 0
     u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks
     y     = r + gamma (1 - termination) Q'_tot(s', o', u')          valued by the targets
     L     = Huber(Q_tot(s, o, u) - y)
 
-Q_i is the mean over action dimensions, and f is `learn.mixers.MonotonicMixer`.
+Q_i is the mean over action dimensions, and f is `mixers.MonotonicMixer`.
 
 Deviations:
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the

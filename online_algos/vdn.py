@@ -1,8 +1,8 @@
 """VDN: the team's value is the mean of its robots' values, which see what the robots see.
 
 Sunehag et al., "Value-decomposition networks for cooperative multi-agent learning", AAMAS 2018,
-section 3, over choices among bins of each action dimension (`learn.bins`), trained by double
-Q-learning (van Hasselt et al. 2016, equation 4):
+section 3, over choices among bins of each action dimension (`learn.choices.bins`), trained by
+double Q-learning (van Hasselt et al. 2016, equation 4):
 
     Q_tot(o, u) = 1/N sum_i Q_i(o_i, u_i)      Q_i(o_i, u_i) = 1/D sum_d U_d(o_i, u_id)
     u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks

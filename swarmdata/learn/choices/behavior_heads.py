@@ -1,4 +1,4 @@
-"""Who did what in the data: behavior heads over choices, and choosing with their help.
+"""Behavior heads: the data's distribution over choices, and rules that choose near it.
 
 A head is factored, with one distribution per column of a robot's action, or joint, with one over
 all combinations of its columns. Left and right of an obstacle may both be fine and the middle not:
@@ -69,13 +69,13 @@ class Rule:
 
         none, cql   argmax U
         bc          p = softmax(U / temperature + log pi_b): argmax p of recorded choices,
-                    the mean sum_k p_k knot_k of knots
+                    the mean sum_k p_k bin_k of bins
         bcq         argmax U  where  pi_b >= threshold max pi_b
 
-    (Beeson, Ireland & Montana 2024, section 4.) There `bc` takes argmax p of knots, too. A most
-    probable knot is a poor copy of a continuous action: with temperature 1e6, which clones the
+    (Beeson, Ireland & Montana 2024, section 4.) There `bc` takes argmax p of bins, too. A most
+    probable bin is a poor copy of a continuous action: with temperature 1e6, which clones the
     data, it scored 12 on `coop_nav-expert` and the mean 28 (`vdn` in the world's frame, 4,000
-    updates of 128 rows, hidden sizes 64, 2 seeds, 100 episodes); 17 knots for 9 changed little. A
+    updates of 128 rows, hidden sizes 64, 2 seeds, 100 episodes); 17 bins for 9 changed little. A
     joint head adds the columns' U and has one p of all combinations; its threshold is that of one
     column to the power of D.
 

@@ -107,8 +107,8 @@ class BinPolicy(Memoryless):
 
     def choices(self, observations: Float) -> Tensor:
         """Returns the best choices, whole numbers [E, N, D], for observations [E, N, O]."""
-        seen = observations if self.frame is None else self.frame.inputs(observations)
+        framed = observations if self.frame is None else self.frame.inputs(observations)
         outputs = outputs_of(
-            self.layers, seen, self.observation_mean, self.observation_std, self.parameters
+            self.layers, framed, self.observation_mean, self.observation_std, self.parameters
         )
         return greedy(by_dimension(outputs, self.n_bins))

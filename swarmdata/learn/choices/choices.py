@@ -1,4 +1,4 @@
-"""Choices, what each robot chooses from: knots of continuous actions, or recorded choices."""
+"""Choices that each robot has: bins of continuous actions, or recorded choices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Choices:
     Attributes:
         values: of the actions that the choices mean, float64 [N, D, C], 0 in padding.
         exists: bool [N, D, C]; None where there is no padding.
-        is_continuous: whether they are knots, between which recorded actions lie.
+        is_continuous: whether they are bins, between which recorded actions lie.
     """
 
     values: Tensor
@@ -78,7 +78,7 @@ class Choices:
     def weights(self, actions: Tensor) -> Tensor:
         """Returns recorded actions as weights of the choices, float32 [..., N, D, C].
 
-        Continuous ones lie between two knots (`bins.two_hot`). Recorded choices have one weight,
+        Continuous ones lie between two bins (`bins.two_hot`). Recorded choices have one weight,
         1; robots that have left have zeros recorded, which count as their first choice.
 
         Args:

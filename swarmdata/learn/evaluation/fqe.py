@@ -49,10 +49,10 @@ from swarmdata.learn.training.training_data import Data
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.types import Double, Int
 
-POINTS = 10
+N_CURVE_POINTS = 10
 """Of the curve of values while they are fitted."""
 
-_CHUNK = 1024  # transitions at once
+CHUNK_SIZE = 1024  # transitions at once
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,8 @@ class FittedQ:
     @torch.no_grad()
     def targets(self, split: Answered, index: Tensor) -> tuple[Tensor, Tensor]:
         """Returns y, [K, M, B], in units of `scale`, and the share that was clipped, [K, M]."""
-        data, there = split.data, split.data.here[index] + 1
-        q_next = self.critics.target_q(*split.ask(there))[..., 0]
+        data, next_rows = split.data, split.data.rows[index] + 1
+        q_next = self.critics.target_q(*split.ask(next_rows))[..., 0]
         low, high = (bound / self.scale for bound in self.bound)
         bounded = q_next.clamp(low, high)
         rewards = data.rewards[index] / self.scale
@@ -183,7 +183,7 @@ class FittedQ:
     def taken(self, split: Answered, index: Tensor) -> Tensor:
         """Returns Q of the recorded actions, [K, M, B], in units of `scale`."""
         data, n_policies = split.data, len(split.answers)
-        x, actions = data.x[data.here[index]], data.actions[index]
+        x, actions = data.x[data.rows[index]], data.actions[index]
         wide = (part.expand(n_policies, *part.shape) for part in (x, actions))
         return self.critics.q(*wide)[..., 0]
 
@@ -200,8 +200,8 @@ class FittedQ:
         shape = len(split.answers), self.config.n_fits
         total = torch.zeros(shape, dtype=torch.float64, device=split.answers.device)
         rows = torch.arange(len(split.data), device=split.answers.device)
-        for start in range(0, len(rows), _CHUNK):
-            index = rows[start : start + _CHUNK]
+        for start in range(0, len(rows), CHUNK_SIZE):
+            index = rows[start : start + CHUNK_SIZE]
             error = self.taken(split, index) - self.targets(split, index)[0]
             total += error.double().square().sum(2)
         result: Double = ((total / len(rows)).sqrt() * self.scale).cpu().numpy()
@@ -224,9 +224,9 @@ def fitted_q_evaluation(
         DivergedError: a value became infinite or NaN.
     """
     fitted, n_rows = FittedQ(train, scale, config), len(train.data)
-    device = train.data.here.device
+    device = train.data.rows.device
     last, curve, clipped = config.n_updates * 9 // 10, [], []
-    points = {round(config.n_updates * (point + 1) / POINTS) for point in range(POINTS)}
+    points = {round(config.n_updates * (k + 1) / N_CURVE_POINTS) for k in range(N_CURVE_POINTS)}
     hidden = None if progress else True  # None: hidden where there is no terminal
     for update in tqdm(range(config.n_updates), desc="FQE", file=sys.stderr, disable=hidden):
         shares = fitted.update(torch.from_numpy(draws(n_rows, config, update)).to(device))

@@ -1,4 +1,4 @@
-"""Transitions, a whole split as tensors: what a critic reads when it is fitted over and over."""
+"""Transitions, a whole split as tensors, for critics that are fitted to the same data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from swarmdata.types import Double, Episode, Float
 
 @runtime_checkable
 class Actor(Protocol):
-    """A team whose actions are functions of what the robots see now, as offline runs give them."""
+    """A team whose actions are functions of the present observations, as offline runs give them."""
 
     def actions(self, observations: Float) -> Float: ...  # [B, N, O] -> [B, N, A]
 
@@ -39,7 +39,7 @@ class Transitions:
     rewards: Tensor  # [n] of the team
     returns: Tensor  # [n] discounted team rewards from this step to the end of its episode
     terminations: Tensor  # [n]
-    here: Tensor  # [n] row of x in which the action was taken; the next row is what it reached
+    rows: Tensor  # [n] row of x in which the action was taken; the next row is the next state
     first: Tensor  # [E] row of x of each episode's first state
 
     @classmethod
@@ -77,13 +77,13 @@ class Transitions:
                 _in_float32(returns_to_go(team, discount), dataset.id),
                 episode.terminations,
             ))  # fmt: skip
-        lengths = np.array([len(rows[2]) for rows in columns])
+        lengths = np.array([len(column[2]) for column in columns])
         number = np.arange(len(lengths))
         first = np.cumsum(lengths) - lengths + number
-        here = np.arange(int(lengths.sum())) + np.repeat(number, lengths)
-        joined = (np.concatenate(rows) for rows in zip(*columns, strict=True))
-        tensors = (torch.from_numpy(array).to(device) for array in (*joined, here, first))
-        return cls(_sizes(next(iter(dataset))), *tensors)
+        rows = np.arange(int(lengths.sum())) + np.repeat(number, lengths)
+        joined = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+        tensors = (torch.from_numpy(array).to(device) for array in (*joined, rows, first))
+        return cls(Sizes.of(next(iter(dataset))), *tensors)
 
     @property
     def initial_returns(self) -> Tensor:
@@ -105,13 +105,8 @@ def _in_float32(returns: Double, name: str) -> Float:
     return returns.astype(np.float32)
 
 
-def _sizes(episode: Episode) -> Sizes:
-    (_, n_agents, n_seen), n_actions = episode.observations.shape, episode.actions.shape[-1]
-    return Sizes(n_agents, n_seen, n_actions, episode.states.shape[-1])
-
-
 def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
-    """What critics see besides actions, x = (s, o_1, ..., o_N), normalized, [T+1, S + N O]."""
+    """Returns critic inputs, x = (s, o_1, ..., o_N), normalized, [T+1, S + N O]."""
     # copies, because torch has no read-only tensors
     states = known.states(torch.tensor(episode.states))
     observations = known.observations(torch.tensor(episode.observations))
@@ -119,10 +114,10 @@ def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
 
 
 def actions_of(policies: Sequence[object], dataset: Data) -> Float:
-    """Returns what K policies do in every state of a dataset, float32 [K, n + E, N, A].
+    """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
     Rows are those of `Transitions.x`. It takes 4 K N A bytes per step, 32 MB for each policy and
-    million steps of four robots. Who has left an episode does nothing.
+    million steps of four robots. Robots that have left an episode do nothing.
 
     Args:
         policies: each an `Actor`.
@@ -141,7 +136,9 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
         )
     answers: list[Float] = []
     for episode in dataset:
-        seen = np.array(episode.observations)
-        joint = np.stack([actor.actions(seen) for actor in actors]).astype(np.float32, copy=False)
+        observations = np.array(episode.observations)
+        joint = np.stack([actor.actions(observations) for actor in actors]).astype(
+            np.float32, copy=False
+        )
         answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
     return np.concatenate(answers, axis=1)

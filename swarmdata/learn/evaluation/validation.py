@@ -44,7 +44,7 @@ def weighted_imitation_error(split: Answered) -> Double:
 def _errors(split: Answered) -> Tensor:
     """Squared errors of the policies' actions, mean over robots and components, [K, n]."""
     data = split.data
-    return (split.answers[:, data.here] - data.actions).square().mean((2, 3)).double()
+    return (split.answers[:, data.rows] - data.actions).square().mean((2, 3)).double()
 
 
 def _mean(errors: Tensor, weights: Tensor) -> Double:

@@ -147,7 +147,7 @@ class DelayedActor:
 
         Args:
             loss: one value per seed.
-            scale: factor on the step size.
+            scale: factor on the learning rate.
         """
         self.optimizer.step(loss, scale)
 

@@ -1,4 +1,4 @@
-"""Critics: what K seeds believe a joint action is worth, with targets that follow slowly.
+"""Critics: the values of joint actions that K seeds learn, with slowly moving targets.
 
 A critic is a network of x = (state, all observations) and the actions of all agents (Lowe et al.
 2017, eq. 6). Each seed has J of them, usually two (Fujimoto et al. 2018, section 4.2), which begin
@@ -19,7 +19,7 @@ from swarmdata.learn.objectives.td_targets import move_target
 from swarmdata.learn.training.checkpoint import part
 
 JointGradient = Literal["all", "own"]
-"""Whose actions come from the policy in the policy's loss: everybody's, or one agent's a time."""
+"""Whose actions the policy gives in its own loss: those of all agents, or of one at a time."""
 
 
 class CriticOptions(TypedDict, total=False):
@@ -73,7 +73,7 @@ class Critics:
         """Returns all critics' values, [K, J, B, V].
 
         Args:
-            x: what the critics see besides actions, `information`, [K, B, S + N O].
+            x: critic inputs besides actions, `information`, [K, B, S + N O].
             actions: joint actions, [K, B, N, A].
         """
         return self._values(self.online, x, actions)
@@ -91,7 +91,7 @@ class Critics:
         """Returns all critics' values of M joint actions in each row, [K, J, B, M, V].
 
         Args:
-            x: what the critics see besides actions, [K, B, S + N O].
+            x: critic inputs besides actions, [K, B, S + N O].
             actions: [K, B, M, N, A].
         """
         shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (x, actions.flatten(3)))
@@ -102,7 +102,7 @@ class Critics:
         """Returns the first critics' values, [K, B, V], with the critics' parameters as constants.
 
         Args:
-            x: what the critics see besides actions, [K, B, S + N O].
+            x: critic inputs besides actions, [K, B, S + N O].
             actions: joint actions, [K, B, N, A].
         """
         joint = torch.cat([x, actions.flatten(2)], 2)
@@ -120,7 +120,7 @@ class Critics:
 
         Args:
             loss: one value per seed.
-            scale: factor on the step size.
+            scale: factor on the learning rate.
         """
         self.optimizer.step(loss, scale)
 

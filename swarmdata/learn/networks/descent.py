@@ -41,7 +41,7 @@ class Descent:
 
         Args:
             loss: one value per seed, [K]; every network has a part in it.
-            scale: factor on the step size, for schedules.
+            scale: factor on the learning rate, for schedules.
         """
         backward(loss.sum(), list(self.networks.values()))
         for adam in self._adams.values():

@@ -1,9 +1,10 @@
-"""FactoredCritics: a joint action's worth as a mixture of what each agent's own action is worth.
+"""FactoredCritics: the value of a joint action as a mixture of the values of each agent's action.
 
     Q_tot(s, o, a) = g(Q_1(o_1, a_1), ..., Q_N(o_N, a_N); x)
 
 (Peng et al. 2021, equation 4.) The agents share one network Q, which sees their number; the mixer g
-is one of `learn.mixers` and sees x = (state, all observations), as `learn.critics` says why.
+is one of `learn.networks.mixers` and sees x = (state, all observations), for the reason
+that `network_inputs.information` gives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import move_target
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
-"""Streams of a seed's initial parameters, beside those of `learn.actor`."""
+"""Streams of a seed's initial parameters, beside those of `learn.networks.actor`."""
 
 
 class FactoredCritics:
@@ -123,7 +124,7 @@ class FactoredCritics:
 
         Args:
             loss: one value per seed.
-            scale: factor on the step size.
+            scale: factor on the learning rate.
         """
         backward(loss.sum(), list(self._trained().values()))
         for adam in self._adams.values():

@@ -1,4 +1,4 @@
-"""What enters the networks: normalized features, the number of the agent, and noise."""
+"""Inputs of the networks: normalized features, the agent's number, and noise."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ def with_agent_id(features: Tensor) -> Tensor:
 
 
 def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns what critics see besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
+    """Returns critic inputs besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
 
     The state alone does not say where the obstacles are, so a critic of it cannot tell a free way
     from a blocked one. On `coop_nav-medium` (MADDPG+BC at alpha 2.5) the observations raised the
@@ -44,8 +44,8 @@ def generators(
         device: where numbers are drawn.
         stream: separates the purposes for which one seed draws; None seeds with the run's own seed.
     """
-    own = seeds if stream is None else [int(derive(seed, stream)[0] >> 1) for seed in seeds]
-    return [torch.Generator(device).manual_seed(seed) for seed in own]
+    derived = seeds if stream is None else [int(derive(seed, stream)[0] >> 1) for seed in seeds]
+    return [torch.Generator(device).manual_seed(seed) for seed in derived]
 
 
 def generator_states(generators: Sequence[torch.Generator]) -> Tensor:

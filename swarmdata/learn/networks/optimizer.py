@@ -35,7 +35,7 @@ class StackedAdam:
 
         Args:
             loss: one value per seed, [K].
-            scale: factor on the step size, for schedules.
+            scale: factor on the learning rate, for schedules.
         """
         self.network.backward(loss.sum())
         self.descend(scale)
@@ -44,7 +44,7 @@ class StackedAdam:
         """Descends one step along the gradient that the network has; clips it first.
 
         Args:
-            scale: factor on the step size, for schedules.
+            scale: factor on the learning rate, for schedules.
         """
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)

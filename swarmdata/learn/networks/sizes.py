@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from swarmdata.errors import SchemaError
 from swarmdata.perception.frames import Frame
-from swarmdata.types import Batch
+from swarmdata.types import Batch, Episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Sizes:
         return self.state + self.n_agents * self.observation
 
     @classmethod
-    def of(cls, batch: Batch) -> "Sizes":
-        """Reads the sizes from the last axes of any batch of continuous arrays or tensors."""
+    def of(cls, batch: Batch | Episode) -> "Sizes":
+        """Reads the sizes from the last axes of an episode or a batch with continuous actions."""
         n_agents, observation = batch.observations.shape[-2:]
         return cls(n_agents, observation, batch.actions.shape[-1], batch.states.shape[-1])

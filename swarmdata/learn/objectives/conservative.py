@@ -1,4 +1,4 @@
-"""Conservative penalties: critics are to value the actions of the data above those nobody took.
+"""Conservative penalties: critics learn to value the data's actions above actions nobody took.
 
 CQL (Kumar et al. 2020, eq. 4, its form CQL(H)) adds to a critic's loss, at the data's (x, a),
 
@@ -8,8 +8,8 @@ The integral is estimated from sampled actions b_m with densities p_m, as in the
 
     log integral exp(Q / tau) ~ log 1/M sum_m exp(Q(x, b_m) / tau) / p_m
 
-The estimate is each critic's own: a critic that is penalized for another's values has no reason to
-lower its own (the second critic of og-marl's torch `maddpg_cql` is, at commit f4eb8f0).
+Each critic is penalized for its own estimate. A critic that is penalized for another's values has
+no reason to lower its own (as the second critic of og-marl's torch `maddpg_cql`, commit f4eb8f0).
 """
 
 import math
@@ -83,15 +83,15 @@ def draw_agents(generators: Sequence[torch.Generator], actions: Tensor) -> Tenso
     return number[..., None] == torch.arange(n_agents, device=actions.device)
 
 
-def replace_drawn(actions: Tensor, own: Tensor, agents: Tensor) -> Tensor:
-    """Returns `actions`, but of the drawn agents those of `own`; broadcasts.
+def replace_drawn(actions: Tensor, others: Tensor, agents: Tensor) -> Tensor:
+    """Returns `actions` with those of the drawn agents taken from `others`; broadcasts.
 
     Args:
         actions: joint actions, [..., N, A].
-        own: what the drawn agents do instead, [..., N, A] or [..., 1, A].
+        others: actions for the drawn agents, [..., N, A] or [..., 1, A].
         agents: mask of the drawn agents, bool [..., N].
     """
-    return torch.where(agents[..., None], own, actions)
+    return torch.where(agents[..., None], others, actions)
 
 
 def counterfactual_samples(
@@ -105,9 +105,9 @@ def counterfactual_samples(
         agents: who leaves the data, bool [K, B, N], one in each row.
         n_samples: for each row, M.
     """
-    own = uniform_samples(generators, actions[:, :, :1], n_samples)  # [K, B, M, 1, A]
-    mixed = replace_drawn(actions[:, :, None], own.actions, agents[:, :, None])
-    return Samples(mixed, own.log_density)
+    drawn = uniform_samples(generators, actions[:, :, :1], n_samples)  # [K, B, M, 1, A]
+    joint = replace_drawn(actions[:, :, None], drawn.actions, agents[:, :, None])
+    return Samples(joint, drawn.log_density)
 
 
 def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Tensor:

@@ -1,4 +1,4 @@
-"""What critics learn: temporal-difference targets, team rewards, slowly moving copies."""
+"""Temporal-difference targets and errors, team rewards, slowly moving targets."""
 
 from torch import Tensor
 
@@ -6,7 +6,7 @@ from swarmdata.learn.networks.perceptrons import StackedMLP
 
 
 def team_reward(rewards: Tensor) -> Tensor:
-    """Returns the mean over agents, [...], of rewards [..., N]: what a team's return adds up."""
+    """Returns team rewards, [...]: the mean over agents of rewards [..., N]."""
     return rewards.mean(-1)
 
 

@@ -21,17 +21,17 @@ from swarmdata.types import Bool, Float, Step
 class ChoicePolicy(Memoryless):
     """Takes what the rule of its training prefers; computes in float64, as `TorchPolicy` does.
 
-    Of continuous actions it takes knots in [-1, 1]; of recorded choices their numbers as they were
+    Of continuous actions it takes bins in [-1, 1]; of recorded choices their numbers as they were
     recorded.
 
     Attributes:
-        layers: weights of the utility networks, float64, twin after twin; each twin has one network
-            if they are shared, else N.
+        layers: weights of the utility networks, float64, critic after critic; each has one network
+            if robots share it, else N.
         behavior: weights of the behavior networks; empty without a behavior head.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
         choices: what there is to choose from.
-        ranges: recorded choices of each robot, by column; empty for knots.
+        ranges: recorded choices of each robot, by column; empty for bins.
         rule: how utilities and behavior decide.
         frame: in which the robots see and act; None for the world's.
         parameters: whether the robots share one network.
@@ -68,27 +68,27 @@ class ChoicePolicy(Memoryless):
         return self._choose(step.observations, columns)
 
     def utilities(self, observations: Float) -> Tensor:
-        """Returns the mean of the twins' utilities, float64 [E, N, D, C].
+        """Returns the mean utilities of both networks, float64 [E, N, D, C].
 
         Args:
             observations: in the robots' frame, [E, N, O].
         """
         n_rows = 1 if self.parameters == "shared" else observations.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
-        twins = []
-        for twin in range(n_critics):
-            rows = slice(twin * n_rows, (twin + 1) * n_rows)
+        answers = []
+        for critic in range(n_critics):
+            rows = slice(critic * n_rows, (critic + 1) * n_rows)
             layers = [Layer(*(weight[rows] for weight in present(each))) for each in self.layers]
-            twins.append(self._answer(layers, observations))
-        return by_dimension(torch.stack(twins).mean(0), self.choices.n_choices)
+            answers.append(self._answer(layers, observations))
+        return by_dimension(torch.stack(answers).mean(0), self.choices.n_choices)
 
     def _choose(self, observations: Float, allowed: Tensor | None) -> Float:
-        seen = observations if self.frame is None else self.frame.inputs(observations)
+        framed = observations if self.frame is None else self.frame.inputs(observations)
         log_probs = None
         if self.behavior:
-            outputs = self._answer(self.behavior, seen)
+            outputs = self._answer(self.behavior, framed)
             log_probs = behavior_log_probs(outputs, self.choices, self.rule.head)
-        utilities = self.utilities(seen)
+        utilities = self.utilities(framed)
         weights = self.rule.act(utilities, log_probs, self.choices, allowed)
         actions = self.choices.to_actions(weights).numpy()
         return in_world(self.frame, observations, actions).astype(np.float32)

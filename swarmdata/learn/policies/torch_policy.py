@@ -72,9 +72,9 @@ class TorchPolicy(Memoryless):
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        seen = observations if self.frame is None else self.frame.inputs(observations)
+        framed = observations if self.frame is None else self.frame.inputs(observations)
         outputs = outputs_of(
-            self.layers, seen, self.observation_mean, self.observation_std, self.parameters
+            self.layers, framed, self.observation_mean, self.observation_std, self.parameters
         )
         actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
         return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
@@ -82,13 +82,13 @@ class TorchPolicy(Memoryless):
 
 @torch.no_grad()
 def outputs_of(
-    layers: Sequence[Layer], seen: Float, mean: Tensor, std: Tensor, parameters: Parameters
+    layers: Sequence[Layer], framed: Float, mean: Tensor, std: Tensor, parameters: Parameters
 ) -> Tensor:
     """Returns what one seed's networks answer, float64 [E, N, outputs].
 
     Args:
         layers: the weights, float64.
-        seen: observations in the robots' frame, [E, N, O].
+        framed: observations in the robots' frame, [E, N, O].
         mean: subtracted from them, float64 [O].
         std: what they are divided by, float64 [O].
         parameters: whether the agents share one network.
@@ -96,15 +96,15 @@ def outputs_of(
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
-    n_agents, size = seen.shape[1:]
+    n_agents, size = framed.shape[1:]
     n_rows, n_inputs = layers[0].weight.shape[:2]
     expected = len(mean)
     n_known = n_inputs - expected if parameters == "shared" else n_rows
     if size != expected or n_agents != n_known:
         raise SchemaError(
-            f"policy got observations {seen.shape}, expected {expected} features "
+            f"policy got observations {framed.shape}, expected {expected} features "
             f"of {n_known} agents. "
             "Evaluate it on the task and observation model that it was trained on."
         )
-    exact = torch.from_numpy(seen.astype(np.float64))
+    exact = torch.from_numpy(framed.astype(np.float64))
     return answer(layers, standardize(exact, mean, std), parameters)

@@ -1,4 +1,4 @@
-"""What algorithms need to know of a dataset to normalize inputs, scale rewards, bound values."""
+"""Statistics of a dataset that algorithms normalize inputs, scale rewards and bound values with."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from swarmdata.types import Double, Episode
 
 
 class ObservationStatistics(Protocol):
-    """What a dataset's manifest says about observations."""
+    """The moments of observations in a dataset's manifest."""
 
     @property
     def observation_mean(self) -> Double: ...  # [O]
@@ -20,7 +20,7 @@ class ObservationStatistics(Protocol):
 
 
 class Episodes(Protocol):
-    """The part of a dataset that is measured."""
+    """The part of a dataset that statistics are measured on."""
 
     @property
     def statistics(self) -> ObservationStatistics: ...

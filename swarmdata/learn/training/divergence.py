@@ -12,16 +12,16 @@ from swarmdata.errors import DivergedError
 
 
 def check_finite(values: Mapping[str, Any], what: str, now: int, folder: Path) -> None:
-    """Looks for infinite and undefined numbers.
+    """Checks that there are no infinite and no undefined numbers.
 
     Args:
         values: numbers and tensors by name.
-        what: they are, for the message.
+        what: what they belong to, for the message.
         now: the update, or the joint steps of a seed, that they are of.
         folder: of the run.
 
     Raises:
-        DivergedError: there are some; names them, and what was kept.
+        DivergedError: there are some; the message names them, and what was kept.
     """
     wrong = [
         f"{name} is {_shown(value)}" for name, value in values.items() if not _is_finite(value)

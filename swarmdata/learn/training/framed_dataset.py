@@ -74,14 +74,16 @@ class _FramedSampler:
 
     def gather(self, index: Int) -> Batch:
         batch, frame = self._sampler.gather(index), self._frame
-        here, there = batch.observations, batch.next_observations
-        following = batch.next_actions
+        observations, next_observations = batch.observations, batch.next_observations
+        next_actions = batch.next_actions
+        if next_actions is not None:
+            next_actions = _turned(frame, next_observations, next_actions)
         return replace(
             batch,
-            observations=frame.inputs(here),
-            next_observations=frame.inputs(there),
-            actions=_turned(frame, here, batch.actions),
-            next_actions=None if following is None else _turned(frame, there, following),
+            observations=frame.inputs(observations),
+            next_observations=frame.inputs(next_observations),
+            actions=_turned(frame, observations, batch.actions),
+            next_actions=next_actions,
         )
 
     def state_dict(self) -> dict[str, int]:

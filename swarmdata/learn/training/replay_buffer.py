@@ -23,7 +23,7 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.runtime.atomic import staged
 from swarmdata.types import Batch
 
-FILE = "replay.f32"
+REPLAY_FILE = "replay.f32"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ class Shape:
         The next step is the one reached, before any reset.
         """
         s = self.sizes
-        seen, n = s.n_agents * s.observation, s.n_agents
-        return (seen, s.state, seen, s.state, n * s.action, n, 2)
+        n_observed, n = s.n_agents * s.observation, s.n_agents
+        return (n_observed, s.state, n_observed, s.state, n * s.action, n, 2)
 
     @property
     def n_rows(self) -> int:
@@ -81,7 +81,7 @@ class Replay:
     """
 
     def __init__(self, shape: Shape, folder: Path | str) -> None:
-        self.shape, self.path = shape, Path(folder) / FILE
+        self.shape, self.path = shape, Path(folder) / REPLAY_FILE
         self.n_written = 0  # rows, ever
         self._checksums = np.zeros(shape.n_rows, np.int64)
         self._ring = _open(self.path, shape.array)
@@ -145,13 +145,13 @@ class Replay:
         """Names the columns of records [K, B, record]."""
         n_agents = self.shape.sizes.n_agents
         parts = torch.split(records, list(self.shape.columns), -1)
-        seen, states, next_seen, next_states, actions, rewards, flags = parts
+        observations, states, next_observations, next_states, actions, rewards, flags = parts
         by_robot = (*records.shape[:2], n_agents, -1)
         return Batch(
-            observations=seen.view(by_robot),
+            observations=observations.view(by_robot),
             actions=actions.view(by_robot),
             rewards=rewards,
-            next_observations=next_seen.view(by_robot),
+            next_observations=next_observations.view(by_robot),
             states=states,
             next_states=next_states,
             terminations=flags[..., 0] > 0,

@@ -149,7 +149,7 @@ def load_algorithm(
 
     Raises:
         CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
-            only what policies need (`learn.compact`).
+            only what policies need (`training.compact`).
     """
     path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
     loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)

@@ -1,4 +1,4 @@
-"""What training needs of a dataset; `swarmdata.datasets.dataset.Dataset` and its views have it."""
+"""The part of a dataset that training needs; `datasets.dataset.Dataset` and its views have it."""
 
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable

@@ -38,7 +38,7 @@ def test_rows_are_the_datasets_transitions(episodes: list[tuple[int, bool]]) -> 
     data, rows = read(dataset), dataset.transitions
     statistics = Statistics.measure(dataset, 0.5)
     std = statistics.state_std if statistics.state_std > 1e-3 else 1.0
-    for states, where in ((rows["states"], data.here), (rows["next_states"], data.here + 1)):
+    for states, where in ((rows["states"], data.rows), (rows["next_states"], data.rows + 1)):
         expected = (states[:, 0] - statistics.state_mean) / std
         np.testing.assert_allclose(data.x[where, 0], expected, atol=1e-5)
     np.testing.assert_array_equal(data.actions, rows["actions"])
@@ -61,8 +61,8 @@ def test_policies_are_asked_in_every_state() -> None:
     assert answers.shape == (2, len(data.x), N_AGENTS, 1)
     assert answers.dtype == np.float32
     states = dataset.transitions["states"][:, 0]
-    np.testing.assert_array_equal(answers[0, data.here.numpy(), 0, 0], states)
-    np.testing.assert_array_equal(answers[0, data.here.numpy() + 1, 1, 0], 1 - states)
+    np.testing.assert_array_equal(answers[0, data.rows.numpy(), 0, 0], states)
+    np.testing.assert_array_equal(answers[0, data.rows.numpy() + 1, 1, 0], 1 - states)
     np.testing.assert_array_equal(answers[1], 0.25)
 
 
