@@ -138,7 +138,7 @@ def _run_target(folder: Path, models: Models) -> Target:
     if trained.spec.get("kind") == "recorded":
         raise SpecError(
             f"{folder} was trained on a recording of {trained.spec['task']}, which this library "
-            "cannot run. Evaluate it with swarmdata.record.evaluate_parallel and the environment."
+            "cannot run. Evaluate it with swarmdata.evaluate_parallel and the environment."
         )
     spec = TaskSpec.parse(trained.spec, str(folder))
     spec = models.evaluation_spec(str(folder), spec, is_fixed=True)

@@ -25,7 +25,7 @@ class Trained(NamedTuple):
 def read_trained(folder: Path) -> Trained:
     """Reads the provenances of a run's policies.
 
-    With them, results of `record.evaluate_parallel` can be saved like those of our tasks.
+    With them, results of `swarmdata.evaluate_parallel` can be saved like those of our tasks.
 
     Raises:
         CheckpointError: the folder holds no run, or its run has no checkpoint.
