@@ -45,7 +45,7 @@ Deviations:
 - Feed-forward networks, no recurrent ones: observations hold velocities. Slowly moving targets,
   Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations are
   normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
-- Recorded action masks are kept when acting (`swarmdata.evaluate_parallel`); batches do not have them,
+- Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """
 

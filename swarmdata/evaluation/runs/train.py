@@ -52,8 +52,8 @@ def train(
     Args:
         algorithm: registered offline algorithm.
         dataset_id: id or folder of a dataset, as `load` takes it. On recordings of other
-            environments there is no learning curve; `swarmdata.evaluate_parallel` evaluates with the
-            environment afterwards.
+            environments there is no learning curve; `swarmdata.evaluate_parallel` evaluates
+            with the environment afterwards.
         out: run folder.
         n_seeds: number of seeds.
         changes: settings of the algorithm as text.
