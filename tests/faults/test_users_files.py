@@ -353,7 +353,7 @@ def test_a_folder_called_replay_is_the_users(tmp_path: Path) -> None:
 
     (tmp_path / "replay").mkdir()
     (tmp_path / "replay" / "video.mp4").write_bytes(b"mine")
-    with pytest.raises(BuildError, match=r"replay is there, .* somebody else"):
+    with pytest.raises(BuildError, match=r"replay exists, but .* holds no run that it belongs to"):
         train_online("qmix", "coop_nav", tmp_path, progress=False)
     assert seen(tmp_path) == {"replay/video.mp4": b"mine"}
 

@@ -181,7 +181,7 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
         play(recorder, 5)
     dataset = recorder.close()
-    with pytest.raises(SchemaError, match="actions of mixed in choosing_v2 have a part that is no"):
+    with pytest.raises(SchemaError, match="actions of mixed in choosing_v2 have a continuous part"):
         train_seeds("vdn", dataset, tmp_path / "run", progress=False)
 
 

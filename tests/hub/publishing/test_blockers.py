@@ -55,7 +55,7 @@ def test_cards(good: Path, remote: FolderRemote, tmp_path: Path) -> None:
     copy = Path(shutil.copytree(good, tmp_path / "copy"))
     (copy / "card.md").write_text((copy / "card.md").read_text().replace("1", "2"))
     (reason,) = find_blockers(copy, remote)
-    assert "card.md, line" in reason
+    assert "of card.md is" in reason
     assert "swarmdata card" in reason
     (copy / "card.md").unlink()
     (reason,) = find_blockers(copy, remote)
