@@ -120,7 +120,7 @@ def test_it_beats_its_data(mixture: MemoryDataset) -> None:
         "bc_warmup_updates": 200,
         "n_samples": 4,
     }
-    algorithm, _ = trained(OMAR, mixture, 800, n_samples=4, **settings)
+    algorithm, _ = trained(OMAR, mixture, 800, **settings)
     observations = mixture.transitions["observations"]
     for index in range(2):
         learned = progress_of(algorithm.policy(index).actions(observations), observations)
