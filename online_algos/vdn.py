@@ -70,7 +70,7 @@ class VDNLearner:
         )  # fmt: skip
 
     def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
-        """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are of no use."""
+        """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are unused."""
         return bins.chosen(self.utilities(features), choices).mean(-1)
 
     @torch.no_grad()

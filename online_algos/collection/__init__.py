@@ -1,1 +1,1 @@
-"""How online algorithms collect data: worlds, replay, input normalization."""
+"""Data collection of online algorithms: worlds, replay, input normalization."""

@@ -1,4 +1,4 @@
-"""Where online runs keep the policies of their seeds."""
+"""Paths and loading of the policies that online runs save for each seed."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""How datasets are made: from recipes, and from episodes of other datasets."""
+"""Builders of datasets: from recipes, and from episodes of other datasets."""

@@ -1,1 +1,1 @@
-"""What trained policies achieve: runs, results, robustness, policy selection, studies."""
+"""Evaluation of trained policies: runs, results, robustness, policy selection, studies."""

@@ -1,1 +1,1 @@
-"""What the package ships by name: components, presets, published datasets and references."""
+"""Everything that the package ships by name: components, presets, published data, references."""

@@ -1,4 +1,4 @@
-"""Where datasets are kept on this machine, and the record of those that were built here."""
+"""The cache folder of this machine, and the record of datasets that were built here."""
 
 import contextlib
 import json

@@ -66,7 +66,7 @@ def run_study(
     sections: dict[str, str] = {}
     if study.sweeps and options.only is None:
         # imported late: a sweep draws figures and compiles kernels of channels and sensors
-        from swarmdata.evaluation.study.pages.robustness_sections import plan_sweeps, run_sweeps  # noqa: PLC0415
+        from swarmdata.evaluation.study.pages.robustness_sections import plan_sweeps, run_sweeps  # noqa: PLC0415  (torch)
 
         planned = plan_sweeps(found, digest_of)
         extra = {cell.name: cell for sweep in planned for cell in sweep.cells}

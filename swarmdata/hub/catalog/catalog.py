@@ -1,7 +1,7 @@
 """The datasets there are, and how an id becomes an open dataset: cache, remotes, rebuild.
 
-A dataset is looked for in the cache, then on the configured remotes; what is nowhere is built from
-the recipe in the package, so that everything works without a network.
+A dataset is looked for in the cache, then on the configured remotes, and built from the recipe in
+the package if neither has it, so that everything works without a network.
 """
 
 import warnings

@@ -203,7 +203,7 @@ class Rebuild:
 
         Raises:
             BuildError: it could not be built, or its folder cannot be written to.
-            DatasetNotFoundError: a parent is nowhere, or is another dataset than it was.
+            DatasetNotFoundError: a parent was not found, or its digest has changed.
         """
         folder = request.folder
         if folder is None:
@@ -236,7 +236,7 @@ class Rebuild:
             out: where it is made.
 
         Raises:
-            DatasetNotFoundError: a parent is nowhere, or is another dataset than it was.
+            DatasetNotFoundError: a parent was not found, or its digest has changed.
             SpecError: a parent is made from the edit.
             DatasetError: a parent cannot be used.
         """
@@ -253,7 +253,7 @@ class Rebuild:
                 found = obtain(request, self.remotes, again)
             except UnknownNameError as error:
                 raise DatasetNotFoundError(
-                    f"{edit.id} cannot be made again: one of its parents is nowhere. {error}"
+                    f"{edit.id} cannot be made again: one of its parents was not found. {error}"
                 ) from error
             parents.append(Dataset.open(found.folder))
         return rebuild_edit(edit, parents, out).path
@@ -268,7 +268,7 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
         rebuild: makes it where no remote has it either; None: with one worker for each core.
 
     Raises:
-        UnknownNameError: it is nowhere; the message says which command may get it.
+        UnknownNameError: no source has it; the message names a command that may find it.
         BuildError: it could not be built, or its folder cannot be written to.
         DatasetError: what is in its folder cannot be used.
         HubError: the dataset at the request's address could not be fetched.

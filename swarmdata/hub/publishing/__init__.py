@@ -1,1 +1,1 @@
-"""What happens before a dataset is published, and the metadata that goes with it."""
+"""Publishing: the checks before a push, and the metadata beside a dataset."""

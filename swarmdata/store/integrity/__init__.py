@@ -1,1 +1,1 @@
-"""Whether a stored dataset is intact: checksums, damage, recognition, recovery of a manifest."""
+"""Integrity of stored datasets: checksums, damage, recognition, recovery of a manifest."""

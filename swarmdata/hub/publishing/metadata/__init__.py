@@ -1,4 +1,4 @@
-"""What others need to find and show a dataset: an episode table, Croissant, the hub's card."""
+"""Metadata for search engines and viewers: an episode table, Croissant, the hub's card."""
 
 from swarmdata.hub.publishing.metadata.episode_parquet import write_episode_parquet
 from swarmdata.hub.publishing.metadata.hub_files import hub_card, metadata_files, write_beside
