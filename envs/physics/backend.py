@@ -22,7 +22,8 @@ class Contacts(NamedTuple):
 
     robots: Bool  # [E, N, N] upper triangle: pairs in contact that have not separated
     obstacles: Bool  # [E, N, M + 4] contacts with obstacles, then walls
-    slack: Double  # [E, N, 3] where a robot's gap to everything static was computed, and that gap
+    slack: Double  # [E, N, 3] where a robot's gap to everything static was computed, and that gap,
+    # or a lower bound of it
 
 
 @kernel(inline="always")

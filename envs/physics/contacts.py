@@ -8,12 +8,10 @@ and compression by pushing (`python -m tests.benchmarks.bench_contacts`).
 
 import math
 
+from swarmdata.envs.physics.free_motion import EXACT_GAP_LIMIT
 from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import SEPARATION_GAP, Bool, Counts, Double, Float
-
-EXACT_GAP_LIMIT = 0.25
-"""Gaps to obstacles beyond this (m) need not be exact."""
 
 
 @kernel(inline="always")
@@ -101,6 +99,8 @@ def update_contacts(
         px, py = positions[i, 0], positions[i, 1]
         moved = abs(px - slack[i, 0]) + abs(py - slack[i, 1])
         if moved < slack[i, 2] - 2.0 * SEPARATION_GAP:
+            for m in range(obstacles.shape[1]):
+                obstacles[i, m] = False
             continue
         slack[i, 2] = _static_contacts(px, py, radii[i], layout, half, obstacles[i], events[i])
         slack[i, 0] = px

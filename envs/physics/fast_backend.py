@@ -4,9 +4,10 @@ Pymunk's attribute access costs ten times more than the physics. Its compiled mo
 functions that it wraps, so compiled code can call them directly: set the forces, step, read the
 bodies, find the contacts, one space after the other while it is in the cache.
 
-The reset is exact. It removes every shape, steps once (the only way to clear the solver's hidden
-overlap velocities), writes bodies and obstacles, and adds the shapes in build order with the id
-counter at its initial value. With anything less, an episode would change the bits of the next one.
+Free motion needs no call at all. The first other step after it begins with a new solver: the shapes
+of the robots are removed, the solver's hidden overlap velocities cleared, and the shapes added at
+rest in build order with the id counter at its value in a build; only then robots get their
+velocities. A reset does the same with all shapes. With anything less, the past would change bits.
 """
 
 import sys
@@ -20,7 +21,9 @@ from numba.extending import intrinsic
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.envs.physics.public_backend import bars, build_space, n_static_shapes
+from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
+from swarmdata.envs.physics.impacts import time_to_impact
+from swarmdata.envs.physics.public_backend import bars, build_space, n_static_shapes, shapes_of
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
@@ -40,10 +43,11 @@ MUNK_FUNCTIONS = (
     "cpPolyShapeSetVertsRaw",
     "cpBodyGetRotation",
     "cpBodyGetAngularVelocity",
+    "cpBodyUpdatePosition",
 )
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
-GET_ROTATION, GET_TURN_RATE = range(12, 14)
+GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION = range(12, 15)
 
 FLOAT64_TYPE = ir.DoubleType()
 
@@ -142,19 +146,58 @@ def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
         movables[k, 6] = call_p_d(calls[GET_TURN_RATE], body)
 
 
+@kernel(inline="always")
+def _step_space(
+    calls: Int, space: int, bodies: Int, accelerations: Double, dt: float, robots: Double
+) -> None:
+    """Makes one step of Munk2D and reads the robots."""
+    for i in range(robots.shape[0]):  # Munk2D clears forces in every step
+        call_pv(calls[SET_FORCE], bodies[i], accelerations[i, 0], accelerations[i, 1])
+    call_pd(calls[STEP], space, dt)
+    for i in range(robots.shape[0]):
+        robots[i, 0], robots[i, 1] = call_p_v(calls[GET_POSITION], bodies[i])
+        robots[i, 2], robots[i, 3] = call_p_v(calls[GET_VELOCITY], bodies[i])
+
+
+@kernel
+def _restart_solver(
+    calls: Int, space: int, shapes: Int, bodies: Int, robots: Double, movables: Double, dt: float
+) -> None:
+    """Puts the moving bodies into the space as if they were new; joints keep their impulses."""
+    n_moving = bodies.shape[0]
+    first = shapes.shape[0] - n_moving
+    for i in range(n_moving):
+        call_pp(calls[REMOVE], space, shapes[first + i])
+    if movables.shape[0] == 0:
+        for i in range(n_moving):
+            call_pd(calls[UPDATE_POSITION], bodies[i], dt)  # clears the overlap velocity
+            call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
+            call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)  # bounding boxes grow with velocity
+        call_pp(calls[SET_ID], space, first)
+    for i in range(n_moving):
+        call_pp(calls[ADD], space, shapes[first + i])
+    if movables.shape[0] == 0:
+        for i in range(n_moving):
+            call_pv(calls[SET_VELOCITY], bodies[i], robots[i, 2], robots[i, 3])
+
+
 @kernel
 def _advance(
     calls: Int,
     spaces: Int,
     bodies: Int,
+    shapes: Int,
     n_substeps: int,
     dt: float,
     limits: Double,
     radii: Double,
     half: Double,
+    body_shapes: Double,
     robots: Double,
     movables: Double,
-    forces: Double,
+    solver_dt: Double,
+    accelerations: Double,
+    travel: Double,
     layouts: Float,
     active: Bool,
     commands: Double,
@@ -165,23 +208,36 @@ def _advance(
     states: Float,
 ) -> None:
     """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
-    n = radii.shape[0]
+    can_be_free = movables.shape[1] == 0
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
+        team, layout, gaps = robots[b], layouts[b], slack[b]
+        is_certain = False
+        if can_be_free and solver_dt[b] == 0.0:
+            write_travel_bounds(team, limits, n_substeps * dt, travel)
+            is_certain = is_free(team, 0.0, travel, radii, layout, half, gaps)
+            travel[:] = 0.0
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, n_substeps, dt, k, forces)
-            for i in range(n):  # Munk2D clears forces in every step
-                call_pv(calls[SET_FORCE], bodies[b, i], forces[i, 0], forces[i, 1])
-            call_pd(calls[STEP], spaces[b], dt)
-            for i in range(n):
-                robots[b, i, 0], robots[b, i, 1] = call_p_v(calls[GET_POSITION], bodies[b, i])
-                robots[b, i, 2], robots[b, i, 3] = call_p_v(calls[GET_VELOCITY], bodies[b, i])
-            update_contacts(
-                robots[b], radii, layouts[b], half, touching[b], static[b], slack[b], events[b]
-            )
-        _read_bodies(calls, bodies[b], movables[b])
-        write_state(robots[b], movables[b], states[b])
+            drive(team, commands[b], limits, n_substeps, dt, k, accelerations)
+            if is_certain or (can_be_free and is_free(team, dt, travel, radii, layout, half, gaps)):
+                if solver_dt[b] != 0.0:
+                    solver_dt[b], touching[b], static[b] = 0.0, False, False
+                move(team, accelerations, dt)
+                continue
+            left = dt
+            while left > 0.0:
+                part = time_to_impact(
+                    team, movables[b], left, dt, radii, body_shapes, layout, half, gaps
+                )
+                left -= part
+                if part != solver_dt[b]:
+                    solver_dt[b] = part
+                    _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
+                _step_space(calls, spaces[b], bodies[b], accelerations, part, team)
+                _read_bodies(calls, bodies[b], movables[b])
+                update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
+        write_state(team, movables[b], states[b])
 
 
 @kernel
@@ -232,13 +288,15 @@ class FastBackend:
         n_shapes = 4 + n_static_shapes(plan.kinds) + n + k
         self._shapes = np.zeros((n_copies, n_shapes), dtype=np.int64)
         self._corners: Double = np.empty((3, 4, 2))
-        self._forces: Double = np.zeros((n, 2))
         self._layouts: Float | None = None
         self._robots: Double = np.zeros((n_copies, n, 6))
         self._movables: Double = np.zeros((n_copies, k, 7))
+        self._solver_dt: Double = np.zeros(n_copies)  # of its last step; 0 after free motion
+        accelerations, travel = np.zeros((n, 2)), np.zeros(n)
         self._fixed = (
-            calls, self._spaces, self._bodies, *self._timing, self._limits, self._radii,
-            self._half, self._robots, self._movables, self._forces,
+            calls, self._spaces, self._bodies, self._shapes, *self._timing, self._limits,
+            self._radii, self._half, shapes_of(plan), self._robots, self._movables,
+            self._solver_dt, accelerations, travel,
         )  # fmt: skip
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
@@ -252,6 +310,7 @@ class FastBackend:
                     layouts[b], self._corners, robots[b], self._timing[1],
                 )  # fmt: skip
         self._robots[copies], self._movables[copies] = robots[copies], bodies[copies]
+        self._solver_dt[copies] = 0.0
 
     def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)

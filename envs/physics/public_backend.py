@@ -1,11 +1,12 @@
 """Builds worlds in Pymunk, and simulates them through Pymunk's public interface only.
 
-This backend builds every space anew at reset. `fast_backend` does the same work about ten times
-faster through Munk2D's own functions and must give the same bits; this one takes over where those
-private names are missing.
+This backend builds every space anew, at reset and after free motion. `fast_backend` does the same
+work about ten times faster through Munk2D's own functions and must give the same bits; this one
+takes over where those private names are missing.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pymunk
@@ -13,7 +14,9 @@ import pymunk
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.numerics.geometry import CIRCLE, bar_box
+from swarmdata.envs.physics.free_motion import is_free, move
+from swarmdata.envs.physics.impacts import time_to_impact
+from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.types import Bool, Counts, Double, Float, Int
@@ -60,6 +63,17 @@ def bars(row: Float, out: Double) -> int:
 def n_static_shapes(kinds: Int) -> int:
     """Number of collision shapes of all obstacles, walls not counted; at least one each."""
     return int(np.maximum(kinds, 1).sum())
+
+
+def shapes_of(plan: Plan) -> Double:
+    """Shape code, half length and half width (m; radius of a circle) of movable bodies, [K, 3]."""
+    rows = [
+        (CIRCLE, body.half_length, body.half_length)
+        if body.shape == "circle"
+        else (BOX, body.half_length, body.half_width)
+        for body in plan.movables
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk.Shape:
@@ -143,45 +157,94 @@ class PublicBackend:
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
         self._plan, spec = plan, plan.spec
+        n = spec.n_agents
         self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)
+        self._shapes = shapes_of(plan)
         self._worlds: list[tuple[pymunk.Space, list[pymunk.Body]] | None] = [None] * n_copies
         self._layouts: dict[int, Float] = {}
-        self._forces: Double = np.zeros((spec.n_agents, 2))
-        self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
+        self._accelerations: Double = np.zeros((n, 2))
+        self._travel: Double = np.zeros(n)
+        self._robots: Double = np.zeros((n_copies, n, 6))
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
-            self._worlds[b] = build_space(self._plan, layouts[b], robots[b], bodies[b])
-        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
+            self._worlds[b] = self._new_world(b) if self._plan.movables else None
+
+    def _new_world(self, b: int) -> tuple[pymunk.Space, list[pymunk.Body]]:
+        robots = self._robots[b]
+        space, bodies = build_space(self._plan, self._layouts[b], robots, self._bodies[b])
+        for body, row in zip(bodies, robots.tolist(), strict=False):  # movable bodies are at rest
+            body.velocity = row[2], row[3]
+        return space, bodies
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        spec, forces = self._plan.spec, self._forces
-        n, dt = spec.n_agents, spec.physics_dt
+        n_substeps, dt = self._plan.spec.n_substeps, self._plan.spec.physics_dt
         for b in np.flatnonzero(active).tolist():
-            world = self._worlds[b]
-            if world is None:
+            if b not in self._layouts:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            space, bodies = world
-            for k in range(spec.n_substeps):
-                drive(self._robots[b], commands[b], self._limits, spec.n_substeps, dt, k, forces)
-                for body, force in zip(bodies[:n], forces.tolist(), strict=True):
-                    body.force = tuple(force)
-                space.step(dt)
-                for i, body in enumerate(bodies[:n]):
-                    self._robots[b, i, :4] = *body.position, *body.velocity
-                for i, body in enumerate(bodies[n:]):
-                    self._bodies[b, i] = (
-                        *body.position, *body.velocity,
-                        *body.rotation_vector, body.angular_velocity,
-                    )  # fmt: skip
-                update_contacts(
-                    self._robots[b], self._radii, self._layouts[b], self._half,
-                    *(array[b] for array in contacts), events[b],
-                )  # fmt: skip
-            write_state(self._robots[b], self._bodies[b], states[b])
+            robots = self._robots[b]
+            of_copy = Contacts._make(array[b] for array in contacts)
+            for k in range(n_substeps):
+                drive(robots, commands[b], self._limits, n_substeps, dt, k, self._accelerations)
+                if self._is_free(b, of_copy.slack):
+                    self._worlds[b] = None
+                    of_copy.robots[:], of_copy.obstacles[:] = False, False
+                    move(robots, self._accelerations, dt)
+                else:
+                    self._solve(b, of_copy, events[b])
+            write_state(robots, self._bodies[b], states[b])
+
+    def _is_free(self, b: int, slack: Double) -> bool:
+        dt, layout = self._plan.spec.physics_dt, self._layouts[b]
+        return not self._plan.movables and is_free(
+            self._robots[b], dt, self._travel, self._radii, layout, self._half, slack
+        )
+
+    def _solve(self, b: int, contacts: Contacts, events: Counts) -> None:
+        """Makes one physics step of a copy in which something may touch."""
+        robots, movables, layout = self._robots[b], self._bodies[b], self._layouts[b]
+        left = dt = self._plan.spec.physics_dt
+        while left > 0.0:
+            part = time_to_impact(
+                robots, movables, left, dt, self._radii, self._shapes, layout, self._half,
+                contacts.slack,
+            )  # fmt: skip
+            left -= part
+            space, bodies = self._solver(b, part)
+            for body, force in zip(bodies, self._accelerations.tolist(), strict=False):
+                body.force = tuple(force)
+            space.step(part)
+            _read(bodies, robots, movables)
+            update_contacts(robots, self._radii, layout, self._half, *contacts, events)
+
+
+    def _solver(self, b: int, part: float) -> tuple[pymunk.Space, list[pymunk.Body]]:
+        """Returns the space of a copy for a step of `part` seconds.
+
+        Munk2D scales the impulses of its last step by the ratio of the lengths of steps, which is
+        wrong for impacts. So it starts anew where the length changes.
+        """
+        world = self._worlds[b]
+        if world is None or (part != world[0].current_time_step and not self._plan.movables):
+            world = self._worlds[b] = self._new_world(b)
+        elif part != world[0].current_time_step:
+            shapes = [shape for body in world[1] for shape in body.shapes]
+            world[0].remove(*shapes)
+            world[0].add(*shapes)
+        return world
+
+
+def _read(bodies: Sequence[pymunk.Body], robots: Double, movables: Double) -> None:
+    """Reads robots [N, 6] and movable bodies [K, 7] from the bodies of a space."""
+    n = len(robots)
+    for robot, body in zip(robots, bodies[:n], strict=True):
+        robot[:4] = *body.position, *body.velocity
+    for row, body in zip(movables, bodies[n:], strict=True):
+        row[:] = *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity

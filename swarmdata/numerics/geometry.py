@@ -57,7 +57,7 @@ def _bar(lx: float, ly: float, cx: float, cy: float, hx: float, hy: float) -> tu
 
 
 @kernel(inline="always")
-def _nearest(
+def nearest_of_shape(
     px: float,
     py: float,
     kind: float,
@@ -69,6 +69,7 @@ def _nearest(
     b: float,
     t: float,
 ) -> tuple[float, float, float]:
+    """As `nearest`, for an obstacle given by its columns `OBSTACLE`."""
     dx, dy = x - px, y - py
     if kind == CIRCLE:
         d = math.sqrt(dx * dx + dy * dy)
@@ -94,7 +95,7 @@ def _nearest(
 @kernel(error_model="numpy")
 def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, float, float]:
     """As `nearest`, for obstacle m of a layout [M, 8]; a slice of the layout would be slower."""
-    return _nearest(
+    return nearest_of_shape(
         px, py, layout[m, 0], layout[m, 1], layout[m, 2], layout[m, 3], layout[m, 4],
         layout[m, 5], layout[m, 6], layout[m, 7],
     )  # fmt: skip
@@ -113,7 +114,7 @@ def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
         py: point, m.
         row: one obstacle, columns `OBSTACLE`, [8].
     """
-    return _nearest(px, py, row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
+    return nearest_of_shape(px, py, row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
 
 
 @kernel
