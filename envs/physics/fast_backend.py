@@ -1,137 +1,59 @@
 """The fast backend: E Pymunk spaces stepped by one numba loop that calls Munk2D by address.
 
-Pymunk's attribute access costs ten times more than the physics. Its compiled module exports the
-functions that it wraps, so compiled code can call them directly: set the forces, step, read the
-bodies, find the contacts, one space after the other while it is in the cache.
+For each copy in turn, while it is in the cache: set the forces, step, read the bodies, find the
+contacts. Free motion needs none of that. Where the solver has to start anew, the shapes of all
+moving bodies are removed and added again (`_restart_solver`); the first time after a reset,
+everything in the space is written (`_write_space`), so that a reset costs nothing before.
 
-Free motion needs no call at all. The first other step after it begins with a new solver: the shapes
-of the robots are removed, the solver's hidden overlap velocities cleared, and the shapes added at
-rest in build order with the id counter at its value in a build; only then robots get their
-velocities. A reset does the same with all shapes. With anything less, the past would change bits.
+Both are exact: the bits are those of a new space. So shapes are added in build order, with the id
+counter at its value in a build, while robots are at rest, since bounding boxes grow with velocity;
+the solver's hidden velocities and impulses are cleared.
 """
 
-import sys
+import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import drive, limits_of
 from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
+from swarmdata.envs.physics.munk_calls import (
+    ADD,
+    GET_POSITION,
+    GET_ROTATION,
+    GET_TURN_RATE,
+    GET_VELOCITY,
+    REMOVE,
+    SET_ANGLE,
+    SET_FORCE,
+    SET_ID,
+    SET_MAX_FORCE,
+    SET_OFFSET,
+    SET_POSITION,
+    SET_RADIUS,
+    SET_TURN_RATE,
+    SET_VELOCITY,
+    SET_VERTS,
+    STEP,
+    UPDATE_POSITION,
+    call_p_d,
+    call_p_v,
+    call_pd,
+    call_pip,
+    call_pp,
+    call_pv,
+)
 from swarmdata.envs.physics.public_backend import bars, build_space, n_static_shapes, shapes_of
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-MUNK_FUNCTIONS = (
-    "cpSpaceStep",
-    "cpBodySetForce",
-    "cpBodyGetPosition",
-    "cpBodyGetVelocity",
-    "cpSpaceRemoveShape",
-    "cpSpaceAddShape",
-    "cpSpaceSetShapeIDCounter",
-    "cpBodySetPosition",
-    "cpBodySetVelocity",
-    "cpCircleShapeSetRadius",
-    "cpCircleShapeSetOffset",
-    "cpPolyShapeSetVertsRaw",
-    "cpBodyGetRotation",
-    "cpBodyGetAngularVelocity",
-    "cpBodyUpdatePosition",
-)
-STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
-SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
-GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION = range(12, 15)
-
-FLOAT64_TYPE = ir.DoubleType()
-
-
-def load_addresses() -> Int | None:
-    """Returns the addresses of `MUNK_FUNCTIONS`, or None where they cannot be called.
-
-    They are not part of Pymunk's public interface. On Windows a vector is passed in another way
-    than here.
-    """
-    if sys.platform == "win32" or sys.maxsize < 2**32:
-        return None
-    try:
-        from pymunk._chipmunk_cffi import ffi, lib  # noqa: PLC0415  (private, may be absent)
-
-        found = [int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in MUNK_FUNCTIONS]
-    except (ImportError, AttributeError):
-        return None
-    return np.array(found, dtype=np.int64)
-
-
-def _call(builder: Any, address: Any, result: Any, arguments: list[Any]) -> Any:
-    signature = ir.FunctionType(result, [argument.type for argument in arguments])
-    return builder.call(builder.inttoptr(address, signature.as_pointer()), arguments)
-
-
-def _void_call(*kinds: Any) -> tuple[Any, Any]:
-    """Returns signature and code of a call, by address, of a `void` function of such arguments."""
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        _call(builder, args[0], ir.VoidType(), list(args[1:]))
-        return context.get_dummy_value()
-
-    return types.void(types.int64, *kinds), generate
-
-
-@intrinsic
-def call_pd(_context: Any, address: Any, pointer: Any, value: Any) -> Any:
-    """Calls a `void f(void *, double)`."""
-    return _void_call(types.int64, types.float64)
-
-
-@intrinsic
-def call_pv(_context: Any, address: Any, pointer: Any, x: Any, y: Any) -> Any:
-    """Calls a `void f(void *, cpVect)`: the two doubles travel in registers."""
-    return _void_call(types.int64, types.float64, types.float64)
-
-
-@intrinsic
-def call_pp(_context: Any, address: Any, pointer: Any, value: Any) -> Any:
-    """Calls a `void f(void *, void *)`, or with an integer of that width."""
-    return _void_call(types.int64, types.int64)
-
-
-@intrinsic
-def call_pip(_context: Any, address: Any, pointer: Any, count: Any, data: Any) -> Any:
-    """Calls a `void f(void *, int, void *)`."""
-    return _void_call(types.int64, types.int32, types.int64)
-
-
-@intrinsic
-def call_p_v(_context: Any, address: Any, pointer: Any) -> Any:
-    """Calls a `cpVect f(void *)`."""
-    result = types.UniTuple(types.float64, 2)
-
-    def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        pair = ir.LiteralStructType([FLOAT64_TYPE, FLOAT64_TYPE])
-        vector = _call(builder, args[0], pair, [args[1]])
-        out = ir.Constant(ir.ArrayType(FLOAT64_TYPE, 2), ir.Undefined)
-        for k in range(2):
-            out = builder.insert_value(out, builder.extract_value(vector, k), k)
-        return out
-
-    return result(types.int64, types.int64), generate
-
-
-@intrinsic
-def call_p_d(_context: Any, address: Any, pointer: Any) -> Any:
-    """Calls a `double f(void *)`."""
-
-    def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _call(builder, args[0], FLOAT64_TYPE, [args[1]])
-
-    return types.float64(types.int64, types.int64), generate
+UNWRITTEN = -1.0
+"""Instead of the length of the solver's last step: the space is that of an earlier episode. A
+length of 0 stands for free motion."""
 
 
 @kernel
@@ -163,7 +85,7 @@ def _step_space(
 def _restart_solver(
     calls: Int, space: int, shapes: Int, bodies: Int, robots: Double, movables: Double, dt: float
 ) -> None:
-    """Puts the moving bodies into the space as if they were new; joints keep their impulses."""
+    """Makes the solver forget all contacts; with movable bodies, overlap velocities go on."""
     n_moving = bodies.shape[0]
     first = shapes.shape[0] - n_moving
     for i in range(n_moving):
@@ -172,7 +94,7 @@ def _restart_solver(
         for i in range(n_moving):
             call_pd(calls[UPDATE_POSITION], bodies[i], dt)  # clears the overlap velocity
             call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
-            call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)  # bounding boxes grow with velocity
+            call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
         call_pp(calls[SET_ID], space, first)
     for i in range(n_moving):
         call_pp(calls[ADD], space, shapes[first + i])
@@ -182,11 +104,67 @@ def _restart_solver(
 
 
 @kernel
+def _write_obstacles(calls: Int, shapes: Int, layout: Float) -> None:
+    corners = np.empty((3, 4, 2))
+    s = 4  # after the walls
+    for m in range(layout.shape[0]):
+        if layout[m, 0] == CIRCLE:
+            call_pd(calls[SET_RADIUS], shapes[s], float(layout[m, 5]))
+            call_pv(calls[SET_OFFSET], shapes[s], float(layout[m, 1]), float(layout[m, 2]))
+            s += 1
+        else:
+            for k in range(bars(layout[m], corners)):
+                call_pip(calls[SET_VERTS], shapes[s], 4, corners[k].ctypes.data)
+                s += 1
+
+
+@kernel
+def _write_space(
+    calls: Int,
+    space: int,
+    shapes: Int,
+    bodies: Int,
+    joints: Int,
+    joint_forces: Double,
+    layout: Float,
+    robots: Double,
+    movables: Double,
+    dt: float,
+) -> None:
+    """Makes a used space what `build_space` would build."""
+    n = robots.shape[0]
+    for shape in shapes:
+        call_pp(calls[REMOVE], space, shape)
+    for joint in joints:
+        call_pd(calls[SET_MAX_FORCE], joint, 0.0)
+    call_pd(calls[STEP], space, dt)  # clears overlap velocities, and impulses by forces of 0
+    for j in range(joints.shape[0]):
+        call_pd(calls[SET_MAX_FORCE], joints[j], joint_forces[j])
+    for i in range(n):
+        call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
+        call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
+    for k in range(movables.shape[0]):
+        body, row = bodies[n + k], movables[k]
+        call_pv(calls[SET_POSITION], body, row[0], row[1])
+        call_pd(calls[SET_ANGLE], body, math.atan2(row[5], row[4]))
+        call_pv(calls[SET_VELOCITY], body, 0.0, 0.0)
+        call_pd(calls[SET_TURN_RATE], body, 0.0)
+    _write_obstacles(calls, shapes, layout)
+    call_pp(calls[SET_ID], space, 0)
+    for shape in shapes:
+        call_pp(calls[ADD], space, shape)
+    for i in range(n):
+        call_pv(calls[SET_VELOCITY], bodies[i], robots[i, 2], robots[i, 3])
+
+
+@kernel
 def _advance(
     calls: Int,
     spaces: Int,
     bodies: Int,
     shapes: Int,
+    joints: Int,
+    joint_forces: Double,
     n_substeps: int,
     dt: float,
     limits: Double,
@@ -196,8 +174,6 @@ def _advance(
     robots: Double,
     movables: Double,
     solver_dt: Double,
-    accelerations: Double,
-    travel: Double,
     layouts: Float,
     active: Bool,
     commands: Double,
@@ -209,19 +185,20 @@ def _advance(
 ) -> None:
     """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
     can_be_free = movables.shape[1] == 0
+    accelerations, travel = np.zeros((radii.shape[0], 2)), np.zeros(radii.shape[0])
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
         team, layout, gaps = robots[b], layouts[b], slack[b]
         is_certain = False
-        if can_be_free and solver_dt[b] == 0.0:
+        if can_be_free and solver_dt[b] <= 0.0:
             write_travel_bounds(team, limits, n_substeps * dt, travel)
             is_certain = is_free(team, 0.0, travel, radii, layout, half, gaps)
             travel[:] = 0.0
         for k in range(n_substeps):
             drive(team, commands[b], limits, n_substeps, dt, k, accelerations)
             if is_certain or (can_be_free and is_free(team, dt, travel, radii, layout, half, gaps)):
-                if solver_dt[b] != 0.0:
+                if solver_dt[b] > 0.0:
                     solver_dt[b], touching[b], static[b] = 0.0, False, False
                 move(team, accelerations, dt)
                 continue
@@ -231,52 +208,25 @@ def _advance(
                     team, movables[b], left, dt, radii, body_shapes, layout, half, gaps
                 )
                 left -= part
-                if part != solver_dt[b]:
-                    solver_dt[b] = part
+                if solver_dt[b] < 0.0:
+                    _write_space(
+                        calls, spaces[b], shapes[b], bodies[b], joints[b], joint_forces, layout,
+                        team, movables[b], dt,
+                    )  # fmt: skip
+                elif part != solver_dt[b]:
                     _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
+                solver_dt[b] = part
                 _step_space(calls, spaces[b], bodies[b], accelerations, part, team)
                 _read_bodies(calls, bodies[b], movables[b])
                 update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
         write_state(team, movables[b], states[b])
 
 
-@kernel
-def _reset_one(
-    calls: Int,
-    space: int,
-    shapes: Int,
-    bodies: Int,
-    layout: Float,
-    corners: Double,
-    starts: Double,
-    dt: float,
-) -> None:
-    for shape in shapes:
-        call_pp(calls[REMOVE], space, shape)
-    call_pd(calls[STEP], space, dt)
-    for i in range(starts.shape[0]):
-        call_pv(calls[SET_POSITION], bodies[i], starts[i, 0], starts[i, 1])
-        call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
-    s = 4  # after the walls
-    for m in range(layout.shape[0]):
-        if layout[m, 0] == CIRCLE:
-            call_pd(calls[SET_RADIUS], shapes[s], float(layout[m, 5]))
-            call_pv(calls[SET_OFFSET], shapes[s], float(layout[m, 1]), float(layout[m, 2]))
-            s += 1
-        else:
-            for k in range(bars(layout[m], corners)):
-                call_pip(calls[SET_VERTS], shapes[s], 4, corners[k].ctypes.data)
-                s += 1
-    call_pp(calls[SET_ID], space, 0)
-    for shape in shapes:
-        call_pp(calls[ADD], space, shape)
-
-
 class FastBackend:
     """Implements `Backend` with Munk2D's own functions."""
 
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
-        self._plan, self._calls, spec = plan, calls, plan.spec
+        self._plan, spec = plan, plan.spec
         self._timing = spec.n_substeps, spec.physics_dt
         self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
@@ -287,30 +237,26 @@ class FastBackend:
         self._bodies = np.zeros((n_copies, n + k), dtype=np.int64)
         n_shapes = 4 + n_static_shapes(plan.kinds) + n + k
         self._shapes = np.zeros((n_copies, n_shapes), dtype=np.int64)
-        self._corners: Double = np.empty((3, 4, 2))
+        n_joints = 2 * k
+        self._joints = np.zeros((n_copies, n_joints), dtype=np.int64)
+        self._joint_forces: Double = np.zeros(n_joints)
         self._layouts: Float | None = None
         self._robots: Double = np.zeros((n_copies, n, 6))
         self._movables: Double = np.zeros((n_copies, k, 7))
-        self._solver_dt: Double = np.zeros(n_copies)  # of its last step; 0 after free motion
-        accelerations, travel = np.zeros((n, 2)), np.zeros(n)
+        self._solver_dt: Double = np.zeros(n_copies)
         self._fixed = (
-            calls, self._spaces, self._bodies, self._shapes, *self._timing, self._limits,
-            self._radii, self._half, shapes_of(plan), self._robots, self._movables,
-            self._solver_dt, accelerations, travel,
+            calls, self._spaces, self._bodies, self._shapes, self._joints, self._joint_forces,
+            *self._timing, self._limits, self._radii, self._half, shapes_of(plan), self._robots,
+            self._movables, self._solver_dt,
         )  # fmt: skip
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
-        for b in copies.tolist():
-            if self._owners[b] is None or self._plan.movables:  # joints keep hidden impulses
-                self._build(b, layouts[b], robots[b], bodies[b])
-            else:
-                _reset_one(
-                    self._calls, self._spaces[b], self._shapes[b], self._bodies[b],
-                    layouts[b], self._corners, robots[b], self._timing[1],
-                )  # fmt: skip
         self._robots[copies], self._movables[copies] = robots[copies], bodies[copies]
-        self._solver_dt[copies] = 0.0
+        self._solver_dt[copies] = UNWRITTEN
+        for b in copies.tolist():
+            if self._owners[b] is None:
+                self._build(b, layouts[b], robots[b], bodies[b])
 
     def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)
@@ -323,6 +269,8 @@ class FastBackend:
         self._spaces[b] = address(space._space)
         self._bodies[b] = [address(body._body) for body in bodies]
         self._shapes[b] = [address(shape._shape) for shape in space.shapes]
+        self._joints[b] = [address(joint._constraint) for joint in space.constraints]
+        self._joint_forces[:] = [joint.max_force for joint in space.constraints]
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

@@ -89,6 +89,11 @@ def _is_deep(
                 if _deepens(math.sqrt(dx * dx + dy * dy) - touch, new):
                     return True
         for k in range(bodies.shape[0]):
+            dx = bodies[k, 0] + bodies[k, 2] * time - qx
+            dy = bodies[k, 1] + bodies[k, 3] * time - qy
+            reach = radii[i] + shapes[k, 1] + shapes[k, 2]  # not below a bounding circle's
+            if dx * dx + dy * dy > reach * reach:
+                continue
             new = _body_gap(qx, qy, bodies[k], shapes[k], time) - radii[i]
             if new < -DEEPEST_OVERLAP:
                 old = _body_gap(px, py, bodies[k], shapes[k], 0.0) - radii[i]

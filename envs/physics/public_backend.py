@@ -224,21 +224,22 @@ class PublicBackend:
             _read(bodies, robots, movables)
             update_contacts(robots, self._radii, layout, self._half, *contacts, events)
 
-
     def _solver(self, b: int, part: float) -> tuple[pymunk.Space, list[pymunk.Body]]:
         """Returns the space of a copy for a step of `part` seconds.
 
         Munk2D scales the impulses of its last step by the ratio of the lengths of steps, which is
         wrong for impacts. So it starts anew where the length changes.
         """
-        world = self._worlds[b]
-        if world is None or (part != world[0].current_time_step and not self._plan.movables):
-            world = self._worlds[b] = self._new_world(b)
-        elif part != world[0].current_time_step:
-            shapes = [shape for body in world[1] for shape in body.shapes]
-            world[0].remove(*shapes)
-            world[0].add(*shapes)
-        return world
+        space, bodies = self._worlds[b] or self._new_world(b)
+        if space.current_time_step not in (0.0, part):
+            if self._plan.movables:  # a new space would not have the impulses of joints
+                shapes = [shape for body in bodies for shape in body.shapes]
+                space.remove(*shapes)
+                space.add(*shapes)
+            else:
+                space, bodies = self._new_world(b)
+        self._worlds[b] = space, bodies
+        return space, bodies
 
 
 def _read(bodies: Sequence[pymunk.Body], robots: Double, movables: Double) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
-from swarmdata.envs.physics.fast_backend import FastBackend, load_addresses
+from swarmdata.envs.physics.fast_backend import FastBackend
+from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel

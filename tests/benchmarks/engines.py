@@ -14,11 +14,11 @@ import numpy as np
 from numba import njit
 
 from swarmdata.envs.physics.backend import Plan
-from swarmdata.envs.physics.fast_backend import (
+from swarmdata.envs.physics.fast_backend import FastBackend
+from swarmdata.envs.physics.munk_calls import (
     GET_VELOCITY,
     SET_FORCE,
     STEP,
-    FastBackend,
     call_p_v,
     call_pd,
     call_pv,
