@@ -57,17 +57,17 @@ class Task(Protocol):
         """
         ...
 
-    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+    def update(self, before: Step, now: Step, active: Bool, solved: Bool) -> None:
         """Completes the states of the active copies after a physics step, and scores the step.
 
         Args:
             before: the previous step; only read.
             now: this step. Its `times`, `events`, `layouts`, `seeds`, and the positions, velocities
                 and headings in `states` are final; targets and extras are still those of the
-                previous step and have to be updated here.
+                previous step and have to be updated here. The first columns of `reward_terms` are
+                written: the values of `terms`, unweighted. The terms that all tasks share (success,
+                contacts, proximity) follow; they, and the rewards, are not the task's to write.
             active: which copies took the step, [E].
-            rewards: written: the task's own reward of each robot, without the terms that all tasks
-                share (success, contacts, proximity), [E, N].
             solved: written: whether the task is solved after this step, [E].
         """
         ...

@@ -39,12 +39,23 @@ class Column(NamedTuple):
 
 
 class Term(NamedTuple):
-    """One term of a robot's reward in a step."""
+    """One term of a robot's reward: `sign` times `weight` times the value in the step."""
 
     name: str  # also that of its weight in `spec.rules.rewards`
-    weight: float
-    formula: str  # in terms of `weight`; [x] is 1 where x holds, else 0
-    meaning: str  # of the other symbols in the formula
+    weight: float  # at least 0
+    sign: Literal[1, -1]  # 1: a reward, -1: a cost
+    value: str  # formula of what `reward_terms` holds; [x] is 1 where x holds, else 0
+    meaning: str  # of the symbols in the formula
+
+    @property
+    def formula(self) -> str:
+        """The term as it enters the reward, in terms of `weight`."""
+        return f"{'-' if self.sign < 0 else ''}weight * {self.value}"
+
+    @property
+    def signed_weight(self) -> float:
+        """What the value is multiplied by."""
+        return self.sign * self.weight
 
 
 SEPARATION_GAP = 0.01
@@ -106,12 +117,13 @@ class Step(NamedTuple):
     """The result of one joint action, or of a reset, in all copies of a task.
 
     The caller may keep the arrays: the environment never writes to them again. A copy that has
-    ended stays as it is, with zero rewards, until it is reset.
+    ended stays as it is, with zero rewards and terms, until it is reset.
     """
 
     observations: Float  # [E, N, O]
     states: Float  # [E, S]
     rewards: Float  # [E, N]
+    reward_terms: Float  # [E, N, R] unweighted, columns `components.reward_terms`; R may be 0
     terminations: Bool  # [E] the task ended, by success or by a failure that the spec defines
     truncations: Bool  # [E] the horizon cut the episode
     successes: Bool  # [E] the task was solved in this step (implies termination)

@@ -52,7 +52,7 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import NavigationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
 
 
 @kernel
@@ -61,32 +61,30 @@ def score_navigation(
     after: Float,
     active: Bool,
     goal_radius: float,
-    weights: tuple[float, float],
-    rewards: Double,
+    terms: Float,
     solved: Bool,
 ) -> None:
-    """Writes the task's own rewards of the active copies, and whether all robots are at goals.
+    """Writes the task's own terms of the active copies, and whether all robots are at goals.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step, [E, S].
         active: [E].
         goal_radius: m.
-        weights: of progress and of time; a plain tuple, since named ones are slower to pass.
-        rewards: written, [E, N].
+        terms: progress and time are written, [E, N, R].
         solved: written, [E].
     """
-    progress, time = weights
     for b in range(before.shape[0]):
         if not active[b]:
             continue
         everyone = True
-        for i in range(rewards.shape[1]):
+        for i in range(terms.shape[1]):
             old = _goal_distance(before[b], i)
             new = _goal_distance(after[b], i)
             outside = new > goal_radius
             everyone = everyone and not outside
-            rewards[b, i] = progress * (old - new) - (time if outside else 0.0)
+            terms[b, i, 0] = old - new
+            terms[b, i, 1] = 1.0 if outside else 0.0
         solved[b] = everyone
 
 
@@ -136,7 +134,6 @@ class CoopNav:
             self.extras = tuple(chain.from_iterable(pairs))
             self.features = goal_features(n)
         self._radius = rules.goal_radius
-        self._weights = (rules.rewards.progress, rules.rewards.time)
         self.terms = _shared_terms(rules) if self._is_shared else _own_terms(rules)
         self.solved = (
             f"every goal has a robot within {rules.goal_radius:g} m"
@@ -154,15 +151,15 @@ class CoopNav:
         if self._is_shared:
             share_goals(states, copies, self.spec.n_agents, self._radius)
 
-    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+    def update(self, before: Step, now: Step, active: Bool, solved: Bool) -> None:
         if self._is_shared:
             score_coverage(
-                before.states, now.states, active, self._radius, self._weights, self._scratch,
-                rewards, solved,
+                before.states, now.states, active, self._radius, self._scratch, now.reward_terms,
+                solved,
             )  # fmt: skip
         else:
             score_navigation(
-                before.states, now.states, active, self._radius, self._weights, rewards, solved
+                before.states, now.states, active, self._radius, now.reward_terms, solved
             )
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
@@ -186,8 +183,8 @@ def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
     )
     w, radius = rules.rewards, rules.goal_radius
     return (
-        Term("progress", w.progress, "weight * (d' - d)", distance),
-        Term("time", w.time, f"-weight * [d > {radius:g}]", distance),
+        Term("progress", w.progress, 1, "(d' - d)", distance),
+        Term("time", w.time, -1, f"[d > {radius:g}]", distance),
     )
 
 
@@ -199,8 +196,8 @@ def _shared_terms(rules: NavigationRules) -> tuple[Term, ...]:
     )
     is_open = f"open: number of goals with no robot within {radius:g} m after the step"
     return (
-        Term("progress", w.progress, "weight * (D' - D) / N", left),
-        Term("time", w.time, "-weight * open / N", f"{is_open}; N: number of robots"),
+        Term("progress", w.progress, 1, "(D' - D) / N", left),
+        Term("time", w.time, -1, "open / N", f"{is_open}; N: number of robots"),
     )
 
 

@@ -99,25 +99,22 @@ def score_coverage(
     after: Float,
     active: Bool,
     radius: float,
-    weights: tuple[float, float],
     scratch: tuple[Double, Double, Int],
-    rewards: Double,
+    terms: Float,
     solved: Bool,
 ) -> None:
-    """Writes targets, the task's own rewards, and whether all goals are covered, in active copies.
+    """Writes targets, the task's own terms, and whether all goals are covered, in active copies.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step; targets are written, [E, S].
         active: [E].
         radius: of goals, m.
-        weights: of progress and of time.
         scratch: overwritten: costs [N, N], and the memory of `assignment.assign`.
-        rewards: written, [E, N].
+        terms: progress and time are written, [E, N, R].
         solved: written, [E].
     """
-    n = rewards.shape[1]
-    progress, time = weights
+    n = terms.shape[1]
     costs, work, places = scratch
     for b in range(before.shape[0]):
         if not active[b]:
@@ -128,9 +125,8 @@ def score_coverage(
         new = assign(costs, work, places)
         n_open = _holders(after[b], n, radius, places[0])
         _aim(after[b], n, places[0])
-        share = (progress * (old - new) - time * n_open) / n
         for i in range(n):
-            rewards[b, i] = share
+            terms[b, i, 0], terms[b, i, 1] = (old - new) / n, n_open / n
         solved[b] = n_open == 0
 
 

@@ -62,23 +62,19 @@ from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.rules import FormationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
 
 
 @kernel
-def score_formation(
-    state: Float, tolerance: float, weights: tuple[float, float, float], rewards: Double
-) -> bool:
-    """Writes the task's own rewards of one copy, and returns whether it is in formation.
+def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
+    """Writes the task's own terms of one copy, and returns whether it is in formation.
 
     Args:
         state: after the step, [S].
         tolerance: m.
-        weights: of deviation, velocity and time.
-        rewards: written, [N].
+        terms: deviation, time and velocity are written, [N, R].
     """
-    deviation, velocity, time = weights
-    n, total = rewards.shape[0], 0.0
+    n, total = terms.shape[0], 0.0
     for i in range(n):
         r = N_COLUMNS * i
         dx = float(state[r + TX]) - float(state[r + X])
@@ -86,12 +82,11 @@ def score_formation(
         square = dx * dx + dy * dy
         d = math.sqrt(square)
         total += square
-        if d > tolerance:
-            rewards[i] = -deviation * min(d, 1.0) - time
-        else:
+        terms[i, 0], terms[i, 1], terms[i, 2] = min(d, 1.0), 1.0, 0.0
+        if d <= tolerance:
             vx, vy = slot_velocity(state, n, i)
             vx, vy = vx - float(state[r + VX]), vy - float(state[r + VY])
-            rewards[i] = -deviation * min(d, 1.0) - velocity * math.sqrt(vx * vx + vy * vy)
+            terms[i, 1], terms[i, 2] = 0.0, math.sqrt(vx * vx + vy * vy)
     return total <= n * tolerance * tolerance
 
 
@@ -101,9 +96,9 @@ def advance(
     times: Int,
     active: Bool,
     course: Course,
-    rule: tuple[float, float, float, float, int],
+    rule: tuple[float, int],
     scratch: Scratch,
-    rewards: Double,
+    terms: Float,
     solved: Bool,
 ) -> None:
     """Completes the states of the active copies and scores them.
@@ -113,18 +108,18 @@ def advance(
         times: control steps taken, [E].
         active: [E].
         course: of the spec.
-        rule: tolerance, m; weights of deviation, velocity and time; steps in formation that solve
-            the task. A plain tuple, since named ones are slower to pass.
+        rule: tolerance, m, and steps in formation that solve the task. A plain tuple, since named
+            ones are slower to pass.
         scratch: overwritten.
-        rewards: written, [E, N].
+        terms: deviation, time and velocity are written, [E, N, R].
         solved: written, [E].
     """
-    tolerance, deviation, velocity, time, needed = rule
+    tolerance, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
     for b in range(states.shape[0]):
         if active[b]:
             place_reference(states[b], times[b], course, scratch)
-            if score_formation(states[b], tolerance, (deviation, velocity, time), rewards[b]):
+            if score_formation(states[b], tolerance, terms[b]):
                 states[b, held] += np.float32(1.0)
             solved[b] = states[b, held] >= needed
 
@@ -209,9 +204,8 @@ class Formation:
         is_assigned = rules.slots == "assigned"
         self._course: Course = (offsets, is_assigned, spec.control_dt * rate, rate, ahead)
         self._scratch = (np.zeros((n, 2)), np.zeros((n, n)), *assignment_work(n))
-        w = rules.rewards
         needed = max(1, math.ceil(rules.hold_fraction * spec.horizon - 1e-9))
-        self._rule = (rules.tolerance, w.deviation, w.velocity, w.time, needed)
+        self._rule = (rules.tolerance, needed)
         self._tolerance = rules.tolerance
         self.terms = _terms(rules)
         self.solved = (
@@ -223,10 +217,11 @@ class Formation:
         draw_episodes(self._plan, seeds, copies, layouts, states)
         begin_episodes(copies, states, self._course, self._scratch)
 
-    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+    def update(self, before: Step, now: Step, active: Bool, solved: Bool) -> None:
         advance(
-            now.states, now.times, active, self._course, self._rule, self._scratch, rewards, solved
-        )
+            now.states, now.times, active, self._course, self._rule, self._scratch,
+            now.reward_terms, solved,
+        )  # fmt: skip
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         write_formation_features(states, active, self.spec.n_agents, out)
@@ -285,9 +280,9 @@ def _terms(rules: FormationRules) -> tuple[Term, ...]:
         "r = reference_turn_rate, after the step"
     )
     return (
-        Term("deviation", w.deviation, "-weight * min(d, 1)", distance),
-        Term("time", w.time, f"-weight * [d > {tolerance:g}]", distance),
-        Term("velocity", w.velocity, f"-weight * dv * [d <= {tolerance:g}]", velocity),
+        Term("deviation", w.deviation, -1, "min(d, 1)", distance),
+        Term("time", w.time, -1, f"[d > {tolerance:g}]", distance),
+        Term("velocity", w.velocity, -1, f"dv * [d <= {tolerance:g}]", velocity),
     )
 
 

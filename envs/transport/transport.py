@@ -110,25 +110,22 @@ def score_transport(
     active: Bool,
     shape: Shape,
     goal: tuple[float, float],
-    weights: tuple[float, float, float, float],
-    rewards: Double,
+    terms: Float,
     solved: Bool,
 ) -> None:
-    """Writes the task's own rewards of the active copies, and whether they have solved the task.
+    """Writes the task's own terms of the active copies, and whether they have solved the task.
 
     Args:
         before: states before the step, [E, S].
         after: states after the step, [E, S].
         active: [E].
         shape: of the payload.
-        goal: radius, m, and largest sine of the angle. A plain tuple, as `weights` and `Shape`.
-        weights: of progress, of turn progress, of approach and of time.
-        rewards: written, [E, N].
+        goal: radius, m, and largest sine of the angle. A plain tuple, as `Shape`.
+        terms: progress, turn progress, approach and time are written, [E, N, R].
         solved: written, [E].
     """
     goal_radius, max_sine = goal
-    progress, turn_progress, approach, time = weights
-    n = rewards.shape[1]
+    n = terms.shape[1]
     first = N_COLUMNS * n
     old, new = np.empty(8, np.float32), np.empty(8, np.float32)
     for b in range(before.shape[0]):
@@ -137,8 +134,6 @@ def score_transport(
         old_d, old_s = goal_error(before[b], first)
         d, s = goal_error(after[b], first)
         solved[b] = d <= goal_radius and s <= max_sine
-        team = progress * (old_d - d) + turn_progress * (old_s - s)
-        team -= 0.0 if solved[b] else time
         place_row(before[b, first:], shape, old)
         place_row(after[b, first:], shape, new)
         for i in range(n):
@@ -146,7 +141,8 @@ def score_transport(
             gap = nearest(np.float64(x), np.float64(y), old)[0]
             x, y = after[b, N_COLUMNS * i], after[b, N_COLUMNS * i + 1]
             gap -= nearest(np.float64(x), np.float64(y), new)[0]
-            rewards[b, i] = team + approach * gap
+            terms[b, i, 0], terms[b, i, 1], terms[b, i, 2] = old_d - d, old_s - s, gap
+            terms[b, i, 3] = 0.0 if solved[b] else 1.0
 
 
 @kernel(error_model="numpy")
@@ -277,8 +273,6 @@ class Transport:
         # rounded, so that it does not depend on the C library's sine
         sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
         self._goal = (rules.goal_radius, sine)
-        w = rules.rewards
-        self._weights = (w.progress, w.turn_progress, w.approach, w.time)
         self._radius, self._room = radius, rules.room
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
@@ -291,11 +285,10 @@ class Transport:
                 f"{plan.obstacle_gap:g} m. Use fewer or smaller obstacles, or a larger arena."
             )
 
-    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+    def update(self, before: Step, now: Step, active: Bool, solved: Bool) -> None:
         score_transport(
-            before.states, now.states, active, self._shape, self._goal, self._weights, rewards,
-            solved,
-        )  # fmt: skip
+            before.states, now.states, active, self._shape, self._goal, now.reward_terms, solved
+        )
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         write_transport_features(states, layouts, active, self._shape, out)
@@ -338,10 +331,10 @@ def _terms(rules: TransportRules) -> tuple[Term, ...]:
         f"before it. The payload is {body}"
     )
     return (
-        Term("progress", w.progress, "weight * (d' - d)", f"{distance}; d': before it"),
-        Term("turn_progress", w.turn_progress, "weight * (s' - s)", sine),
-        Term("approach", w.approach, "weight * (g' - g)", gap),
-        Term("time", w.time, "-weight * [not solved]", "solved: as for success"),
+        Term("progress", w.progress, 1, "(d' - d)", f"{distance}; d': before it"),
+        Term("turn_progress", w.turn_progress, 1, "(s' - s)", sine),
+        Term("approach", w.approach, 1, "(g' - g)", gap),
+        Term("time", w.time, -1, "[not solved]", "solved: as for success"),
     )
 
 

@@ -132,8 +132,7 @@ def serve_orders(
     rows: Double,
     places: Double,
     rules: tuple[int, float, int],
-    weights: tuple[float, float, float, float],
-    rewards: Double,
+    terms: Float,
     solved: Bool,
 ) -> None:
     """Lets robots pick up and deliver in the active copies, gives new orders, and scores the step.
@@ -147,13 +146,11 @@ def serve_orders(
         rows: of the floor plan, [3].
         places: of the floor plan, [P + K, 2].
         rules: P; goal radius, m; quota. A plain tuple, since named ones are slower to pass.
-        weights: of progress, pickup, delivery and time.
-        rewards: written, [E, N].
+        terms: progress, pickup, delivery and time are written, [E, N, R].
         solved: written, [E].
     """
     n_picks, goal_radius, quota = rules
-    progress, pickup, delivery, time = weights
-    n = rewards.shape[1]
+    n = terms.shape[1]
     for b in range(before.shape[0]):
         if not active[b]:
             continue
@@ -163,20 +160,20 @@ def serve_orders(
             x, y, tx, ty = float(new[r]), float(new[r + 1]), float(new[r + TX]), float(new[r + TY])
             length = shortest_path_length(float(old[r]), float(old[r + 1]), tx, ty, lanes, rows)
             length -= shortest_path_length(x, y, tx, ty, lanes, rows)
-            gain = progress * length - time
+            own = terms[b, i]
+            own[0], own[1], own[2], own[3] = length, 0.0, 0.0, 1.0
             if (tx - x) * (tx - x) + (ty - y) * (ty - y) <= goal_radius * goal_radius:
                 order = int(new[extra + 1])
                 if new[extra] > 0.0:
                     new[extra], new[extra + 1] = 0.0, order + 1.0
                     k = draw_place(seeds[b], i, order + 1, n_picks)
-                    gain += delivery
+                    own[2] = 1.0
                 else:
                     new[extra] = 1.0
                     k = n_picks + draw_station(seeds[b], i, order, places.shape[0] - n_picks)
-                    gain += pickup
+                    own[1] = 1.0
                 new[r + TX], new[r + TY] = places[k, 0], places[k, 1]
             total += int(new[extra + 1])
-            rewards[b, i] = gain
         solved[b] = total >= quota
 
 
@@ -248,8 +245,6 @@ class Warehouse:
         self.features = TASK_FEATURES
         self._spawn = SpawnPlan.of(spec)
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
-        w = rules.rewards
-        self._weights = (w.progress, w.pickup, w.delivery, w.time)
         self.terms = _terms(rules, self.plan)
         self.solved = f"the team has made {rules.quota} deliveries"
 
@@ -265,10 +260,10 @@ class Warehouse:
                 "Use a larger arena, fewer robots, or a smaller spawn.start_separation."
             )
 
-    def update(self, before: Step, now: Step, active: Bool, rewards: Double, solved: Bool) -> None:
+    def update(self, before: Step, now: Step, active: Bool, solved: Bool) -> None:
         serve_orders(
             before.states, now.states, now.seeds, active, self.plan.lanes, self.plan.rows,
-            self.plan.places, self._rules, self._weights, rewards, solved,
+            self.plan.places, self._rules, now.reward_terms, solved,
         )  # fmt: skip
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
@@ -302,8 +297,8 @@ def _terms(rules: WarehouseRules, plan: FloorPlan) -> tuple[Term, ...]:
         "shelves, -1"
     )
     return (
-        Term("progress", w.progress, "weight * (L' - L)", way),
-        Term("pickup", w.pickup, "weight * [picked]", "picked: carrying went from 0 to 1"),
-        Term("delivery", w.delivery, "weight * [delivered]", "delivered: deliveries went up by 1"),
-        Term("time", w.time, "-weight", "in every step"),
+        Term("progress", w.progress, 1, "(L' - L)", way),
+        Term("pickup", w.pickup, 1, "[picked]", "picked: carrying went from 0 to 1"),
+        Term("delivery", w.delivery, 1, "[delivered]", "delivered: deliveries went up by 1"),
+        Term("time", w.time, -1, "1", "in every step"),
     )

@@ -1,19 +1,8 @@
-"""The reward of every task, term by term: its own terms and those that `world.score_steps` adds."""
+"""The reward of every task, term by term: its own terms, then those that `score_steps` writes."""
 
 from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.interfaces import Task
 from swarmdata.types import Term
-
-CONTACT_WEIGHTS = (
-    "robot_contact",
-    "obstacle_contact",
-    "robot_collision",
-    "obstacle_collision",
-    "proximity",
-    "success",
-    "team_share",
-)
-"""Fields of `rules.Rewards` that `world.score_steps` applies, in its order."""
 
 _GAP_MEANING = (
     "gap: least distance, m, from the robot's surface to that of another robot, an obstacle or a "
@@ -30,26 +19,26 @@ _CONTACT_TERMS = (
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
-    """Returns all terms of a robot's reward.
+    """Returns all terms of a robot's reward, in the order of the columns of `reward_terms`.
 
-    The reward of a robot is (1 - s) times the sum of its terms plus s times the mean of these sums
-    over the team, where s is `spec.rules.rewards.team_share`.
+    `numerics.weighted_terms` defines the reward that follows from them.
     """
     weights = task.spec.rules.rewards
     contacts = tuple(
         Term(
             name,
             getattr(weights, name),
-            f"-weight * {event}",
+            -1,
+            event,
             f"{event}: that column of `events`, of this robot in this step",
         )
         for name, event in _CONTACT_TERMS
     )
-    near = f"-weight * min(max(1 - gap / {PROXIMITY_RANGE:g}, 0), 1)"
+    near = f"min(max(1 - gap / {PROXIMITY_RANGE:g}, 0), 1)"
     solved = f"solved: after the step, {task.solved}. Then the episode ends"
     return (
         *task.terms,
-        Term("success", weights.success, "weight * [solved]", solved),
+        Term("success", weights.success, 1, "[solved]", solved),
         *contacts,
-        Term("proximity", weights.proximity, near, _GAP_MEANING),
+        Term("proximity", weights.proximity, -1, near, _GAP_MEANING),
     )

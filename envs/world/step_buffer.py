@@ -8,8 +8,8 @@ import numpy as np
 from swarmdata.types import Bool, Step
 
 WRITTEN_FIELDS = (
-    "observations", "states", "rewards", "terminations", "truncations", "successes", "events",
-    "times",
+    "observations", "states", "rewards", "reward_terms", "terminations", "truncations", "successes",
+    "events", "times",
 )  # fmt: skip
 """Fields that every step writes from scratch; those of a channel are copied, the others shared."""
 
@@ -45,12 +45,15 @@ class StepMaker:
                 *(np.empty((self._n, *shape), dtype) for shape, dtype in self._like), strict=True
             )
             fresh = next(self._ready)
-        observations, states, rewards, terminations, truncations, successes, events, times = fresh
+        (
+            observations, states, rewards, terms, terminations, truncations, successes, events,
+            times,
+        ) = fresh  # fmt: skip
         sent, delivered, ages = before.sent, before.delivered, before.ages
         if self._has_channel:
             sent, delivered, ages = sent.copy(), delivered.copy(), ages.copy()
         return Step(
-            observations, states, rewards, terminations, truncations, successes, events,
+            observations, states, rewards, terms, terminations, truncations, successes, events,
             before.seeds, times, before.layouts, sent, delivered, ages,
         )  # fmt: skip
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarmdata.envs.physics.backend import Plan
-from swarmdata.envs.world.rewards import CONTACT_WEIGHTS
+from swarmdata.envs.world.rewards import reward_terms
 from swarmdata.envs.world.step_buffer import StepMaker, keep_ended
 from swarmdata.envs.world.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
@@ -16,19 +16,20 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 class TaskEnv:
     """Implements `interfaces.VecEnv` for any task.
 
-    The reward of robot i, with weights w from `spec.rules.rewards` and [x] one if x holds:
+    The terms of the reward of robot i are the task's own and, with [x] one if x holds:
 
-        task's own reward + w.success [solved]
-        - w.robot_contact [overlapped a robot]       - w.robot_collision * contacts that began
-        - w.obstacle_contact [overlapped an obstacle] - w.obstacle_collision * contacts that
-        began - w.proximity clip(1 - gap / 0.1 m, 0, 1)
+        [solved]   [overlapped a robot]   [overlapped an obstacle]   contacts with robots that began
+        contacts with obstacles that began   clip(1 - gap / 0.1 m, 0, 1)
 
-    then mixed with the team mean by `team_share`. `rewards` lists the terms, `types.EVENT_COLUMNS`
-    defines contacts. The reward is computed from the float32 states and the recorded events, partly
-    in float32: these functions reproduce it from a dataset bit for bit, other code within 1e-5
-    (`store.arrays.attributes.PRECISION`). An episode is terminated when the task is solved, or by a
-    collision if `on_collision` is "fail"; the horizon truncates it. A task that is solved and
-    failed in the same step is a failure, but its reward includes the success.
+    `rewards.reward_terms` lists them with their weights from `spec.rules.rewards`, and
+    `types.EVENT_COLUMNS` defines contacts. `Step.reward_terms` has their values, unweighted.
+    `numerics.weighted_terms` computes the rewards from these bit for bit. The values are computed
+    from the float32 states and the recorded events, partly in float32: other code reproduces them
+    from a dataset within 1e-5 (`store.arrays.attributes.PRECISION_NOTE`).
+
+    An episode is terminated when the task is solved, or by a collision if `on_collision` is "fail";
+    the horizon truncates it. A task that is solved and failed in the same step is a failure, but
+    its reward includes the success.
 
     Args:
         task: the task.
@@ -38,18 +39,18 @@ class TaskEnv:
 
     def __init__(self, task: Task, n_copies: int = 1, backend: MakeBackend = make_backend) -> None:
         self.task, self.spec, self.n_copies = task, task.spec, n_copies
-        spec, rewards = task.spec, task.spec.rules.rewards
+        spec = task.spec
         self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
         self._observer = Observer(task, n_copies)
         self.features = self._observer.features
         self.observation_size, self.action_size = len(self.features), spec.action_size
         self.state_size = state_size(spec.n_agents, len(task.movables), len(task.extras))
-        self._task_rewards: Double = np.zeros((n_copies, spec.n_agents))
         self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
-        weights = np.array([getattr(rewards, name) for name in CONTACT_WEIGHTS])
+        weights = np.array([term.signed_weight for term in reward_terms(task)])
+        self._n_terms = len(weights)
         self._scoring = (
-            self._world.radii, self._world.half, weights, spec.on_collision == "fail",
-            spec.horizon, self._task_rewards, self._solved,
+            self._world.radii, self._world.half, weights, spec.rules.rewards.team_share,
+            spec.on_collision == "fail", spec.horizon, self._solved,
         )  # fmt: skip
         self._shape = (n_copies, spec.n_agents, self.action_size)
         self._now: Step | None = None
@@ -73,7 +74,9 @@ class TaskEnv:
         self.task.spawn(seeds, chosen, now.layouts, now.states)
         self._world.reset(chosen, now.layouts, now.states)
         now.seeds[chosen] = seeds
-        for name in ("rewards", "terminations", "truncations", "successes", "events", "times"):
+        for name in (
+            "rewards", "reward_terms", "terminations", "truncations", "successes", "events", "times"
+        ):  # fmt: skip
             getattr(now, name)[chosen] = 0
         resets = np.zeros(self.n_copies, dtype=np.bool_)
         resets[chosen] = True
@@ -100,10 +103,10 @@ class TaskEnv:
             )
         if n_active < self.n_copies:
             keep_ended(before, now, active)
-        self.task.update(before, now, active, self._task_rewards, self._solved)
+        self.task.update(before, now, active, self._solved)
         score_steps(
             *self._scoring, active, now.states, now.layouts, now.events, now.times,
-            now.rewards, now.terminations, now.truncations, now.successes,
+            now.reward_terms, now.rewards, now.terminations, now.truncations, now.successes,
         )  # fmt: skip
         self._observer.observe(now, actions, active)
         self._now = now
@@ -116,6 +119,7 @@ class TaskEnv:
             observations=observations,
             states=np.zeros((e, self.state_size), dtype=np.float32),
             rewards=np.zeros((e, n), dtype=np.float32),
+            reward_terms=np.zeros((e, n, self._n_terms), dtype=np.float32),
             terminations=np.zeros(e, dtype=np.bool_),
             truncations=np.zeros(e, dtype=np.bool_),
             successes=np.zeros(e, dtype=np.bool_),

@@ -11,12 +11,16 @@ from swarmdata.envs.physics.fast_backend import FastBackend
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
+from swarmdata.numerics.weighted_terms import weigh_terms
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
 
 PROXIMITY_RANGE = 0.1
 """Gap (m) to a robot, obstacle or wall below which proximity is positive."""
+
+N_SHARED_TERMS = 6
+"""Terms of the reward that all tasks share: the last columns of `reward_terms`."""
 
 _WIDER_RANGE = np.float32(PROXIMITY_RANGE + 1e-3)
 """For a first, cheap test in float32; wider, so that rounding never makes it too narrow."""
@@ -108,62 +112,61 @@ def score_steps(
     radii: Double,
     half: Double,
     weights: Double,
+    team_share: float,
     is_fatal: bool,
     horizon: int,
-    task_rewards: Double,
     solved: Bool,
     active: Bool,
     states: Float,
     layouts: Float,
     events: Counts,
     times: Int,
+    terms: Float,
     rewards: Float,
     terminations: Bool,
     truncations: Bool,
     successes: Bool,
 ) -> None:
-    """Adds the shared terms to the rewards of the active copies, and decides whether they end.
+    """Writes the shared terms and the rewards of the active copies, and decides whether they end.
 
-    The rewards of the other copies are 0, and their flags stay.
+    The terms and rewards of the other copies are 0, and their flags stay.
 
     Args:
         radii: m, [N].
         half: half width and half height of the arena, m, [2].
-        weights: of the contact terms in the order of `events`, of proximity, of success, and the
-            team's share, [7].
+        weights: of all terms, with their signs, [R].
+        team_share: part of each reward that is the team's mean.
         is_fatal: whether a collision fails the task.
         horizon: steps.
-        task_rewards: the task's own rewards, [E, N].
         solved: whether the task is solved, [E].
         active: [E].
         states: after the step, [E, S].
         layouts: [E, M, 8].
         events: of the step, [E, N, 4].
         times: control steps taken, this one included, [E].
+        terms: the task's own are read, the last six, `rewards.reward_terms`, written, [E, N, R].
         rewards: written, [E, N].
         terminations: written, [E].
         truncations: written, [E].
         successes: written, [E].
     """
-    proximity, success, team_share = weights[4], weights[5], weights[6]
-    n = radii.shape[0]
+    n, first = radii.shape[0], weights.shape[0] - N_SHARED_TERMS
     near, places = np.empty(n), np.empty((3, n), np.float32)
     circles = np.empty((3, layouts.shape[1]), np.float32)
     for b in range(states.shape[0]):
         if not active[b]:
             rewards[b] = 0.0
+            terms[b] = 0.0
             continue
         proximities(states[b], layouts[b], radii, half, places, circles, near)
-        is_solved, touched, mean = solved[b], False, 0.0
+        is_solved, touched = solved[b], False
         for i in range(n):
-            reward = task_rewards[b, i] - proximity * near[i] + (success if is_solved else 0.0)
+            terms[b, i, first] = 1.0 if is_solved else 0.0
             for c in range(4):
-                reward -= weights[c] * float(events[b, i, c])
+                terms[b, i, first + 1 + c] = events[b, i, c]
+            terms[b, i, first + 5] = near[i]
             touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
-            near[i] = reward
-            mean += reward / n
-        for i in range(n):
-            rewards[b, i] = (1.0 - team_share) * near[i] + team_share * mean
+        weigh_terms(terms[b], weights, team_share, near, rewards[b])
         failure = is_fatal and touched
         successes[b] = is_solved and not failure
         terminations[b] = is_solved or failure

@@ -240,6 +240,7 @@ class _Reobserver:
         self._step = Step(
             states=np.zeros((n_copies, episodes.states.shape[1]), dtype=np.float32),
             rewards=np.zeros((n_copies, n_agents), dtype=np.float32),
+            reward_terms=np.zeros((n_copies, n_agents, 0), dtype=np.float32),
             terminations=np.zeros(n_copies, dtype=np.bool_),
             truncations=np.zeros(n_copies, dtype=np.bool_),
             successes=np.zeros(n_copies, dtype=np.bool_),

@@ -97,6 +97,7 @@ def step_of(observations: Float, state: Float, *, seed: int, time: int) -> Step:
         observations=observations[None],
         states=state[None],
         rewards=np.zeros((1, n_agents), np.float32),
+        reward_terms=np.zeros((1, n_agents, 0), np.float32),
         terminations=np.zeros(1, np.bool_),
         truncations=np.zeros(1, np.bool_),
         successes=np.zeros(1, np.bool_),

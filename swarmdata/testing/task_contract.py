@@ -9,11 +9,12 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import derive, uniform
+from swarmdata.numerics.weighted_terms import weighted_rewards
 from swarmdata.registry.components import reward_terms
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import state_columns
-from swarmdata.types import Bool, Seeds, Step
+from swarmdata.types import EVENTS, Bool, Seeds, Step
 
 MakeEnv = Callable[[TaskSpec, int], VecEnv]
 
@@ -30,9 +31,10 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     Shapes and dtypes are those of `Step`; values are finite; terminations and truncations exclude
     each other; the horizon truncates; an ended copy stays put; an episode is the same, bit for bit,
     alone, in a batch and after other episodes; earlier steps are never written to again; actions
-    that are not finite are refused; no robot is outside the arena, inside an obstacle, or, unless
-    it is pushed, faster than the fastest may be; empty slots of observations are zero; every state
-    column, feature and term of the reward is described.
+    that are not finite are refused; the rewards are their terms times the weights, bit for bit, and
+    the terms of contacts are the events; no robot is outside the arena, inside an obstacle, or,
+    unless it is pushed, faster than the fastest may be; empty slots of observations are zero; every
+    state column, feature and term of the reward is described.
 
     Args:
         make_env: builds E copies of the task.
@@ -50,6 +52,7 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     _check_ends(steps, spec)
     _check_motion(steps, spec, bool(batch.task.movables))
     _check_slots(steps, batch)
+    _check_rewards(steps, batch)
     _check_words(batch)
     used = make_env(spec, 1)
     _play(used, np.array([99], dtype=np.uint64), n_steps // 2)
@@ -84,6 +87,7 @@ def _check_arrays(step: Step, env: VecEnv, e: int) -> None:
         "observations": ((e, n, env.observation_size), np.float32),
         "states": ((e, env.state_size), np.float32),
         "rewards": ((e, n), np.float32),
+        "reward_terms": ((e, n, len(reward_terms(env.task))), np.float32),
         "terminations": ((e,), np.bool_),
         "truncations": ((e,), np.bool_),
         "successes": ((e,), np.bool_),
@@ -112,6 +116,7 @@ def _check_ends(steps: list[Step], spec: TaskSpec) -> None:
         )
         assert (step.ended | (step.times < spec.horizon)).all(), "an episode outlived the horizon"
         assert not step.rewards[ended].any(), "a copy that ended got a reward"
+        assert not step.reward_terms[ended].any(), "a copy that ended has a term of a reward"
         assert (step.states[ended] == before.states[ended]).all(), "a copy that ended moved"
         assert (ended <= step.ended).all(), "a copy that ended went on without a reset"
         ended = step.ended
@@ -154,6 +159,21 @@ def _check_slots(steps: list[Step], env: VecEnv) -> None:
                 f"{slot}: mask is not 0 or 1"
             )
             assert not values[step.observations[..., mask] == 0].any(), f"{slot} is empty, not zero"
+
+
+def _check_rewards(steps: list[Step], env: VecEnv) -> None:
+    """Rewards follow from their terms, and the terms of contacts are the events."""
+    terms, share = reward_terms(env.task), env.spec.rules.rewards.team_share
+    weights = np.array([term.signed_weight for term in terms])
+    names = [term.name for term in terms]
+    first = names.index("robot_contact")
+    for step in steps:
+        expected = weighted_rewards(step.reward_terms, weights, share)
+        assert np.array_equal(step.rewards, expected), "rewards are not their terms times weights"
+        contacts = step.reward_terms[..., first : first + len(EVENTS)]
+        assert np.array_equal(contacts, step.events), "terms of contacts are not the events"
+        solved = step.reward_terms[..., names.index("success")] > 0
+        assert (solved >= step.successes[:, None]).all(), "a success without its term"
 
 
 def _check_words(env: VecEnv) -> None:

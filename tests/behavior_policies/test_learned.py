@@ -52,6 +52,7 @@ def step_of(n_copies: int, seed: int = 1) -> Step:
         observations=rng.normal(size=(n_copies, 4, SIZE)).astype(np.float32),
         states=np.zeros((n_copies, 24), dtype=np.float32),
         rewards=np.zeros((n_copies, 4), dtype=np.float32),
+        reward_terms=np.zeros((n_copies, 4, 0), np.float32),
         terminations=flags,
         truncations=flags,
         successes=flags,

@@ -34,6 +34,7 @@ def toy_step(robots: Double, layout: Float) -> Step:
         observations=np.zeros((1, n, 53), dtype=np.float32),
         states=states.reshape(1, -1).astype(np.float32),
         rewards=np.zeros((1, n), dtype=np.float32),
+        reward_terms=np.zeros((1, n, 0), np.float32),
         terminations=no,
         truncations=no,
         successes=no,

@@ -82,6 +82,7 @@ def step() -> Step:
         observations=rng.normal(size=(copies, SIZES.n_agents, SIZES.observation)).astype("f4"),
         states=rng.normal(size=(copies, SIZES.state)).astype("f4"),
         rewards=np.zeros((copies, SIZES.n_agents), dtype=np.float32),
+        reward_terms=np.zeros((copies, SIZES.n_agents, 0), np.float32),
         terminations=flags,
         truncations=flags,
         successes=flags,

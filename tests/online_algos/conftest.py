@@ -57,6 +57,7 @@ class TwoEpisodes:
             observations=np.repeat(states[:, None], N_AGENTS, 1),
             states=states,
             rewards=rewards,
+            reward_terms=np.zeros((self.n_copies, N_AGENTS, 0), np.float32),
             terminations=ended & even,
             truncations=ended & ~even,
             successes=ended & even,

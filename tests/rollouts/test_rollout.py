@@ -76,6 +76,7 @@ class Counting:
             observations=observations,
             states=np.stack([self.seeds, self.times], 1).astype(np.float32),
             rewards=rewards,
+            reward_terms=np.zeros((self.n_copies, N, 0), np.float32),
             terminations=terminated,
             truncations=truncated,
             successes=terminated & (self.seeds % np.uint64(2) == 0),

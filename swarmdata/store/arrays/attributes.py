@@ -178,7 +178,7 @@ def _of_columns(columns: Sequence[Column]) -> Attributes:
 def _of_rewards(task: Task) -> Attributes:
     return {
         "details": REWARD_FORMULA,
-        "terms": [term._asdict() for term in reward_terms(task)],
+        "terms": [term._asdict() | {"formula": term.formula} for term in reward_terms(task)],
         "team_share": task.spec.rules.rewards.team_share,
         "precision": PRECISION_NOTE,
     }

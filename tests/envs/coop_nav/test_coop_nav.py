@@ -46,12 +46,13 @@ def moved(step: Step, n: int, seed: int) -> Step:
 
 
 def update(task: CoopNav, before: Step, now: Step) -> tuple[Double, Bool]:
+    """The task's own rewards, [E, N], and whether it is solved, [E]."""
     n_copies = len(before.seeds)
-    rewards: Double = np.full((n_copies, task.spec.n_agents), np.nan)
+    terms: Float = np.full((n_copies, task.spec.n_agents, len(task.terms)), np.nan, np.float32)
     solved: Bool = np.zeros(n_copies, dtype=np.bool_)
     active: Bool = np.ones(n_copies, dtype=np.bool_)
-    task.update(before, now, active, rewards, solved)
-    return rewards, solved
+    task.update(before, now._replace(reward_terms=terms), active, solved)
+    return terms @ np.array([term.signed_weight for term in task.terms]), solved
 
 
 def goals_of(state: Float, n: int) -> Double:

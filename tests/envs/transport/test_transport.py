@@ -123,9 +123,11 @@ def potential(spec: TaskSpec, state: Float) -> Double:
 def test_the_reward_is_the_difference_of_a_potential_less_time(spec: TaskSpec) -> None:
     env = TaskEnv(Transport(spec), 3)
     steps = play(env, ids(1, 2, 3), 60)
-    rewards, solved = np.zeros((3, spec.n_agents)), np.zeros(3, np.bool_)
+    terms, solved = np.zeros((3, spec.n_agents, 4), np.float32), np.zeros(3, np.bool_)
+    weights = np.array([term.signed_weight for term in env.task.terms])
     for before, now in pairwise(steps):
-        env.task.update(before, now, np.ones(3, np.bool_), rewards, solved)
+        env.task.update(before, now._replace(reward_terms=terms), np.ones(3, np.bool_), solved)
+        rewards = terms @ weights
         for b in range(3):
             change = potential(spec, now.states[b]) - potential(spec, before.states[b])
             np.testing.assert_allclose(rewards[b], change - 0.02 * (not solved[b]), atol=1e-6)
@@ -191,8 +193,9 @@ def solved_at(spec: TaskSpec, offset: float, angle: float = 0.0) -> bool:
         gx, gy = states[0, first + 7 :]
         c, s = math.cos(angle), math.sin(angle)
         states[0, first + 4 : first + 6] = gx * c - gy * s, gx * s + gy * c
-    rewards, solved = np.zeros((1, spec.n_agents)), np.zeros(1, np.bool_)
-    env.task.update(step, step._replace(states=states), np.ones(1, np.bool_), rewards, solved)
+    now = step._replace(states=states, reward_terms=np.zeros_like(step.reward_terms))
+    solved = np.zeros(1, np.bool_)
+    env.task.update(step, now, np.ones(1, np.bool_), solved)
     return bool(solved[0])
 
 

@@ -16,6 +16,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import Payload, TransportRewards, TransportRules
 from swarmdata.types import EVENTS, Step
 from tests.examples.read_with_zarr import distance
+from tests.numerics.test_weighted_terms import plain
 
 Values = dict[str, Any]
 """What formulas mention, each [E, N] or wider."""
@@ -177,6 +178,8 @@ def test_the_formulas_are_what_is_computed(name: str) -> None:
     spec = POSED if name == "posed" else preset(name)
     env = make_env(spec, 16)
     task: Task = env.task
+    terms = reward_terms(task)
+    weights = np.array([term.signed_weight for term in terms])
     rng, seen = np.random.default_rng(1), {"success": 0.0, "robot_contact": 0.0}
     before = env.reset(np.arange(16, dtype=np.uint64))
     for _ in range(min(spec.horizon, 150)):
@@ -187,13 +190,20 @@ def test_the_formulas_are_what_is_computed(name: str) -> None:
         values = {**common(task, before, now), **VALUES[name](task, before, now)}
         active = ~before.ended
         total = np.zeros((16, spec.n_agents))
-        for term in reward_terms(task):
+        for column, term in zip(np.moveaxis(now.reward_terms, -1, 0), terms, strict=True):
+            value = evaluate(term.value, 1.0, values) * np.ones_like(total)
+            np.testing.assert_allclose(
+                column[active], value[active], rtol=0, atol=CLOSE, err_msg=term.name
+            )
             part = evaluate(term.formula, term.weight, values) * np.ones_like(total)
             seen[term.name] = seen.get(term.name, 0.0) + abs(part[active]).sum()
             total += part
         share = spec.rules.rewards.team_share
+        exact = plain(now.reward_terms, weights, share)
+        np.testing.assert_array_equal(now.rewards, exact)
         total = (1 - share) * total + share * total.mean(-1, keepdims=True)
         np.testing.assert_allclose(now.rewards[active], total[active], rtol=0, atol=CLOSE)
+        assert not now.reward_terms[~active].any()
         before = now
     tried = {term for term, size in seen.items() if size > 0}
     assert tried >= {"time", "proximity", "robot_contact", "obstacle_contact"}, seen

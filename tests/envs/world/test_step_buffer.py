@@ -70,6 +70,7 @@ def test_ended_copies_stay_as_they_are_with_zero_rewards() -> None:
     assert now.times.tolist() == [3, 3, 1, 3]
     assert now.truncations.tolist() == [True, True, False, True]
     assert not now.rewards[ended].any()
+    assert not now.reward_terms[ended].any()
     assert not now.events[ended].any()
     for name in ("observations", "states", "terminations", "successes", "seeds", "layouts"):
         np.testing.assert_array_equal(getattr(now, name)[ended], getattr(last, name)[ended])

@@ -38,6 +38,7 @@ def step_of(n_copies: int = 40) -> Step:
         observations=np.random.default_rng(0).normal(size=(n_copies, 3, 4)).astype(np.float32),
         states=np.zeros((n_copies, 5), np.float32),
         rewards=np.zeros((n_copies, 3), np.float32),
+        reward_terms=np.zeros((n_copies, 3, 0), np.float32),
         terminations=flags,
         truncations=flags,
         successes=flags,

@@ -34,6 +34,7 @@ def blank_step(spec: TaskSpec, channel: Channel, n_copies: int) -> Step:
         ),
         states=np.zeros((n_copies, N_COLUMNS * n + 1), dtype=np.float32),
         rewards=np.zeros((n_copies, n), dtype=np.float32),
+        reward_terms=np.zeros((n_copies, n, 0), np.float32),
         terminations=flags,
         truncations=flags,
         successes=flags,

@@ -80,6 +80,7 @@ class Scenes:
             observations=none,
             states=states,
             rewards=np.zeros((e, n), dtype=np.float32),
+            reward_terms=np.zeros((e, n, 0), np.float32),
             terminations=flags,
             truncations=flags,
             successes=flags,
