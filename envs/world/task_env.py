@@ -50,7 +50,7 @@ class TaskEnv:
         self._n_terms = len(weights)
         self._scoring = (
             self._world.radii, self._world.half, weights, spec.rules.rewards.team_share,
-            spec.on_collision == "fail", spec.horizon, self._solved,
+            spec.on_collision == "fail", spec.horizon, self._solved, self._world.contacts.slack,
         )  # fmt: skip
         self._shape = (n_copies, spec.n_agents, self.action_size)
         self._now: Step | None = None

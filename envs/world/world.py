@@ -10,7 +10,7 @@ from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.fast_backend import FastBackend
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
-from swarmdata.numerics.geometry import nearest, outer_radius, wall_gap
+from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
@@ -51,21 +51,16 @@ def _robot_gaps(places: Float, radii: Double, gaps: Double) -> None:
 
 
 @kernel(error_model="numpy")
-def _static_gap(
-    px: float, py: float, radius: float, layout: Float, circles: Float, half: Double
-) -> float:
+def _near_static_gap(px: float, py: float, radius: float, layout: Float, half: Double) -> float:
     """Gap of a robot to the nearest obstacle or wall, exact only below `PROXIMITY_RANGE`."""
-    near, is_near = np.float32(radius) + _WIDER_RANGE, False
-    for m in range(layout.shape[0]):  # in vector registers
-        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
-        is_near |= dx * dx + dy * dy < reach * reach
-    gap = math.inf
+    near, gap = np.float32(radius) + _WIDER_RANGE, math.inf
     for wall in range(4):
         gap = min(gap, wall_gap(px, py, half, wall) - radius)
-    for m in range(layout.shape[0] if is_near else 0):
-        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, circles[2, m] + near
+    for m in range(layout.shape[0]):
+        dx, dy = layout[m, 1] - px, layout[m, 2] - py
+        reach = np.float32(outer_radius(layout[m])) + near
         if dx * dx + dy * dy < reach * reach:
-            gap = min(gap, nearest(px, py, layout[m])[0] - radius)
+            gap = min(gap, nearest_of(px, py, layout, m)[0] - radius)
     return gap
 
 
@@ -75,8 +70,8 @@ def proximities(
     layout: Float,
     radii: Double,
     half: Double,
+    slack: Double,
     places: Float,
-    circles: Float,
     out: Double,
 ) -> None:
     """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
@@ -88,20 +83,18 @@ def proximities(
         layout: [M, 8].
         radii: m, [N].
         half: half width and half height of the arena, m, [2].
+        slack: `backend.Contacts.slack` of this copy; where it tells that nothing static is near,
+            obstacles and walls are not looked at, [N, 3].
         places: scratch: positions and radii, [3, N].
-        circles: scratch: centres and radii of circles around the obstacles, [3, M].
         out: written, [N].
     """
-    for m in range(layout.shape[0]):
-        circles[0, m] = layout[m, 1]
-        circles[1, m] = layout[m, 2]
-        circles[2, m] = outer_radius(layout[m])
     for i in range(radii.shape[0]):
-        places[0, i] = state[N_COLUMNS * i]
-        places[1, i] = state[N_COLUMNS * i + 1]
-        places[2, i] = radii[i]
-    for i in range(radii.shape[0]):
-        out[i] = _static_gap(places[0, i], places[1, i], radii[i], layout, circles, half)
+        px, py = state[N_COLUMNS * i], state[N_COLUMNS * i + 1]
+        places[0, i], places[1, i], places[2, i] = px, py, radii[i]
+        moved = abs(px - slack[i, 0]) + abs(py - slack[i, 1])
+        out[i] = math.inf
+        if slack[i, 2] - moved < _WIDER_RANGE:
+            out[i] = _near_static_gap(px, py, radii[i], layout, half)
     _robot_gaps(places, radii, out)
     for i in range(radii.shape[0]):
         out[i] = min(max(1.0 - out[i] / PROXIMITY_RANGE, 0.0), 1.0)
@@ -116,6 +109,7 @@ def score_steps(
     is_fatal: bool,
     horizon: int,
     solved: Bool,
+    slack: Double,
     active: Bool,
     states: Float,
     layouts: Float,
@@ -139,6 +133,7 @@ def score_steps(
         is_fatal: whether a collision fails the task.
         horizon: steps.
         solved: whether the task is solved, [E].
+        slack: `backend.Contacts.slack`, [E, N, 3].
         active: [E].
         states: after the step, [E, S].
         layouts: [E, M, 8].
@@ -152,13 +147,12 @@ def score_steps(
     """
     n, first = radii.shape[0], weights.shape[0] - N_SHARED_TERMS
     near, places = np.empty(n), np.empty((3, n), np.float32)
-    circles = np.empty((3, layouts.shape[1]), np.float32)
     for b in range(states.shape[0]):
         if not active[b]:
             rewards[b] = 0.0
             terms[b] = 0.0
             continue
-        proximities(states[b], layouts[b], radii, half, places, circles, near)
+        proximities(states[b], layouts[b], radii, half, slack[b], places, near)
         is_solved, touched = solved[b], False
         for i in range(n):
             terms[b, i, first] = 1.0 if is_solved else 0.0
@@ -176,7 +170,7 @@ def score_steps(
 class World:
     """E copies of robots among obstacles, independent of any task.
 
-    `active` marks the copies that took the last step, [E].
+    `active` marks the copies that took the last step, [E]; `contacts` are those of the robots.
     """
 
     def __init__(self, plan: Plan, n_copies: int, backend: MakeBackend = make_backend) -> None:
@@ -184,7 +178,7 @@ class World:
         self.radii: Double = np.array([robot.radius for robot in spec.robots])
         self.half: Double = np.array(spec.half_size)
         self.active: Bool = np.zeros(n_copies, dtype=np.bool_)
-        self._contacts = Contacts(
+        self.contacts = Contacts(
             robots=np.zeros((n_copies, n, n), dtype=np.bool_),
             obstacles=np.zeros((n_copies, n, m + 4), dtype=np.bool_),
             slack=np.zeros((n_copies, n, 3)),
@@ -197,7 +191,7 @@ class World:
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
         """Starts worlds at rest in `copies`, from layouts [E, M, 8] and states [E, S]."""
         e, n, k = len(states), len(self.radii), self._n_movables
-        for array in self._contacts:
+        for array in self.contacts:
             array[copies] = 0
         first = N_COLUMNS * n
         robots = states[:, :first].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
@@ -221,5 +215,5 @@ class World:
             before.states, now.times, now.states, now.events,
         )  # fmt: skip
         if n_active >= 0:
-            self._backend.step(self.active, self._commands, self._contacts, now.events, now.states)
+            self._backend.step(self.active, self._commands, self.contacts, now.events, now.states)
         return n_active
