@@ -46,13 +46,13 @@ class Backend(Protocol):
     """
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        """Starts new worlds at rest in `copies`, from which their history must not show in any bit.
+        """Starts new worlds in `copies`, from which their history must not show in any bit.
 
         Args:
             copies: rows to reset.
             layouts: obstacles, [E, M, 8].
-            robots: [E, N, 6].
-            bodies: movable bodies, [E, K, 7].
+            robots: with their velocities, [E, N, 6].
+            bodies: movable bodies, with their velocities, [E, K, 7].
         """
         ...
 

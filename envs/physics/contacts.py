@@ -1,9 +1,8 @@
 """Contact events from positions: a contact begins at overlap and ends at separation.
 
-Munk2D reports a contact exactly when bodies overlap after a physics step, and finding the overlap
-here is 100 times cheaper than through its callbacks. The median depth of an overlap is 2 mm, the
-largest 50 mm: the distance that two robots can drive in a physics step before the solver reacts,
-and compression by pushing (`python -m tests.benchmarks.bench_contacts`).
+Munk2D reports a contact exactly when bodies overlap after a step, and finding the overlap here is
+100 times cheaper than through its callbacks. Overlaps are at most a few millimetres deep
+(`impacts`; `python -m tests.benchmarks.bench_contacts`).
 """
 
 import math

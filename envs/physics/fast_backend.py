@@ -11,9 +11,11 @@ the solver's hidden velocities and impulses are cleared.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
+import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
@@ -155,6 +157,9 @@ def _write_space(
         call_pp(calls[ADD], space, shape)
     for i in range(n):
         call_pv(calls[SET_VELOCITY], bodies[i], robots[i, 2], robots[i, 3])
+    for k in range(movables.shape[0]):
+        call_pv(calls[SET_VELOCITY], bodies[n + k], movables[k, 2], movables[k, 3])
+        call_pd(calls[SET_TURN_RATE], bodies[n + k], movables[k, 6])
 
 
 @kernel
@@ -220,6 +225,24 @@ def _advance(
                 _read_bodies(calls, bodies[b], movables[b])
                 update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
         write_state(team, movables[b], states[b])
+
+
+@cache
+def integrates_exactly() -> bool:
+    """Whether Munk2D moves free bodies by the same bits as `move`.
+
+    It does not where its compiler fused multiplications and additions.
+    """
+    values = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8))
+    robots, accelerations, dt = values[:, :6].copy(), values[:, 6:], 0.05
+    space, bodies = pymunk.Space(), [pymunk.Body(1.0, math.inf) for _ in robots]
+    space.add(*bodies)
+    for body, row, force in zip(bodies, robots.tolist(), accelerations.tolist(), strict=True):
+        body.position, body.velocity, body.force = (row[0], row[1]), (row[2], row[3]), tuple(force)
+    space.step(dt)
+    move(robots, accelerations, dt)
+    stepped = [(*body.position, *body.velocity) for body in bodies]
+    return np.array_equal(np.array(stepped), robots[:, :4])
 
 
 class FastBackend:

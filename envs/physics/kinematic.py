@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.free_motion import move
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
@@ -23,17 +24,14 @@ def _advance(
     bodies: Double,
     states: Float,
 ) -> None:
-    """Moves the robots of the active copies: first positions, then velocities, as Munk2D does."""
+    """Moves the robots of the active copies, whatever is in their way."""
     accelerations = np.empty((robots.shape[1], 2))
     for b in range(robots.shape[0]):
         if not active[b]:
             continue
         for k in range(n_substeps):
             drive(robots[b], commands[b], limits, n_substeps, dt, k, accelerations)
-            for i in range(robots.shape[1]):
-                for c in range(2):
-                    robots[b, i, c] += robots[b, i, 2 + c] * dt
-                    robots[b, i, 2 + c] += accelerations[i, c] * dt
+            move(robots[b], accelerations, dt)
         write_state(robots[b], bodies[b], states[b])
 
 

@@ -176,10 +176,12 @@ class PublicBackend:
             self._worlds[b] = self._new_world(b) if self._plan.movables else None
 
     def _new_world(self, b: int) -> tuple[pymunk.Space, list[pymunk.Body]]:
-        robots = self._robots[b]
-        space, bodies = build_space(self._plan, self._layouts[b], robots, self._bodies[b])
-        for body, row in zip(bodies, robots.tolist(), strict=False):  # movable bodies are at rest
+        robots, movables = self._robots[b], self._bodies[b]
+        space, bodies = build_space(self._plan, self._layouts[b], robots, movables)
+        for body, row in zip(bodies, [*robots.tolist(), *movables.tolist()], strict=True):
             body.velocity = row[2], row[3]
+        for body, row in zip(bodies[len(robots) :], movables.tolist(), strict=True):
+            body.angular_velocity = row[6]
         return space, bodies
 
     def step(

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
-from swarmdata.envs.physics.fast_backend import FastBackend
+from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
@@ -29,9 +29,15 @@ MakeBackend = Callable[[Plan, int], Backend]
 
 
 def make_backend(plan: Plan, n_copies: int) -> Backend:
-    """Returns the fast backend, or the public one where Pymunk's private names are missing."""
+    """Returns the fast backend.
+
+    Where Munk2D's functions cannot be called, or its arithmetic is not that of `move`, it is the
+    public one.
+    """
     calls = load_addresses()
-    return PublicBackend(plan, n_copies) if calls is None else FastBackend(plan, n_copies, calls)
+    if calls is None or not integrates_exactly():
+        return PublicBackend(plan, n_copies)
+    return FastBackend(plan, n_copies, calls)
 
 
 @kernel(error_model="numpy")
