@@ -206,9 +206,9 @@ for success, the four contact terms and proximity.
 
 Below are all pairs of teams of which one has the higher return and the other the higher clean
 success, both by more than the 95 % interval of the paired difference. Each number is the cleaner
-team's minus the other's. Own terms are what speed explains. The break-even factors are those by
-which the four contact weights, or the weight of proximity, would have to be multiplied for equal
-returns.
+team's minus the other's. Own terms are what speed and progress explain. The break-even factors are
+those by which the four contact weights, or the weight of proximity, would have to be multiplied for
+equal returns.
 """
 
 
