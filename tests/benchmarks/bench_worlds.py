@@ -12,7 +12,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 
 from swarmdata.registry.presets import preset, preset_names
@@ -21,10 +21,13 @@ from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
 from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
 from tests.benchmarks.processes import measure_processes
+from tests.benchmarks.replays import Recording, Replay, record
+from tests.benchmarks.teams import members
 
 ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 
-TEAMS = (4, 8, 16, 32)
+SIZES = (4, 8, 16, 32)
+TEAMS = ("random", "scripted", "medium", "expert")
 COPIES = (1, 16, 64, 256)
 PEER_BATCHES = (256, 1024, 4096)
 SLOWEST = 1.5
@@ -46,6 +49,19 @@ def team(n_agents: int) -> TaskSpec:
         obstacles={**o.model_dump(), **counts},
         horizon=round(base.horizon * math.sqrt(scale)),
     )
+
+
+def preset_of(n_agents: int) -> str:
+    """The preset whose checkpoints drive a `team`; none of the larger ones has any."""
+    return "coop_nav" if n_agents == 4 else f"coop_nav-n{n_agents}"
+
+
+def record_teams(
+    preset: str, spec: TaskSpec, teams: Sequence[str], n_copies: int = 64
+) -> dict[str, Recording]:
+    """Actions of those teams that the preset has, by team."""
+    policies = {name: members(name, preset, spec) for name in teams}
+    return {name: record(spec, group, n_copies) for name, group in policies.items() if group}
 
 
 def scanning(spec: TaskSpec) -> TaskSpec:
@@ -71,11 +87,13 @@ def best_vmas(n_agents: int, n_rays: int) -> tuple[str, Run] | None:
 
 
 def compare(n_rays: int) -> list[tuple[str, ...]]:
-    """Rows of a table: our rates at all batches, the physics alone, and the peers'."""
+    """Rows of a table: our rates at all batches and of real teams, the physics, and the peers."""
     rows = []
-    for n in TEAMS:
+    for n in SIZES:
         spec = scanning(team(n)) if n_rays else team(n)
-        runs = {str(copies): swarm(spec, copies) for copies in COPIES}
+        runs: dict[str, Run] = {str(copies): swarm(spec, copies) for copies in COPIES}
+        recordings = record_teams(preset_of(n), team(n), ACTED)
+        runs |= {name: Replay(spec, recording) for name, recording in recordings.items()}
         runs["physics"] = physics(spec, 64)
         peer = best_vmas(n, n_rays)
         if peer:
@@ -83,27 +101,39 @@ def compare(n_rays: int) -> list[tuple[str, ...]]:
         if n <= 8 and not n_rays:
             runs["mpe2"] = mpe2(n)
         rates = interleave(runs)
-        ours = rates["64"].median
-        vmas_cells = ("—", "—")
-        if peer:
-            best = peer[0].split()[-1]
-            vmas_cells = (f"{rates['vmas']} at {best}", f"{ours / rates['vmas'].median:.2f}")
-        row = (str(n), *(str(rates[str(c)]) for c in COPIES), *vmas_cells)
-        if not n_rays:
-            row += (str(rates.get("mpe2", "—")),)
-        row += (f"{ours / rates['physics'].median:.2f}",)
-        rows.append(row)
-        print(" | ".join(row), flush=True)
+        row = (str(n), *(str(rates.get(name, "—")) for name in (*map(str, COPIES), *ACTED)))
+        row += (f"{rates['vmas']} at {peer[0].split()[-1]}" if peer else "—",)
+        row += tuple(ratio(rates, name, "vmas") for name in ("64", *ACTED))
+        row += () if n_rays else (str(rates.get("mpe2", "—")),)
+        rows.append((*row, ratio(rates, "64", "physics")))
+        print(" | ".join(rows[-1]), flush=True)
     return rows
 
+
+def ratio(rates: Mapping[str, Rate], ours: str, other: str) -> str:
+    """Of two medians, a dash if one of them was not measured."""
+    if ours not in rates or other not in rates:
+        return "—"
+    return f"{rates[ours].median / rates[other].median:.2f}"
+
+
+ACTED = ("scripted", "expert")
+"""Teams whose recorded actions are replayed beside random ones."""
 
 HEAD = (
     "robots",
     *(f"{n} {'copy' if n == 1 else 'copies'}" for n in COPIES),
+    *(f"64 copies, {name} actions" for name in ACTED),
     "VMAS at its best batch",
     "64 copies / VMAS",
+    *(f"64 copies, {name} actions / VMAS" for name in ACTED),
 )
 LIMIT = "64 copies / physics alone"
+
+ACTIONS_NOTE = (
+    "Actions are random unless the column says otherwise. Scripted and expert actions were "
+    "recorded with their resets and are replayed, so that the time of the policies does not count."
+)
 
 
 def state_section() -> None:
@@ -116,7 +146,7 @@ def state_section() -> None:
         "with the team (6, 12, 24 and 48 obstacles); the peers' worlds have none. VMAS resets all "
         "copies at once after 160 steps, which is cheapest but rarely what training needs; ours "
         "resets each copy when its episode ends. Physics alone: Munk2D steps the same worlds in a "
-        "compiled loop.\n\n" + body,
+        f"compiled loop. {ACTIONS_NOTE}\n\n" + body,
     )
 
 
@@ -126,7 +156,8 @@ def lidar_section() -> None:
         "Lidar of 16 rays",
         "`coop_nav`, environment steps a second, against VMAS 'navigation' with collisions and 16 "
         "rays at its default range of 0.35 m. Our lidar reaches 2 m and detects robots, obstacles "
-        "and walls; that of VMAS detects robots.\n\n" + table((*HEAD, LIMIT), compare(16)),
+        f"and walls; that of VMAS detects robots. {ACTIONS_NOTE}\n\n"
+        + table((*HEAD, LIMIT), compare(16)),
     )
 
 
@@ -135,8 +166,10 @@ def one_section() -> None:
     rows = []
     for n in (4, 8):
         spec = team(n)
-        runs = {
+        acted = record_teams(preset_of(n), spec, ("expert",), 1)["expert"]
+        runs: dict[str, Run] = {
             "ours, `VecEnv`": swarm(spec, 1),
+            "ours, `VecEnv`, expert actions": Replay(spec, acted),
             "ours, PettingZoo": swarm_parallel(spec),
             "MPE2, PettingZoo": mpe2(n),
             "physics alone": physics(spec, 1),
@@ -154,7 +187,8 @@ def one_section() -> None:
     head = ("robots", "engine", "steps a second", "ours / it", "ours through PettingZoo / it")
     intro = (
         "A single copy, as most users run first. VMAS runs without its lidar; MPE2's "
-        "`simple_spread_v3` has no other interface."
+        "`simple_spread_v3` has no other interface. Actions are random unless the row says "
+        "otherwise."
     )
     write_section("One copy", f"{intro}\n\n{table(head, rows)}")
 
@@ -163,11 +197,11 @@ def growth_section() -> None:
     """Cost per robot-step, and two processes."""
     rows = []
     for name, change in (("state", team), ("lidar", lambda n: scanning(team(n)))):
-        rates = interleave({str(n): swarm(change(n), 64) for n in TEAMS})
-        cost = [1e9 / (n * rates[str(n)].median) for n in TEAMS]
+        rates = interleave({str(n): swarm(change(n), 64) for n in SIZES})
+        cost = [1e9 / (n * rates[str(n)].median) for n in SIZES]
         rows.append((name, *(f"{c:.0f}" for c in cost), f"{cost[-1] / cost[0]:.2f}"))
         print(" | ".join(rows[-1]), flush=True)
-    head = ("observations", *(f"{n} robots" for n in TEAMS), "32 robots / 4")
+    head = ("observations", *(f"{n} robots" for n in SIZES), "32 robots / 4")
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, ALL_CORES)
     ours, loops = (Rate.of(ratios) for ratios in measure_processes(team(4)))
@@ -182,25 +216,59 @@ def growth_section() -> None:
 
 def tasks_section() -> None:
     """Our own rates: every task, observation and communication model."""
-    base = preset("coop_nav")
-    specs = {name: preset(name) for name in preset_names()}
-    for kind in ("lidar", "bearing", "occupancy"):
-        specs[f"coop_nav, {kind}"] = base.with_updates(observation={"kind": kind})
-    radio = Broadcast(range=2.0, drop_probability=0.3, delay=1)
-    specs["coop_nav, broadcast"] = base.with_updates(communication=Broadcast().model_dump())
-    specs["coop_nav, lossy radio"] = base.with_updates(communication=radio.model_dump())
-    specs["coop_nav, lidar and lossy radio"] = scanning(specs["coop_nav, lossy radio"])
-    rows: list[tuple[str, ...]] = []
-    for name, spec in specs.items():
-        rates = interleave({"1": swarm(spec, 1), "64": swarm(spec, 64)}, 3, 0.1)
-        rows.append((name, str(spec.n_agents), str(rates["1"]), str(rates["64"])))
-        print(" | ".join(rows[-1]), flush=True)
-    head = ("preset and models", "robots", "1 copy", "64 copies")
+    presets: list[tuple[str, ...]] = []
+    models: list[tuple[str, ...]] = []
+    for name in preset_names():
+        presets.append(preset_row(name))
+        print(" | ".join(presets[-1]), flush=True)
+    recording = record_teams("coop_nav", preset("coop_nav"), ("expert",))["expert"]
+    for name, spec in model_specs().items():
+        runs: dict[str, Run] = {"1": swarm(spec, 1), "64": swarm(spec, 64)}
+        runs["expert"] = Replay(spec, recording)
+        rates = interleave(runs, 3, 0.1)
+        models.append((name, *map(str, rates.values())))
+        print(" | ".join(models[-1]), flush=True)
     write_section(
         "Tasks and models",
-        "Environment steps a second; rows are measured one after another, not in turns.\n\n"
-        + table(head, rows),
+        "Environment steps a second; rows are measured one after another, not in turns. The "
+        "actions of all teams but the one of the first column were recorded with their resets and "
+        "are replayed. The last column has the share of time that resets take with each of these "
+        "teams. Teams without checkpoints for a preset are left out.\n\n"
+        + table(PRESET_HEAD, presets)
+        + "\n`coop_nav` through other sensors and radios:\n\n"
+        + table(("models", "1 copy", "64 copies", "64 copies, expert actions"), models),
     )
+
+
+PRESET_HEAD = (
+    "preset", "robots", "1 copy, random",
+    *(f"64 copies, {name}" for name in TEAMS), "time in resets, %",
+)  # fmt: skip
+
+
+def preset_row(name: str) -> tuple[str, ...]:
+    """Rates of a preset with the actions of every team."""
+    spec = preset(name)
+    recordings = record_teams(name, spec, TEAMS)
+    acted = {team: Replay(spec, recording) for team, recording in recordings.items()}
+    rates = interleave({"1": swarm(spec, 1), **acted}, 3, 0.1)
+    shares = " / ".join(f"{100 * replay.reset_share:.0f}" for replay in acted.values())
+    cells = (str(rates.get(column, "—")) for column in ("1", *TEAMS))
+    return (name, str(spec.n_agents), *cells, shares)
+
+
+def model_specs() -> dict[str, TaskSpec]:
+    """`coop_nav` with other observation and communication models."""
+    base = preset("coop_nav")
+    specs = {
+        kind: base.with_updates(observation={"kind": kind})
+        for kind in ("lidar", "bearing", "occupancy")
+    }
+    radio = Broadcast(range=2.0, drop_probability=0.3, delay=1)
+    specs["broadcast"] = base.with_updates(communication=Broadcast().model_dump())
+    specs["lossy radio"] = base.with_updates(communication=radio.model_dump())
+    specs["lidar and lossy radio"] = scanning(specs["lossy radio"])
+    return specs
 
 
 SECTIONS: dict[str, Callable[[], None]] = {
