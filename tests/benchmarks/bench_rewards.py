@@ -22,13 +22,11 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS
 from swarmdata.cards.references import interval
 from swarmdata.envs.world.rewards import reward_terms
-from swarmdata.envs.world.world import proximities
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Episode
 from tests.benchmarks.measuring import table, write_section
 from tests.benchmarks.teams import members
@@ -39,6 +37,16 @@ METRICS = (*RANKED, "time_to_goal", "robot_collisions", "obstacle_collisions")
 PARTS = ("own", "success_reward", "contacts", "proximity")
 """Parts of the return: the task's own terms (time and progress above all), success, the four
 contact terms, and proximity."""
+
+PART_OF = {
+    "success": "success_reward",
+    "robot_contact": "contacts",
+    "obstacle_contact": "contacts",
+    "robot_collision": "contacts",
+    "obstacle_collision": "contacts",
+    "proximity": "proximity",
+}
+"""The part that a term belongs to; the task's own are absent."""
 
 FIRST_SEED = EVALUATION_BASE + (1 << 34)
 """Of the episodes here: no dataset, training, selection of checkpoints or reference uses them."""
@@ -71,28 +79,14 @@ class Contradiction(NamedTuple):
 
 
 def return_parts(episode: Episode, task: Task) -> dict[str, float]:
-    """The parts of an episode's return, from its states and events."""
-    spec = task.spec
-    weights = {term.name: term.weight for term in reward_terms(task)}
-    events = episode.events.sum(axis=0, dtype=np.int64).mean(axis=0)  # [4]
-    names = ("robot_contact", "obstacle_contact", "robot_collision", "obstacle_collision")
-    contacts = -sum(weights[name] * events[i] for i, name in enumerate(names))
-    success = weights["success"] * float(episode.success)
-    near = -weights["proximity"] * proximity_sum(episode, spec)
-    own = episode.team_return - success - contacts - near
-    return dict(zip(PARTS, (own, success, float(contacts), near), strict=True))
-
-
-def proximity_sum(episode: Episode, spec: TaskSpec) -> float:
-    """Sum over time of the team's mean proximity after each step."""
-    n = spec.n_agents
-    radii, half = np.array([robot.radius for robot in spec.robots]), np.array(spec.half_size)
-    places = np.empty((3, n), np.float32)
-    circles = np.empty((3, len(episode.layout)), np.float32)
-    out = np.empty((len(episode), n))
-    for row, state in zip(out, episode.states[1:], strict=True):
-        proximities(state, episode.layout, radii, half, places, circles, row)
-    return float(out.mean(axis=1).sum())
+    """The parts of an episode's return."""
+    if episode.reward_terms is None:
+        raise ValueError(f"episodes of {task.spec.task!r} have no reward terms, expected them")
+    values = episode.reward_terms.mean(axis=1, dtype=np.float64).sum(axis=0)  # [R]
+    parts = dict.fromkeys(PARTS, 0.0)
+    for term, value in zip(reward_terms(task), values.tolist(), strict=True):
+        parts[PART_OF.get(term.name, "own")] += term.signed_weight * value
+    return parts
 
 
 def play(env: VecEnv, policy: Policy, n_episodes: int) -> Outcome:
