@@ -150,8 +150,8 @@ STEP_FIELDS = ("actions", "log_probs", "rewards", "terminations", "truncations",
 OPTIONAL_STATE_FIELDS = ("alive", "action_masks")
 """More fields with T + 1 rows, in recordings where agents leave or choices are forbidden."""
 
-OPTIONAL_STEP_FIELDS = ("agent_terminations", "agent_truncations")
-"""More fields with T rows, in recordings where agents leave."""
+OPTIONAL_STEP_FIELDS = ("reward_terms", "agent_terminations", "agent_truncations")
+"""More fields with T rows: of our tasks, and of recordings where agents leave."""
 
 
 def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
@@ -195,6 +195,7 @@ class Episode:
     seed: int
     policy: int  # index into the recipe's policies
     end_reason: int  # index into END_REASONS
+    reward_terms: Float | None = None  # [T, N, R] unweighted; None if the rewards have no terms
     alive: Bool | None = None  # [T+1, N] agents that still act; None if agents cannot leave
     action_masks: Bool | None = None  # [T+1, N, C] allowed choices; None if all are allowed
     agent_terminations: Bool | None = None  # [T, N] None if agents cannot leave

@@ -6,7 +6,13 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from swarmdata.audit import claim_checks, content_checks, episode_checks, form_checks
+from swarmdata.audit import (
+    claim_checks,
+    content_checks,
+    episode_checks,
+    form_checks,
+    reward_checks,
+)
 from swarmdata.audit.findings import Audit, Finding, Remarks
 from swarmdata.audit.replay_checks import replay
 from swarmdata.audit.subject import Subject
@@ -33,6 +39,7 @@ CHECKS = {
     "ends": Check(episode_checks.ends),
     "horizon": Check(episode_checks.horizon),
     "table": Check(episode_checks.table, _VALUES),
+    "rewards": Check(reward_checks.rewards, _VALUES),
     "seeds": Check(episode_checks.seeds),
     "order": Check(episode_checks.order),
     "splits": Check(episode_checks.splits),

@@ -25,7 +25,7 @@ from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_pol
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
-STEP_ARRAYS = ("rewards", "terminations", "truncations", "events")
+STEP_ARRAYS = ("rewards", "reward_terms", "terminations", "truncations", "events")
 """Arrays with a row per step, in the order in which they are compared."""
 
 STATE_ARRAYS = ("states", "observations", "sent", "delivered", "ages")
@@ -133,7 +133,7 @@ class _Wave:
             actions = self._actions(t)
             self._compare_policy(step, actions, t)
             step = self.env.step(actions)
-            for name in STEP_ARRAYS:
+            for name in filter(self.subject.arrays.__contains__, STEP_ARRAYS):
                 self._compare(name, self.subject.table.starts[self.wave] + t, step, t)
             self._compare_state(step, t + 1)
             bar.update(int((self.lengths > t).sum()))

@@ -93,7 +93,7 @@ def _difference(recorded: Episode, again: Episode) -> str | None:
         if one != other:
             return f"{name} is {one} in the recording, {other} in the simulation"
     rows = []
-    for name in ("layout", *STATE_FIELDS, *STEP_FIELDS):
+    for name in ("layout", *STATE_FIELDS, *STEP_FIELDS, *recorded.optional):
         row = _first_row(getattr(recorded, name), getattr(again, name))
         if row is not None:
             rows.append((row, name))

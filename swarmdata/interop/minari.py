@@ -46,6 +46,7 @@ KEPT_NAMES = {
     "actions": "actions",
     "log_probs": "infos/log_probs",
     "rewards": "infos/agent_rewards",
+    "reward_terms": "infos/reward_terms",
     "terminations": "terminations",
     "truncations": "truncations",
     "events": "infos/events",

@@ -53,7 +53,7 @@ KEPT_NAMES = {
 }
 LOST_REASONS = {
     **dict.fromkeys(
-        ("sent", "delivered", "ages", "log_probs", "events"),
+        ("sent", "delivered", "ages", "log_probs", "events", "reward_terms"),
         "OG-MARL would load them into memory and not use them",
     ),
     "layout": "it only has rows over time",

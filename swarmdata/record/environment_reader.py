@@ -72,6 +72,10 @@ class EnvironmentReader:
             return np.array(self.env.current_step.events[0])
         return np.zeros((len(self.reader.names), 0), dtype=np.uint8)
 
+    def reward_terms(self) -> Float | None:
+        """Unweighted terms of the last step's rewards, [N, R]; None for a foreign environment."""
+        return np.array(self.env.current_step.reward_terms[0]) if self.is_own_task else None
+
     def layout(self) -> Float:
         """Obstacles of the episode, [M, 8]."""
         if self.is_own_task:

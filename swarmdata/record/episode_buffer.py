@@ -31,6 +31,7 @@ class StepRow:
     terminations: Bool  # [N] of agents that acted
     truncations: Bool  # [N] of agents that acted and were not terminated
     events: Counts  # [N, 4], or [N, 0] without events
+    reward_terms: Float | None = None  # [N, R] of a task of this library
 
 
 Outcome = Literal["success", "failure"] | None
@@ -88,6 +89,7 @@ class EpisodeBuffer:
         if outcome == "success":
             end_reason = "success"
         masks = [row.masks for row in states if row.masks is not None]
+        terms = [row.reward_terms for row in rows if row.reward_terms is not None]
         return Episode(
             observations=np.stack([row.observations for row in states]),
             states=np.stack([row.state for row in states]),
@@ -104,6 +106,7 @@ class EpisodeBuffer:
             seed=self.seed,
             policy=self.policy,
             end_reason=END_REASONS.index(end_reason),
+            reward_terms=np.stack(terms) if terms else None,
             alive=alive,
             action_masks=np.stack(masks) if masks else None,
             agent_terminations=agent_terminations,

@@ -208,6 +208,7 @@ class Recorder(BaseParallelWrapper):
             terminations=ends[0],
             truncations=ends[1] & ~ends[0],
             events=environment.events(),
+            reward_terms=environment.reward_terms(),
         )
         buffer.add(step, environment.state(observations, infos, alive, acted | alive))
         if alive.any():

@@ -292,6 +292,7 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
             "Record more; the episodes are kept."
         )
     optional = ["action_masks"] * session.masks
+    optional += ["reward_terms"] * (recording.spec.world is not None)
     optional += LEAVING_ARRAYS if any(_agents_leave(folder) for folder in parts.values()) else ()
     return assemble(path, recipe=recording, parts=streams, order=order, optional=optional)
 

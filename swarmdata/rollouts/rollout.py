@@ -112,9 +112,11 @@ class EpisodeRing:
         self.lengths: Int = np.zeros(E, np.int64)  # steps recorded since then
         actions = np.empty((*step.rewards.shape, env.action_size), np.float32)
         like = {**step._asdict(), "actions": actions, "log_probs": step.rewards}
+        terms = ("reward_terms",) if step.reward_terms.shape[2] else ()
+        self.step_fields = (*STEP_FIELDS, *terms)
         self.rows = {
             name: np.empty((R, *like[name].shape), like[name].dtype)
-            for name in (*STATE_FIELDS, *STEP_FIELDS)
+            for name in (*STATE_FIELDS, *self.step_fields)
         }
 
     def write_start(self, step: Step, copies: Int | slice = slice(None)) -> None:
@@ -143,7 +145,7 @@ class EpisodeRing:
         self._write(policy, "act", "actions", actions)
         self._write(policy, "log_probs", "log_probs", policy.log_probs(step, actions))
         step = env.step(actions)
-        for name in STEP_FIELDS[2:]:
+        for name in self.step_fields[2:]:
             self.rows[name][self.row] = getattr(step, name)
         self.row = (self.row + 1) % self.n_rows
         for name in STATE_FIELDS:
@@ -179,7 +181,7 @@ class EpisodeRing:
         failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
         return Episode(
             **{name: self.rows[name][rows, copy] for name in STATE_FIELDS},
-            **{name: self.rows[name][rows[:-1], copy] for name in STEP_FIELDS},
+            **{name: self.rows[name][rows[:-1], copy] for name in self.step_fields},
             layout=step.layouts[copy].copy(),
             seed=int(step.seeds[copy]),
             policy=policy_index,

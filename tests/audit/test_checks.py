@@ -82,6 +82,15 @@ def wrong_return(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
     return {"team_return": table.team_return + 1e-4}
 
 
+def other_weights(arrays: Arrays, table: EpisodeTable) -> None:
+    row = table.starts[2] + 3
+    arrays["rewards"][row, 1] = np.nextafter(arrays["rewards"][row, 1], np.float32(9))
+
+
+def uncounted_contact(arrays: Arrays, table: EpisodeTable) -> None:
+    arrays["events"][table.starts[1] + 2, 0, 0] ^= 1
+
+
 def uncounted_collisions(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
     return {"obstacle_collisions": table.obstacle_collisions + 1}
 
@@ -163,6 +172,12 @@ FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "timeouts as terminals": (timeouts_as_terminals, "ends", "flags and end reasons disagree"),
     "timeouts as failures": (timeouts_as_failures, "horizon", r"100% .* after exactly 20 steps"),
     "wrong return": (wrong_return, "table", "team_return of episodes 0, 1, 2 and"),
+    "other weights": (
+        other_weights, "rewards", "reward of agent 1 in episode 2, step 3 is .* its terms",
+    ),
+    "uncounted contact": (
+        uncounted_contact, "rewards", "term robot_contact of agent 0 in episode 1, step 2 is",
+    ),
     "uncounted collisions": (uncounted_collisions, "table", "obstacle_collisions of episodes 0"),
     "same seed twice": (same_seed_twice, "seeds", "repeat the seed of another.*episodes 0"),
     "evaluation seed": (evaluation_seed, "seeds", "reserved for evaluation"),

@@ -71,7 +71,9 @@ def test_a_world_that_has_changed_is_named(
 
 def test_another_length_is_a_difference(dataset: Dataset) -> None:
     first = dataset[0]
-    cut = {name: getattr(first, name)[:-1] for name in (*STATE_FIELDS, *STEP_FIELDS)}
+    cut = {
+        name: getattr(first, name)[:-1] for name in (*STATE_FIELDS, *STEP_FIELDS, *first.optional)
+    }
     problem = resimulation._difference(first, dataclasses.replace(first, **cut))
     assert problem == "length is 20 in the recording, 19 in the simulation"
     wider = np.zeros((*first.layout.shape, 2), np.float32)

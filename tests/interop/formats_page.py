@@ -18,6 +18,7 @@ FACT_TITLES = {
     "terminations": "terminations",
     "truncations": "truncations",
     "events": "contacts and collisions",
+    "reward_terms": "unweighted terms of the rewards",
     "agent_terminations": "terminations of each agent",
     "agent_truncations": "truncations of each agent",
     "layout": "obstacles",

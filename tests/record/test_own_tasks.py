@@ -30,11 +30,11 @@ def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) ->
     dataset = recorder.close()
     assert dataset.task == SPEC
     for ours, theirs in zip(dataset, generated, strict=True):
-        for name in {*STATE_FIELDS, *STEP_FIELDS} - {"log_probs"}:
+        for name in {*STATE_FIELDS, *STEP_FIELDS, "reward_terms"} - {"log_probs"}:
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), name)
         np.testing.assert_array_equal(ours.layout, theirs.layout)
         assert (ours.seed, ours.end_reason) == (theirs.seed, theirs.end_reason)
-        assert ours.optional == ()
+        assert ours.optional == ("reward_terms",)
     assert "## Coverage" in dataset.card, "the usual card of the task"
     assert "cannot be generated again" in dataset.card
     assert "## Log-probabilities" not in dataset.card

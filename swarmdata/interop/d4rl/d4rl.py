@@ -45,6 +45,7 @@ KEPT_NAMES = {
     "actions": "actions",
     "log_probs": "infos/action_log_probs",
     "rewards": "infos/agent_rewards",
+    "reward_terms": "infos/reward_terms",
     "terminations": "terminals",
     "truncations": "timeouts",
     "events": "infos/events",

@@ -51,6 +51,7 @@ _ARRAY_KEYS: dict[str, Key] = {
     "actions": ("agents", "action"),
     "log_probs": ("agents", "action_log_prob"),
     "rewards": ("next", "agents", "reward"),
+    "reward_terms": ("next", "agents", "reward_terms"),
     "terminations": ("next", "terminated"),
     "truncations": ("next", "truncated"),
     "events": ("next", "agents", "events"),

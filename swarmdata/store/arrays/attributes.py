@@ -14,7 +14,7 @@ from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.arrays.column_meanings import action_columns, task_columns
+from swarmdata.store.arrays.column_meanings import action_columns, task_columns, term_columns
 from swarmdata.store.arrays.layout import ALL_FIELDS, ROW_MEANINGS, Field
 from swarmdata.store.table import SPLITS
 from swarmdata.types import END_REASONS, SEPARATION_GAP, TASK_END_REASONS, Column
@@ -40,10 +40,17 @@ REWARD_FORMULA = (
     "the mean of these sums over the agents. In a formula [x] is 1 where x holds, else 0."
 )
 
+TERMS_FORMULA = (
+    "`rewards` follow from these bit for bit, in float64: own = 0; for each column in order, own = "
+    "own + sign * weight * value; mean = the sum of own over the agents in order, divided by their "
+    "number; reward = (1 - team_share) * own + team_share * mean, rounded to float32."
+)
+"""What `numerics.weighted_terms` computes."""
+
 PRECISION_NOTE = (
-    "Computed from the float32 states and the events, partly in float32, and rounded to float32. "
-    "Computed again in float64 they agree within 1e-5, but for steps in which a length is within "
-    "1e-6 m of a threshold in [ ]."
+    "The terms are computed from the float32 states and the events, partly in float32, and rounded "
+    "to float32. Terms and rewards that are computed again in float64 agree within 1e-5, except in "
+    "steps in which a length is within 1e-6 m of a threshold in [ ]."
 )
 """How well rewards can be computed again, as `tests/examples/read_with_zarr.py` does."""
 
@@ -151,6 +158,7 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
     )
     known["actions"] = _of_actions(spec)
     known["rewards"] = _of_rewards(task)
+    known["reward_terms"] = _of_reward_terms(task)
     known.setdefault("episodes/layouts", {})["shapes"] = list(SHAPE_MEANINGS)
     known.setdefault("events", {})["separation"] = {"value": SEPARATION_GAP, "unit": "m"}
     for name in shapes:
@@ -181,6 +189,18 @@ def _of_rewards(task: Task) -> Attributes:
         "terms": [term._asdict() | {"formula": term.formula} for term in reward_terms(task)],
         "team_share": task.spec.rules.rewards.team_share,
         "precision": PRECISION_NOTE,
+    }
+
+
+def _of_reward_terms(task: Task) -> Attributes:
+    """Columns with their weights and signs, so that rewards can be computed from this array."""
+    return {
+        "details": TERMS_FORMULA,
+        "columns": [
+            column | {"value": term.value, "weight": term.weight, "sign": term.sign}
+            for column, term in zip(_plain(term_columns(task)), reward_terms(task), strict=True)
+        ],
+        "team_share": task.spec.rules.rewards.team_share,
     }
 
 

@@ -4,6 +4,7 @@ from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS
 from swarmdata.perception.comms.payloads import PAYLOAD_COLUMNS
 from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import reward_terms
 from swarmdata.specs.features import UNITS, Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import body_columns, pair, robot_columns
@@ -24,6 +25,11 @@ def task_columns(task: Task) -> dict[str, tuple[Column, ...]]:
         "events": EVENT_COLUMNS,
         "episodes/layouts": OBSTACLE_COLUMNS,
     }
+
+
+def term_columns(task: Task) -> tuple[Column, ...]:
+    """Every term of a robot's reward: the value that is stored, without its weight, [R]."""
+    return tuple(Column(term.name, f"{term.value}. {term.meaning}") for term in reward_terms(task))
 
 
 def state_columns(task: Task) -> tuple[Column, ...]:

@@ -148,12 +148,18 @@ FIELDS = {
 """Arrays of every `data.zarr` by name."""
 
 OPTIONAL_FIELDS = {
+    "reward_terms": _steps(
+        "float32",
+        "agent term",
+        "unweighted values of the terms that each agent's reward is made of",
+    ),
     "alive": _states("bool", "agent", "whether an agent is in the episode and acts next"),
     "action_masks": _states("bool", "agent choice", "whether an agent may make a choice next"),
     "agent_terminations": _steps("bool", "agent", "whether an agent left because its task ended"),
     "agent_truncations": _steps("bool", "agent", "whether an agent was cut off, unfinished"),
 }
-"""Arrays that recordings have where agents leave an episode, or choices are forbidden."""
+"""Arrays that not every dataset has: terms of rewards, those of our tasks; the others, recordings
+where agents leave an episode or choices are forbidden."""
 
 ALL_FIELDS = FIELDS | OPTIONAL_FIELDS
 

@@ -25,7 +25,13 @@ def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shap
         widths: whether the widths of observations, states, messages and layouts shall be known as
             well. They take the task's code, which is compiled.
     """
-    known = _of_any(spec.n_agents, spec.action_size) | {"events": (spec.n_agents, len(EVENTS))}
+    n_terms = (
+        len(type(spec.rules.rewards).model_fields) - 1
+    )  # every weight has one; team_share none
+    known = _of_any(spec.n_agents, spec.action_size) | {
+        "events": (spec.n_agents, len(EVENTS)),
+        "reward_terms": (spec.n_agents, n_terms),
+    }
     return MappingProxyType(known | _of_task(spec) if widths else known)
 
 
@@ -47,6 +53,7 @@ def _of_any(n_agents: int, action_size: int) -> dict[str, Shape]:
         "actions": (n_agents, action_size),
         "log_probs": (n_agents,),
         "rewards": (n_agents,),
+        "reward_terms": (n_agents, None),
         "alive": (n_agents,),
         "action_masks": (n_agents, None),
         "agent_terminations": (n_agents,),

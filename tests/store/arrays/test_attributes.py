@@ -24,7 +24,15 @@ from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.support.one_process import use_one_process
 from tests.support.tiny import make_tiny
 
-WITH_COLUMNS = ("observations", "states", "sent", "actions", "events", "episodes/layouts")
+WITH_COLUMNS = (
+    "observations",
+    "states",
+    "sent",
+    "actions",
+    "reward_terms",
+    "events",
+    "episodes/layouts",
+)
 
 
 def recipe_of(spec: TaskSpec) -> Recipe:
@@ -44,6 +52,7 @@ def shapes_of(env: VecEnv) -> dict[str, tuple[int, ...]]:
         "actions": (4, n, env.action_size),
         "log_probs": (4, n),
         "rewards": (4, n),
+        "reward_terms": (4, *step.reward_terms.shape[1:]),
         "terminations": (4,),
         "truncations": (4,),
         "events": (4, n, len(EVENTS)),
@@ -64,7 +73,7 @@ def check(env: VecEnv) -> None:
     """Every array is described, and every column of those that have some."""
     shapes = shapes_of(env)
     described = attributes_of(recipe_of(env.spec), shapes)
-    assert set(described) == set(shapes) == set(FIELDS)
+    assert set(described) == set(shapes) == {*FIELDS, "reward_terms"}
     assert json.loads(json.dumps(described, allow_nan=False)) == described
     for name, attributes in described.items():
         assert attributes["meaning"], name
@@ -111,6 +120,11 @@ def test_every_weight_is_in_one_term(name: str) -> None:
     described = attributes_of(recipe_of(task.spec), {"rewards": (4, 4)})["rewards"]
     assert described["team_share"] == share
     assert [term["name"] for term in described["terms"]] == [term.name for term in terms]
+    stored = attributes_of(recipe_of(task.spec), {"reward_terms": (4, 4, len(terms))})
+    columns = stored["reward_terms"]["columns"]
+    assert {c["name"]: c["sign"] * c["weight"] for c in columns} == {
+        term.name: term.signed_weight for term in terms
+    }
 
 
 def outside(values: Any, columns: list[dict[str, Any]]) -> list[str]:
