@@ -33,9 +33,9 @@ def check_world(spec: TaskSpec) -> None:
     if not is_simulated(spec):
         raise SpecError(
             f"world version {spec.version} was simulated by {LAST_WITH_VERSION_0}, this one "
-            f"simulates version {WORLD_VERSION}: its recorded data can be read and trained on "
-            "here, but simulate, evaluate and rebuild it with that one, or take a dataset or a "
-            f"preset of version {WORLD_VERSION}."
+            f"simulates version {WORLD_VERSION}: use the former to simulate, evaluate or rebuild "
+            f"it, or take a dataset or a preset of version {WORLD_VERSION}; recorded data of "
+            f"version {spec.version} can still be read and trained on."
         )
 
 

@@ -21,6 +21,7 @@ from swarmdata.errors import (
 )
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_set import reference_of
+from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.hub.catalog import identity
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.repair import examine, repair
@@ -88,9 +89,10 @@ def test_data_of_an_older_world_are_never_lost(old: Path, tmp_path: Path) -> Non
         lambda dataset: evaluate(
             components.make_policy("idle", dataset.task), dataset.task, name="idle"
         ),
+        lambda dataset: digest_of(str(dataset.path)),
         lambda dataset: build.build(dataset.recipe, dataset.path.with_name("again")),
     ],
-    ids=["vector", "pettingzoo", "replay", "evaluate", "build"],
+    ids=["vector", "pettingzoo", "replay", "evaluate", "study", "build"],
 )
 def test_an_older_world_is_not_simulated(old: Path, use: Callable[[Dataset], object]) -> None:
     """Row 71: one sentence says which package does, and nothing is written."""
