@@ -18,12 +18,14 @@ from pydantic import Field, RootModel
 
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry.presets import preset
+from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
+from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import WORLD_VERSION, TaskSpec
 
-NEWEST_VERSION = 0
-"""Version of an id that names none."""
+NEWEST_VERSION = WORLD_VERSION
+"""Version of an id that names none: worlds, tiers and ids have one version together."""
 
 N_STEPS, MINI_STEPS = 1_000_000, 50_000
 
@@ -202,7 +204,9 @@ def find_recipe(dataset_id: str) -> Recipe:
 
     Raises:
         UnknownNameError: no shipped recipe has this id; the message names the nearest one.
+        ReplacedDatasetError: a newer version has replaced the dataset of this id.
     """
+    refuse_replaced(dataset_id)
     newest = _newest()
     recipe = shipped_recipes().get(dataset_id) or newest.get(dataset_id)
     if recipe is None:
@@ -218,4 +222,4 @@ def is_dataset(name: str) -> bool:
 @cache
 def _newest() -> Mapping[str, Recipe]:
     """Returns the newest recipes by their ids without version."""
-    return {key.rpartition("-v")[0]: recipe for key, recipe in shipped_recipes().items()}
+    return {without_version(key): recipe for key, recipe in shipped_recipes().items()}

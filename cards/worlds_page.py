@@ -49,9 +49,11 @@ def worlds_page(known: Mapping[str, TaskReferences]) -> str:
 def _preset(name: str, entry: TaskReferences | None) -> str:
     spec = preset(name)
     robots = ", ".join(f"{role.count} x {role.name}" for role in spec.team)
+    share = spec.rules.rewards.team_share
+    shared = f" The team's mean is {share:.0%} of each robot's reward." if share else ""
     head = (
         f"\n### `{name}`\n\n{robots}; {spec.arena.width:g} m x {spec.arena.height:g} m; "
-        f"{spec.horizon * spec.control_dt:g} s.\n\n"
+        f"{spec.horizon * spec.control_dt:g} s.{shared}\n\n"
     )
     if entry is None or entry.spec_hash != spec.hash():
         return f"{head}This version of the preset was not measured.\n"

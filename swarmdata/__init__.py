@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from swarmdata.testing.task_contract import check_task
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Batch",

@@ -12,7 +12,7 @@ from swarmdata.drawing import markdown
 from swarmdata.rollouts.score_statistics import bootstrap, iqm
 
 STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
-"""Folders of the committed studies, in `cards`."""
+"""Folders of the committed studies of this version of the worlds, in `cards`."""
 
 RESULTS_FILE = "results.csv"
 """Of a study: one row per run, as `swarmdata study` writes it."""
@@ -56,7 +56,7 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
     title = "\n## Baselines\n\n"
     if not same:
         stale = " The runs of the study used other data with this id." if named else ""
-        return f"{title}No baselines were measured on this dataset.{stale}\n"
+        return f"{title}No study has been run on this dataset yet.{stale}\n"
     runs_of: dict[str, list[Run]] = {}
     for run in same:
         runs_of.setdefault(run["label"], []).append(run)

@@ -6,6 +6,13 @@ from swarmdata.registry.components import reward_terms
 from swarmdata.store.arrays.attributes import PRECISION_NOTE, REWARD_FORMULA
 from swarmdata.types import EVENT_COLUMNS
 
+SINGLE_ROBOT_NOTE = (
+    "Each robot has a target of its own, and team_share is 0. So its reward depends on the others "
+    "only through contacts and proximity, and through the end of the episode, when success is "
+    "rewarded."
+)
+"""What the reward says of cooperation where no term is shared."""
+
 
 def reward_section(task: Task) -> str:
     """Every term of a robot's reward with its numbers, and the events it is computed from."""
@@ -18,6 +25,8 @@ def reward_section(task: Task) -> str:
         "Gaps are distances between surfaces. `episodes/robot_collisions` counts a pair of robots "
         "once, `events` in the rows of both. `episodes/obstacle_collisions` is the sum over robots."
     )
+    if task.spec.rules.has_own_targets and not share:
+        counting = f"{SINGLE_ROBOT_NOTE}\n\n{counting}"
     if task.movables:
         counting += " Contacts with the payload are not in `events`."
     if task.spec.on_collision == "fail":

@@ -19,6 +19,7 @@ from swarmdata.cards.side_files import finish
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
+from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.locking import locked
@@ -63,6 +64,7 @@ def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bo
     Raises:
         RecipeConflictError: `out` or `<out>.build` belongs to another recipe.
         BuildError: a part could not be made, or the disk is too small.
+        SpecError: the recipe is of an older version of the world.
     """
     out = Path(out)
     if is_finished(out, recipe):
@@ -81,6 +83,7 @@ def build_under_lock(
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
     if not out.exists():
+        check_world(recipe.spec)  # before the folder of parts is made
         note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)
     finish(out)  # a dataset with a card has passed the card's checks

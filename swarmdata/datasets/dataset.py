@@ -102,7 +102,7 @@ class Dataset:
 
     @property
     def id(self) -> str:
-        """Versioned name, such as `coop_nav-medium-v0`."""
+        """Versioned name, such as `coop_nav-medium-v1`."""
         return self.stored.manifest.id
 
     @property

@@ -6,6 +6,7 @@ from typing import Any
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
+from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term
@@ -88,8 +89,10 @@ def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
     """Builds `n_copies` copies of the task that `spec` describes.
 
     Raises:
-        SpecError: they would not fit into memory, or the spec contradicts itself.
+        SpecError: they would not fit into memory, the spec contradicts itself, or it is of an older
+            version of the world.
     """
+    check_world(spec)
     if problem := copies_excess(spec, n_copies):
         raise SpecError(problem)
     build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.world.task_env").TaskEnv

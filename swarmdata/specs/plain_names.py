@@ -26,6 +26,7 @@ MAX_TEXT = 10_000
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_.:+ -]*[A-Za-z0-9_+])?")
 _LABEL = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9_.,:;=+*@#%()/\[\] -]*[A-Za-z0-9_+*%)\]])?")
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*[A-Za-z0-9]")
+_VERSION = re.compile(r"-v[0-9]+(?=@|\Z)")
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\..*)?", re.IGNORECASE)
 
 
@@ -104,6 +105,14 @@ def checked_file_name(text: str) -> str:
 
 FileName = Annotated[str, AfterValidator(checked_file_name)]
 """Name of a file in a known folder; never a path."""
+
+
+def without_version(dataset_id: str) -> str:
+    """A dataset's id without its version: `coop_nav-medium` of `coop_nav-medium-v1`.
+
+    The mark of a view stays (`coop_nav-medium@1f`), and so does text that has no version.
+    """
+    return _VERSION.sub("", dataset_id)
 
 
 def repeated(names: Iterable[str]) -> list[str]:

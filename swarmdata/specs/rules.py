@@ -4,7 +4,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -89,6 +89,11 @@ class NavigationRules(Frozen):
     goal_radius: Length = 0.15
     rewards: NavigationRewards = NavigationRewards()
 
+    @property
+    def has_own_targets(self) -> bool:
+        """Whether each robot has a target that the other robots do not change."""
+        return self.goals == "assigned"
+
 
 class FormationRewards(Rewards):
     """Weights of `formation`."""
@@ -114,6 +119,11 @@ class FormationRules(Frozen):
     tolerance: Length = 0.12  # m, root mean square deviation that counts as in formation
     hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
     rewards: FormationRewards = FormationRewards()
+
+    @property
+    def has_own_targets(self) -> bool:
+        """Whether each robot has a target that the other robots do not change."""
+        return self.slots == "fixed"
 
 
 class Payload(Frozen):
@@ -146,6 +156,7 @@ class TransportRules(Frozen):
     goal_angle: Angle | None = None  # rad, of a box; None: any direction will do
     room: Distance = 0.35  # m free around the payload's bounding circle at the start
     rewards: TransportRewards = TransportRewards()
+    has_own_targets: ClassVar[bool] = False  # the payload's goal is that of all robots
 
     @model_validator(mode="after")
     def _check_angle(self) -> Self:
@@ -185,6 +196,7 @@ class WarehouseRules(Frozen):
     goal_radius: Length = 0.15
     quota: Count = 8  # deliveries of the team that solve the task
     rewards: WarehouseRewards = WarehouseRewards()
+    has_own_targets: ClassVar[bool] = True  # each robot has orders of its own
 
 
 Rules = Annotated[

@@ -5,7 +5,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.frozen import Frozen
@@ -30,6 +30,18 @@ from swarmdata.specs.sensing_models import (
     StateModel,
 )
 from swarmdata.specs.spaces import BoxSpace, Space
+
+WORLD_VERSION = 1
+"""The version of the worlds that this package simulates: their physics and rewards are frozen."""
+
+
+def _not_newer(version: int) -> int:
+    if version > WORLD_VERSION:
+        raise ValueError(
+            f"world version {version} was made by a newer swarmdata, this one knows worlds up to "
+            f"version {WORLD_VERSION}; upgrade it with: pip install --upgrade swarmdata"
+        )
+    return version
 
 
 class Robot(Frozen):
@@ -92,7 +104,12 @@ class Spawn(Frozen):
 
 
 class TaskSpec(Frozen):
-    """One task, completely: physics, robots, obstacles, rewards, sensing and communication."""
+    """One task, completely: physics, robots, obstacles, rewards, sensing and communication.
+
+    `version` is that of the world: physics, rewards and tiers of one version never change, and a
+    change of any of them makes the next version, with new ids. Data of an older version are read as
+    ever; only `WORLD_VERSION` is simulated (`registry.replaced_worlds`).
+    """
 
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
     library: ClassVar[str] = "swarmdata"
@@ -104,7 +121,7 @@ class TaskSpec(Frozen):
     limits: ClassVar[tuple[()]] = ()
 
     rules: Rules = NavigationRules()
-    version: CountOrNone = 0
+    version: Annotated[CountOrNone, AfterValidator(_not_newer)] = WORLD_VERSION
     team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
     arena: Arena = Arena()
     obstacles: Obstacles = Obstacles()

@@ -338,7 +338,7 @@ def test_missing_episodes(clean: Path, forge: Forge) -> None:
 
 
 def test_id_that_is_published_of_something_else(clean: Path, forge: Forge) -> None:
-    origin = open_store(clean).recipe.model_copy(update={"id": "coop_nav-random-v0"})
+    origin = open_store(clean).recipe.model_copy(update={"id": "coop_nav-random-v1"})
     found = look(forge(clean, lambda *_: None, origin))
     assert "Give it another id or version" in messages(found, "identity")
 

@@ -57,7 +57,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> MappingProxyType[str, Recipe]:
 
 
 def test_without_version_means_the_newest() -> None:
-    assert find_recipe("coop_nav-random") is find_recipe("coop_nav-random-v0")
+    assert find_recipe("coop_nav-random") is find_recipe("coop_nav-random-v1")
     assert is_dataset("coop_nav-random")
     assert is_dataset("formation-n8-scripted-mini")
     assert not is_dataset("random")
@@ -74,9 +74,9 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
     names = {f"coop_nav-{name}" for name in TIERS}
     names |= {f"{family}-{name}" for family in FAMILIES for name in ("random", "scripted")}
     names |= {"formation-n8-expert"}
-    assert set(trained) == {f"{n}{s}-v0" for n in names for s in ("", "-mini")}
+    assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}
     for name in names:
-        full, mini = trained[f"{name}-v0"], trained[f"{name}-mini-v0"]
+        full, mini = trained[f"{name}-v1"], trained[f"{name}-mini-v1"]
         free = {"id", "n_steps", "part_episodes"}  # none of which decides what an episode is
         assert full.model_dump(exclude=free) == mini.model_dump(exclude=free)
         assert mini.n_steps * 20 == full.n_steps == 1_000_000
@@ -98,7 +98,7 @@ def test_no_two_tiers_share_their_episodes(trained: MappingProxyType[str, Recipe
 
 
 def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> None:
-    policies = trained["coop_nav-medium-expert-v0"].policies
+    policies = trained["coop_nav-medium-expert-v1"].policies
     shares = {
         kind: sum(p.share for p in policies if p.label.startswith(kind))
         for kind in ("medium", "expert")
@@ -112,7 +112,7 @@ def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> Non
 def test_replay_is_in_the_proportion_of_training_with_its_noise(
     trained: MappingProxyType[str, Recipe],
 ) -> None:
-    policies = trained["coop_nav-medium-replay-v0"].policies
+    policies = trained["coop_nav-medium-replay-v1"].policies
     shares = [policy.share for policy in policies]
 
     assert len({policy.label for policy in policies}) == 8
@@ -129,8 +129,8 @@ def test_replay_without_its_medium_is_an_error(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> None:
-    mixed = trained["coop_nav-mixed-conventions-v0"].policies
-    (narrow,) = trained["coop_nav-narrow-v0"].policies
+    mixed = trained["coop_nav-mixed-conventions-v1"].policies
+    (narrow,) = trained["coop_nav-narrow-v1"].policies
 
     assert [policy.noise for policy in mixed] == [0.05, 0.05]
     assert (narrow.checkpoint, narrow.noise) == ("expert-0.safetensors", 0.02)

@@ -22,7 +22,7 @@ from tests.benchmarks.variants import (
     variants,
 )
 
-MINI = "coop_nav-random-mini-v0"
+MINI = "coop_nav-random-mini-v1"
 A, B = "a" * 64, "b" * 64
 DIGESTS = st.sampled_from([A, B, ""])
 

@@ -47,7 +47,7 @@ def recipe_file(tmp_path: Path) -> Path:
 
 def test_version_and_list() -> None:
     assert run("--version") == f"swarmdata {__version__}\n"
-    assert "coop_nav-random-mini-v0" in run("list")
+    assert "coop_nav-random-mini-v1" in run("list")
 
 
 def test_info_shows_the_recipe_and_builds_nothing(cache_folder: Path) -> None:

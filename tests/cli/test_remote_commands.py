@@ -60,20 +60,20 @@ def test_pull_from_somewhere_to_somewhere(dataset: Path, address: str, tmp_path:
 def test_what_is_nowhere(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "swarmdata remote add" in run("pull", "coop_nav-medium", code=1)
     shown = run("pull", "coop_nav-medium", "--from", address, code=1)
-    assert f"no remote has coop_nav-medium-v0 (asked: {address})" in shown
+    assert f"no remote has coop_nav-medium-v1 (asked: {address})" in shown
     shown = run("pull", f"{address}/coop_nav-nothing-v0", code=1)
     assert f"swarmdata remote list {address}" in shown
     monkeypatch.setenv("SWARMDATA_REMOTES", f"file:///nowhere,{address}")
     assert run("pull", ID, code=1).count("there is no folder /nowhere") == 2
 
 
-@pytest.mark.parametrize("name", ["../x", "A B", "ü", "x" * 300, "coop_nav-medium-v0\n", "aux"])
+@pytest.mark.parametrize("name", ["../x", "A B", "ü", "x" * 300, "coop_nav-medium-v1\n", "aux"])
 def test_strange_ids(name: str) -> None:
     assert "is not the id of a dataset" in run("pull", name, code=1)
 
 
 def test_the_nearest_id_is_suggested() -> None:
-    assert "Did you mean 'coop_nav-medium-v0'?" in run("pull", "coop_nav-meduim", code=1)
+    assert "Did you mean 'coop_nav-medium-v1'?" in run("pull", "coop_nav-meduim", code=1)
 
 
 def test_the_gate_is_shut(dataset: Path, address: str, tmp_path: Path) -> None:

@@ -357,7 +357,7 @@ def test_mutated_recipes_recordings_edits_and_studies_are_refused_or_read() -> N
     recorded |= {"state_from": "environment"}
     parent = {"id": "coop_nav-a-v0", "digest": "0" * 64, "episodes": [1, 2, 5]}
     documents: list[tuple[Callable[[Any], Frozen], dict[str, Any]]] = [
-        (_origin, json.loads(shipped_recipes()["coop_nav-medium-v0"].to_json())),
+        (_origin, json.loads(shipped_recipes()["coop_nav-medium-v1"].to_json())),
         (_origin, {**common, "kind": "recording", "spec": recorded, "source": "recorder"}),
         (_origin, {**common, "kind": "edit", "parents": [parent], "operation": "filter"}),
         (Study.parse, parse_document(SMOKE.read_text(), "smoke")),

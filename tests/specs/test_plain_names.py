@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from swarmdata.behavior_policies.tiers import TIERS, shipped_recipes
 from swarmdata.errors import SpecError
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.plain_names import FileName, Label, Name, Text, checked_file_name, repeated
+from swarmdata.specs.plain_names import (
+    FileName,
+    Label,
+    Name,
+    Text,
+    checked_file_name,
+    repeated,
+    without_version,
+)
 
 
 class Named(Frozen):
@@ -27,7 +35,7 @@ def test_plain_names_are_names(name: str) -> None:
 
 @pytest.mark.parametrize(
     "label",
-    ["expert-0", "coop_nav-medium-v0/expert-0-2", "PPO (seed 3)", "lr=1e-3, wd=0", "50%", "a/b/c"],
+    ["expert-0", "coop_nav-medium-v1/expert-0-2", "PPO (seed 3)", "lr=1e-3, wd=0", "50%", "a/b/c"],
 )
 def test_what_people_call_policies_is_a_label(label: str) -> None:
     assert Named.parse({"label": label}).label == label
@@ -77,3 +85,11 @@ def test_free_text_is_printable_and_bounded() -> None:
 def test_what_comes_twice_is_found() -> None:
     assert repeated(["b", "a", "b", "c", "a"]) == ["a", "b"]
     assert repeated([]) == []
+
+
+@given(st.from_regex(r"[a-z0-9_]{1,9}(-[a-z0-9_]{1,9}){1,3}", fullmatch=True), st.integers(0, 999))
+def test_a_version_is_taken_off_whatever_its_number(name: str, version: int) -> None:
+    assert without_version(f"{name}-v{version}") == name
+    assert without_version(f"{name}-v{version}@1f") == f"{name}@1f"
+    assert without_version(f"{name}-v{version}\n") == f"{name}-v{version}\n"
+    assert without_version(f"{name}-v{version}-x") == f"{name}-v{version}-x"

@@ -111,7 +111,7 @@ def test_text_that_is_not_yaml_is_refused_with_its_source() -> None:
 
 def test_recipe_labels_are_unique_and_ids_well_formed() -> None:
     policy = PolicySource(label="a", name="random")
-    base = {"id": "coop_nav-random-v0", "tier": "random", "spec": TaskSpec(), "policies": (policy,)}
+    base = {"id": "coop_nav-random-v1", "tier": "random", "spec": TaskSpec(), "policies": (policy,)}
     assert Recipe.parse(base).n_steps == 1_000_000
     with pytest.raises(SpecError, match="labels must be unique"):
         Recipe.parse({**base, "policies": (policy, policy)})

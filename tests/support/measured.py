@@ -17,7 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 
 COOP_NAV = preset("coop_nav")
-MEDIUM, EXPERT = "coop_nav-medium-v0", "coop_nav-expert-v0"
+MEDIUM, EXPERT = "coop_nav-medium-v1", "coop_nav-expert-v1"
 
 
 def evaluation(

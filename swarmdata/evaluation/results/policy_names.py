@@ -19,6 +19,7 @@ from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.model_choice import Source, check_senses, with_models
@@ -93,6 +94,7 @@ def find_target(
 
     Raises:
         UnknownNameError: nothing has that name.
+        ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
         SchemaError: the models do not provide the inputs of a trained policy.
         SpecError: the run was trained on a recording of another environment.
         MissingExtraError: a run folder needs torch.
@@ -119,6 +121,7 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
+    refuse_replaced(name)
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}

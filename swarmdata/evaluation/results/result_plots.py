@@ -32,6 +32,7 @@ from swarmdata.evaluation.results.aggregates import (
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
 
 MAX_DISTANCE_IN_VIEW = 0.6
@@ -104,8 +105,8 @@ def _draw_data(axes: Any, case: Case, place: int, span: float) -> None:
 
 
 def _name_datasets(axes: Any, names: Sequence[str]) -> None:
-    """Writes ids below their places, on two lines and without the version `-v0`."""
-    short = [name.replace("-mini", "\nmini").replace("-v0", "") for name in names]
+    """Writes ids below their places, on two lines and without the version."""
+    short = [without_version(name).replace("-mini", "\nmini") for name in names]
     axes.set_xticks(range(len(names)), [name.replace("-", "\n", 1) for name in short], fontsize=9)
     axes.set_xlim(-0.5, len(names) - 0.5)
     axes.tick_params(axis="x", length=0)
@@ -239,7 +240,7 @@ def _draw_front(axes: Any, case: Case, looks: Mapping[str, Mapping[str, Any]]) -
         _draw_point(axes, point, looks[point.label])
     if case.data is not None:
         axes.axhline(case.data.mean_return, **DATA_LINE, zorder=0)
-    axes.set_title(case.name.removesuffix("-v0"), loc="left", fontweight="bold")
+    axes.set_title(without_version(case.name), loc="left", fontweight="bold")
     draw_grid(axes, width=0.6)
     _zoom_to_trained(axes, case, points)
 

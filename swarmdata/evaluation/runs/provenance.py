@@ -39,7 +39,7 @@ class Provenance(Frozen):
 
     @property
     def dataset_key(self) -> str | None:
-        """The dataset's id, for a view with the start of its hash: `coop_nav-medium-v0@1f`."""
+        """The dataset's id, for a view with the start of its hash: `coop_nav-medium-v1@1f`."""
         if self.dataset is None or self.view is None:
             return self.dataset
         return f"{self.dataset}@{hashlib.sha256(self.view.encode()).hexdigest()[:8]}"
@@ -48,7 +48,7 @@ class Provenance(Frozen):
 def file_name(provenance: Provenance, spec_hash: str) -> str:
     """Returns the name of a result file, unique for each label, dataset, spec and policy.
 
-    For example `bc--coop_nav-medium-v0--5d0f39ab-0.json`, or `idle--5d0f39ab-0.json` for a policy
+    For example `bc--coop_nav-medium-v1--5d0f39ab-0.json`, or `idle--5d0f39ab-0.json` for a policy
     that was not trained on data.
     """
     key = provenance.dataset_key

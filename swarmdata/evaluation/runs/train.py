@@ -18,6 +18,7 @@ from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.replaced_worlds import check_world, is_simulated
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models
@@ -53,7 +54,8 @@ def train(
         algorithm: registered offline algorithm.
         dataset_id: id or folder of a dataset, as `load` takes it. On recordings of other
             environments there is no learning curve; `swarmdata.evaluate_parallel` evaluates
-            with the environment afterwards.
+            with the environment afterwards. On data of an older version of the world there is none
+            either, since that world is not simulated.
         out: run folder.
         n_seeds: number of seeds.
         changes: settings of the algorithm as text.
@@ -79,7 +81,9 @@ def train(
         dataset_id, observation=observation, communication=communication, progress=progress
     )
     spec = dataset.spec
-    evaluation = None if spec.world is None else partial(measure_curve_point, spec=spec.world)
+    evaluation = None
+    if spec.world is not None and is_simulated(spec.world):
+        evaluation = partial(measure_curve_point, spec=spec.world)
     return train_seeds(
         algorithm,
         dataset.split("train"),
@@ -145,10 +149,12 @@ def train_online(
     Raises:
         UnknownNameError: no such algorithm, task or setting.
         BuildError: a folder holds another run.
+        SpecError: the task is of an older version of the world.
     """
     kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
     spec = with_models(find_spec(task), observation, communication)
+    check_world(spec)  # here, and not once in each process
     if workers == 1:
         train_run(describe_run(algorithm, config, spec, seeds), out, progress=progress)
         return

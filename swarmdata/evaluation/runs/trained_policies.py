@@ -12,6 +12,7 @@ from swarmdata.learn.training.run_folder import load_run, read_run
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path
+from swarmdata.specs.plain_names import without_version
 
 
 class Trained(NamedTuple):
@@ -95,7 +96,7 @@ def label_of(name: str, dataset: str) -> str:
     `bc` and `bc-coop_nav-medium` both get the label `bc`, so that runs of an algorithm on several
     datasets share a row.
     """
-    for suffix in (f"-{dataset}", f"-{dataset.rpartition('-v')[0]}"):
+    for suffix in (f"-{dataset}", f"-{without_version(dataset)}"):
         if name.endswith(suffix) and name != suffix:
             return name.removesuffix(suffix)
     return name

@@ -103,8 +103,8 @@ def load(
     that cannot be written to serves what is in it.
 
     Args:
-        dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v0`; an
-            address such as `hf://org/coop_nav-medium@v0` or `s3://bucket/coop_nav-medium-v0`; or
+        dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v1`; an
+            address such as `hf://org/coop_nav-medium@v1` or `s3://bucket/coop_nav-medium-v1`; or
             the folder of a dataset.
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.

@@ -12,6 +12,7 @@ from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, Unkn
 from swarmdata.hub.remotes.addresses import Address, is_address, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import is_folder, is_id
+from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.cache import cache_folder
 
@@ -45,7 +46,8 @@ class Request:
 def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     """Reads a name as `load` takes it; of the disk only folders of this name are looked at.
 
-    The id of a shipped recipe takes precedence over a folder of the same name.
+    The id of a shipped recipe takes precedence over a folder of the same name, and so does an id
+    that a newer version has replaced: it means the copy in the cache, or nothing.
 
     Args:
         name: an id, with or without its version, an address or a folder.
@@ -54,6 +56,7 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     Raises:
         AddressError: an empty name, or a malformed address.
         SpecError: `path` with anything but a shipped id.
+        ReplacedDatasetError: `path` with an id that a newer version has replaced.
         DatasetNotFoundError: `name` is a path, and no folder is there.
     """
     for each in (name, path):
@@ -66,13 +69,14 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     if recipe is not None:
         return request_of_recipe(recipe, None if path is None else Path(path))
     if path is not None:
+        refuse_replaced(str(name))
         raise SpecError(
             f"path is where the dataset of a shipped id is or shall be, got it with {str(name)!r}. "
             "Leave it out."
         )
     if isinstance(name, str) and is_address(name):
         return request_of_address(name)
-    if is_folder(name):
+    if is_folder(name) and name not in REPLACED_IDS:
         return Request(str(name), Path(name).parent, Path(name), "folder")
     if isinstance(name, Path):
         raise DatasetNotFoundError(f"there is no dataset folder at {name}")
@@ -102,7 +106,7 @@ def request_of_id(name: str) -> Request:
 
 
 def request_of_address(text: str) -> Request:
-    """Asks for the dataset at an address such as `hf://org/coop_nav-medium@v0`.
+    """Asks for the dataset at an address such as `hf://org/coop_nav-medium@v1`.
 
     Raises:
         AddressError: the address is malformed.

@@ -35,10 +35,12 @@ from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
+from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced, replaced_dataset
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Edit, parse_origin
+from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
@@ -262,6 +264,9 @@ class Rebuild:
 def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -> Found:
     """Returns the dataset from the first source that has it.
 
+    An id that a newer version has replaced is taken from the cache only: its digest is published no
+    more, so whoever wants it from a remote names that remote.
+
     Args:
         request: from `parse_request`.
         remotes: those to ask where the cache does not have it.
@@ -269,6 +274,7 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
 
     Raises:
         UnknownNameError: no source has it; the message names a command that may find it.
+        ReplacedDatasetError: a newer version has replaced it, and the cache does not have it.
         BuildError: it could not be built, or its folder cannot be written to.
         DatasetError: what is in its folder cannot be used.
         HubError: the dataset at the request's address could not be fetched.
@@ -276,6 +282,8 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
     cache, rebuild = Cache(), rebuild or Rebuild(remotes, progress=remotes.progress)
     if (found := cache.get(request)) is not None:
         return found
+    if request.address is None:
+        refuse_replaced(request.text)
     request = remotes.pin(request)
     if (found := cache.get(request)) is not None:
         return found
@@ -292,6 +300,8 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
 
 def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
     """The error that no source has a dataset, with the command to fetch it from another remote."""
+    if request.text in REPLACED_IDS:
+        return replaced_dataset(request.text)
     command = f"swarmdata pull {request.text} --from hf://ORGANIZATION"
     if remotes.offline:
         hint = (
@@ -301,7 +311,7 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
     else:
         asked = ", ".join(remotes.asked) or "none is configured"
         hint = f"Remotes asked: {asked}. If it is on another one, run: {command}"
-    known = [key.rpartition("-v")[0] for key in shipped_recipes()]
+    known = [without_version(key) for key in shipped_recipes()]
     return UnknownNameError("dataset", request.text, known, hint=hint)
 
 
@@ -386,6 +396,7 @@ def _cached(place: Path) -> list[str]:
 
 
 def _newest(name: str, ids: Iterable[str]) -> str | None:
-    """The id with the highest version of a name, None if there is none."""
-    versions = [int(each.rpartition("-v")[2]) for each in ids if each.rpartition("-v")[0] == name]
+    """The id with the highest version of a name, None if there is none but replaced ones."""
+    of_name = [each for each in ids if without_version(each) == name and each not in REPLACED_IDS]
+    versions = [int(each.rpartition("-v")[2]) for each in of_name]
     return f"{name}-v{max(versions)}" if versions else None

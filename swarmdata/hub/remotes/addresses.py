@@ -1,4 +1,4 @@
-"""Addresses such as `hf://org/coop_nav-medium@v0`, and the remotes that the user has configured."""
+"""Addresses such as `hf://org/coop_nav-medium@v1`, and the remotes that the user has configured."""
 
 import os
 import re
@@ -45,7 +45,7 @@ class Address:
         remote: what `open_remote` takes, such as `hf://org` or `s3://bucket/prefix`.
         dataset: the id with its version, or on a Hub the repository's name, which has none;
             None: the address is of the whole remote.
-        revision: on a Hub, the tag (`v0`) or the commit; None: the newest version.
+        revision: on a Hub, the tag (`v1`) or the commit; None: the newest version.
     """
 
     remote: str
@@ -95,7 +95,7 @@ def parse_address(text: str) -> Address:
 
 
 _EXAMPLES = {
-    "hf": "hf://org, hf://org/coop_nav-medium or hf://org/coop_nav-medium@v0",
+    "hf": "hf://org, hf://org/coop_nav-medium or hf://org/coop_nav-medium@v1",
     "file": "file:///an/absolute/folder",
     "https": "https://host/folder",
     "http": "http://host/folder",

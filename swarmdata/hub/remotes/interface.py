@@ -10,9 +10,9 @@ class Release:
     """One published (id, version) somewhere.
 
     Attributes:
-        id: with its version, such as `coop_nav-medium-v0`.
+        id: with its version, such as `coop_nav-medium-v1`.
         address: of exactly these files: `hf://org/coop_nav-medium@<commit>`, or the folder
-            `s3://bucket/prefix/coop_nav-medium-v0`.
+            `s3://bucket/prefix/coop_nav-medium-v1`.
     """
 
     id: str

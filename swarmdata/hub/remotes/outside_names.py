@@ -20,7 +20,7 @@ _DEVICES = re.compile(r"(?i)(?:^|/)(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\.[^/
 
 
 def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
-    """Splits `coop_nav-medium-v0` into `coop_nav-medium` and `v0`.
+    """Splits `coop_nav-medium-v1` into `coop_nav-medium` and `v1`.
 
     Args:
         dataset_id: what came from outside.
@@ -36,7 +36,7 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
         )
         raise AddressError(
             f"{shown!r} is not the id of a dataset, expected at most {MAX_ID_LENGTH} characters "
-            f"such as 'coop_nav-medium-v0': words of a-z, 0-9 and _, joined by -, then the version."
+            f"such as 'coop_nav-medium-v1': words of a-z, 0-9 and _, joined by -, then the version."
             f"{did_you_mean(shown, known)}"
         )
     return match[1], match[2]

@@ -6,10 +6,12 @@ from swarmdata.errors import AddressError, HubError, did_you_mean
 from swarmdata.hub.remotes.addresses import open_remote, parse_address
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.specs.plain_names import without_version
 
 
 def locate(address: str) -> tuple[Remote, Release]:
-    """Finds the dataset at an address such as `hf://org/coop_nav-medium@v0`.
+    """Finds the dataset at an address such as `hf://org/coop_nav-medium@v1`.
 
     Args:
         address: on a Hub the revision may be a tag or a commit; without one it is the newest
@@ -18,6 +20,7 @@ def locate(address: str) -> tuple[Remote, Release]:
     Raises:
         AddressError: the address is not of a dataset.
         UnknownNameError: it has an unknown scheme.
+        ReplacedDatasetError: it names no version, and the newest one there has been replaced.
         HubError: the dataset is not there, or the remote could not be asked.
     """
     found = parse_address(address)
@@ -25,7 +28,7 @@ def locate(address: str) -> tuple[Remote, Release]:
     if found.dataset is None:
         raise AddressError(
             f"{address!r} is a remote, expected a dataset on it such as "
-            f"{found.remote}/coop_nav-medium{'' if isinstance(remote, HubRemote) else '-v0'}."
+            f"{found.remote}/coop_nav-medium{'' if isinstance(remote, HubRemote) else '-v1'}."
         )
     if isinstance(remote, HubRemote):
         release = remote.at(found.dataset, found.revision)
@@ -33,12 +36,14 @@ def locate(address: str) -> tuple[Remote, Release]:
         release = remote.find(found.dataset)
     if release is None:
         ids = remote.ids()
-        known = [*ids, *(each.rpartition("-v")[0] for each in ids)]
+        known = [*ids, *(without_version(each) for each in ids)]
         raise HubError(
             f"there is no dataset at {found}."
             f"{did_you_mean(found.dataset, known)} "
             f"`swarmdata remote list {found.remote}` shows what is there."
         )
+    if found.revision is None and release.id != found.dataset:
+        refuse_replaced(release.id)
     return remote, release
 
 

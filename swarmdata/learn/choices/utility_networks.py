@@ -52,7 +52,7 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM = 0, 1, 2
 class DecompositionConfig:
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
-    regulariser: Regulariser = "bc"  # the best on average in cards/studies/coop_nav
+    regulariser: Regulariser = "bc"  # the best on average in cards/studies/v0/coop_nav
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
     n_bins: int = 9  # of a continuous column; odd, so that standing still is one

@@ -24,7 +24,7 @@ class Origin(Protocol):
 
     @property
     def id(self) -> str:
-        """Versioned name of the dataset, such as `coop_nav-medium-v0`."""
+        """Versioned name of the dataset, such as `coop_nav-medium-v1`."""
         ...
 
     @property

@@ -1,14 +1,19 @@
 """Baselines on cards: of this dataset and this content only, the best first."""
 
+from importlib.resources import files
+
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.behavior_policies.tiers import NEWEST_VERSION, shipped_recipes
 from swarmdata.cards.sections.baselines import (
     BASELINE_COLUMNS,
+    RESULTS_FILE,
     baselines_section,
     read_runs,
     study_runs,
 )
+from swarmdata.registry.replaced_worlds import REPLACED_IDS
 
 NAMES = (
     "label",
@@ -41,8 +46,8 @@ def test_the_best_comes_first_with_its_seeds_and_updates() -> None:
 
 
 def test_other_datasets_and_other_content_are_not_shown() -> None:
-    assert "No baselines were measured on this dataset.\n" in section()
-    assert "No baselines were measured on this dataset.\n" in section(
+    assert "No study has been run on this dataset yet.\n" in section()
+    assert "No study has been run on this dataset yet.\n" in section(
         make_run("bc", 1.0, dataset="other-v0")
     )
     assert "used other data with this id" in section(make_run("bc", 1.0, digest="b" * 64))
@@ -61,11 +66,22 @@ def test_intervals_hold_the_values(returns: list[float]) -> None:
 
 
 def test_the_committed_studies_can_be_read() -> None:
-    runs = study_runs()
-    offline = [run for run in runs if run["dataset"]]
-    tasks = {run["dataset"].split("-")[0] for run in offline}
-    assert tasks == {"coop_nav", "formation"}
-    assert all(set(NAMES) <= set(run) for run in runs)
+    """Those of this version, as they are there, are of its datasets; the old ones stay readable."""
+    for run in (run for run in study_runs() if run["dataset"]):
+        assert run["dataset"].endswith(f"-v{NEWEST_VERSION}")
+        assert set(NAMES) <= set(run)
+    for study in ("coop_nav", "formation"):
+        text = (files("swarmdata.cards") / "studies/v0" / study / RESULTS_FILE).read_text("utf-8")
+        ids = {run["dataset"] for run in read_runs(text)} - {""}  # online runs have no dataset
+        assert ids & REPLACED_IDS
+        assert {each.rpartition("-")[2] for each in ids} == {"v0"}
+
+
+def test_no_card_shows_baselines_of_a_replaced_version() -> None:
+    for key in shipped_recipes():
+        shown = [run for run in study_runs() if run["dataset"] == key]
+        text = baselines_section(key, "a" * 64, study_runs())
+        assert text.endswith("No study has been run on this dataset yet.\n") == (not shown)
 
 
 def test_rows_of_a_file_are_runs() -> None:

@@ -37,7 +37,7 @@ def policy(**changes: Any) -> RankedPolicy:
 def ranking(*policies: RankedPolicy, **changes: Any) -> Ranking:
     values: dict[str, Any] = {
         "code_version": "0",
-        "dataset": "coop_nav-medium-v0",
+        "dataset": "coop_nav-medium-v1",
         "digest": "ab" * 32,
         "view": None,
         "by": "fqe",

@@ -100,7 +100,7 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     means = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
     short = [r for r in grid({"few": means["bc"]}) if r.provenance.dataset == MEDIUM or
              r.provenance.index == 0]  # fmt: skip
-    lone = result("iql", "coop_nav-random-v0", spec=TaskSpec(horizon=9))
+    lone = result("iql", "coop_nav-random-v1", spec=TaskSpec(horizon=9))
     found = comparable_scores(
         group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}}), *short, lone])
     )
@@ -108,7 +108,7 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     assert list(found.tables) == ["bc", "omar"]
     assert found.tables["bc"].shape == (3, 2)
     assert found.left_out == {
-        "coop_nav-random-v0": "no references were measured in its world",
+        "coop_nav-random-v1": "no references were measured in its world",
         "few": "has between 1 and 3 runs on a dataset",
         "iql": f"not measured on {MEDIUM}, {EXPERT}",
         "vdn": f"not measured on {EXPERT}",

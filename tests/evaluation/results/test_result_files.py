@@ -58,7 +58,7 @@ def test_the_name_is_unique_over_labels_datasets_views_specs_and_indices() -> No
         result(),
         result("vdn"),
         result(dataset=None),
-        result(dataset="coop_nav-expert-v0"),
+        result(dataset="coop_nav-expert-v1"),
         result(view="{}"),
         result(view="{ }"),
         result(spec=lidar),

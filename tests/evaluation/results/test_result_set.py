@@ -76,7 +76,7 @@ def test_worlds_without_references_have_no_score() -> None:
     assert case.time_limit == pytest.approx(0.7)
     with pytest.raises(UnknownNameError, match="Did you mean 'return'"):
         case.metric("bc", "retrun")
-    with pytest.raises(UnknownNameError, match="unknown label of coop_nav-medium-v0 'bcc'"):
+    with pytest.raises(UnknownNameError, match="unknown label of coop_nav-medium-v1 'bcc'"):
         case.metric("bcc", "return")
 
 
@@ -143,14 +143,14 @@ LIDAR = with_models(COOP_NAV, "lidar")
     [
         ([result(), with_(result(index=1), code_version="0")], "measured by version 0"),
         ([result(), shorter(result(index=1))], r"20 episodes from seed \d+ .*; 5 episodes"),
-        ([result(), result(index=1, spec=LIDAR)], "on coop_nav-medium-v0: measured in coop_nav"),
+        ([result(), result(index=1, spec=LIDAR)], "on coop_nav-medium-v1: measured in coop_nav"),
         ([result(), with_(result(index=1), updates=7)], r"bc: trained for 1,000 .*; 7 updates"),
         (
             [result(), with_(result("bc", EXPERT), config={"discount": 0.9, "tau": 1})],
             r"discount 0.95, tau None \(bc-0\); discount 0.9, tau 1",
         ),
         ([result(), with_(result(index=1), algorithm="omar")], "bc: trained by bc .*; omar"),
-        ([result(), result()], "2 results of bc number 0 on coop_nav-medium-v0"),
+        ([result(), result()], "2 results of bc number 0 on coop_nav-medium-v1"),
         ([result(), with_(result("vdn"), digest="0" * 64)], "but the published one has"),
         (
             [mine(result()), mine(result(index=1), digest="0" * 64)],

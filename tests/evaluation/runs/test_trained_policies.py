@@ -11,12 +11,12 @@ pytest.importorskip("torch", reason="runs need the torch extra")
 from swarmdata.errors import CheckpointError
 from swarmdata.evaluation.runs.trained_policies import label_of, read_trained
 
-DATASET = "coop_nav-medium-v0"
+DATASET = "coop_nav-medium-v1"
 
 
 @given(st.from_regex(r"[a-z_]{1,12}(-[a-z_]{1,6})?", fullmatch=True))
 def test_the_dataset_is_no_part_of_the_label(name: str) -> None:
-    assert label_of(f"{name}-coop_nav-medium-v0", DATASET) == name
+    assert label_of(f"{name}-coop_nav-medium-v1", DATASET) == name
     assert label_of(f"{name}-coop_nav-medium", DATASET) == name
     assert label_of(f"{name}-coop_nav-expert", DATASET) == f"{name}-coop_nav-expert"
 

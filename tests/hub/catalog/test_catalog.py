@@ -34,8 +34,8 @@ def test_list_shows_every_tier_and_its_mini() -> None:
     infos = {info.id: info for info in list_datasets()}
 
     assert list(infos) == sorted(infos)
-    assert {"coop_nav-random-v0", "coop_nav-scripted-mini-v0"} <= set(infos)
-    mini = infos["coop_nav-scripted-mini-v0"]
+    assert {"coop_nav-random-v1", "coop_nav-scripted-mini-v1"} <= set(infos)
+    mini = infos["coop_nav-scripted-mini-v1"]
     assert (mini.task, mini.tier, mini.n_agents) == ("coop_nav", "scripted", 4)
     assert not mini.is_cached
 

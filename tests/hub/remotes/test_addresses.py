@@ -26,7 +26,7 @@ from tests.hub.remotes.conftest import ID
         ("hf://org", Address("hf://org")),
         ("hf://org/", Address("hf://org")),
         ("hf://org/coop_nav-medium", Address("hf://org", "coop_nav-medium")),
-        ("hf://org/coop_nav-medium@v0", Address("hf://org", "coop_nav-medium", "v0")),
+        ("hf://org/coop_nav-medium@v1", Address("hf://org", "coop_nav-medium", "v1")),
         (f"hf://org/x-y@{'a' * 40}", Address("hf://org", "x-y", "a" * 40)),
         ("s3://bucket", Address("s3://bucket")),
         ("s3://bucket/a/b/", Address("s3://bucket/a/b")),
@@ -103,7 +103,7 @@ def test_a_dataset_is_not_a_remote() -> None:
 
 def test_is_address() -> None:
     assert is_address("s3://bucket")
-    assert not is_address("coop_nav-medium-v0")
+    assert not is_address("coop_nav-medium-v1")
     assert not is_address("/a/folder")
 
 

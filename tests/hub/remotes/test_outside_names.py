@@ -10,7 +10,7 @@ from swarmdata.store.arrays.layout import FIELDS, GROUP_FILES, array_file, metad
 
 
 def test_ids() -> None:
-    assert split_id("coop_nav-medium-v0") == ("coop_nav-medium", "v0")
+    assert split_id("coop_nav-medium-v1") == ("coop_nav-medium", "v1")
     assert split_id("formation-n8-medium-expert-mini-v12")[1] == "v12"
 
 

@@ -16,6 +16,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
+from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.frozen import Frozen
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
@@ -74,12 +75,19 @@ def short_count(n_steps: int) -> str:
 
 
 def digest_of(dataset: str, *, progress: bool = True) -> str:
-    """Returns the digest of a dataset's arrays: published, else of the loaded dataset."""
+    """Returns the digest of a dataset's arrays: published, else of the loaded dataset.
+
+    Raises:
+        SpecError: it is of an older version of the world, in which no policy can be evaluated.
+    """
     if is_dataset(dataset):
         entry = published().get(find_recipe(dataset).id)
         if entry is not None:
             return entry.digest
-    return load(dataset, progress=progress).digest
+    found = load(dataset, progress=progress)
+    if found.spec.world is not None:
+        check_world(found.spec.world)
+    return found.digest
 
 
 def open_dataset(

@@ -15,9 +15,10 @@ from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_f
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of, strip_version
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 
 SWEEPS_FOLDER = "sweeps"
 """Holds results in the study's folder of cells, and tables and figures beside its page."""
@@ -115,8 +116,8 @@ def _section_body(plan: SweepPlan, found: Degradation, folder: str, picture: str
     models_used = f" re-observed with {' and '.join(models)}" if models else ""
     lines = "".join(f"- {_sentence(line, found)}\n" for line in found.lines)
     return (
-        f"The best algorithm of each family on {strip_version(short_name(plan.dataset))}, trained "
-        f"on this dataset{models_used}. Each point has {plan.episodes:,} evaluation seeds; "
+        f"The best algorithm of each family on {without_version(short_name(plan.dataset))}, "
+        f"trained on this dataset{models_used}. Each point has {plan.episodes:,} evaluation seeds; "
         f"everything else is as in training. [All numbers]({folder}/sweep.csv).\n\n"
         f"![{found.part} {found.name}]({folder}/{picture})\n\n{lines}"
     )

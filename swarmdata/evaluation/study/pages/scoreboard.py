@@ -90,8 +90,3 @@ def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -
     known = {case.name: quantity.data(case) for case in cases}
     data = {name: value for name, value in known.items() if value is not None}
     return Scoreboard(quantity.column, estimates, data, families)
-
-
-def strip_version(dataset: str) -> str:
-    """A dataset's id without the version that all first datasets have."""
-    return dataset.removesuffix("-v0")

@@ -23,7 +23,6 @@ from swarmdata.evaluation.study.pages.scoreboard import (
     Scoreboard,
     make_scoreboard,
     quantity_of,
-    strip_version,
 )
 from swarmdata.evaluation.study.pages.study_figures import plot_scores, plot_two_estimates
 from swarmdata.evaluation.study.pages.study_tables import (
@@ -34,6 +33,7 @@ from swarmdata.evaluation.study.pages.study_tables import (
 )
 from swarmdata.evaluation.study.pages.training_sections import curve_section, loss_sections
 from swarmdata.runtime.locking import updating
+from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
 
 REPORT_FILE = "report.md"
@@ -160,9 +160,9 @@ def _scores(board: Scoreboard, out: Path, key: str) -> str:
         "score": "0 is the better of an idle and a random team, 100 the expert.",
         "return": "Team return; this world has no measured expert.",
     }[key]
-    shown = {strip_version(name): board.in_shown_units(name) for name in board.estimates}
+    shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     data_means = {
-        strip_version(name): board.column.factor * value for name, value in board.data.items()
+        without_version(name): board.column.factor * value for name, value in board.data.items()
     }
     plot_scores(shown, data_means, board.families, out / "scores.png", label=board.column.label)
     return (
@@ -192,7 +192,7 @@ def _success(board: Scoreboard, success: Scoreboard, clean: Scoreboard, out: Pat
     for dataset in clean.estimates:
         if dataset in board.estimates:
             x, y = clean.in_shown_units(dataset), board.in_shown_units(dataset)
-            panels[strip_version(dataset)] = {k: (x[k], y[k]) for k in x if k in y}
+            panels[without_version(dataset)] = {k: (x[k], y[k]) for k in x if k in y}
     plot_two_estimates(
         panels, board.families, out / "clean.png",
         xlabel="clean success (%)", ylabel=board.column.label, xlim=(-3.0, 103.0),

@@ -8,8 +8,9 @@ from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, strip_version
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 
 ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisions",
                   "obstacle_collisions")  # fmt: skip
@@ -21,7 +22,7 @@ def scoreboard_table(board: Scoreboard) -> str:
     The best of a column and those whose intervals overlap its interval are bold.
     """
     names = list(board.estimates)
-    head = ("algorithm", "family", *map(strip_version, names))
+    head = ("algorithm", "family", *map(without_version, names))
     data_row = ["mean of the data", ""]
     for name in names:
         mean = board.data.get(name)

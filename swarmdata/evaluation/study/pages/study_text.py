@@ -6,8 +6,9 @@ from itertools import groupby
 import numpy as np
 
 from swarmdata.evaluation.results.estimate_table import format_number
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, strip_version
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.pages.study_tables import format_with_unit
+from swarmdata.specs.plain_names import without_version
 
 MIN_RANKED = 4
 """With fewer algorithms on a dataset, ranks are too coarse for a rank shift to be a surprise."""
@@ -25,7 +26,7 @@ def _winner(board: Scoreboard, dataset: str) -> str:
     found, families = board.estimates[dataset], board.best_by_family(dataset)
     family, *others = families
     best = families[family]
-    name, result = strip_version(dataset), format_with_unit(found[best], board)
+    name, result = without_version(dataset), format_with_unit(found[best], board)
     sentences = [f"On {name}, `{best}` ({family}) is best with {result}."]
     if others:
         second = families[others[0]]
@@ -71,7 +72,7 @@ def families(board: Scoreboard) -> list[str]:
         tried = [dataset for dataset, best in firsts.items() if name in best]
         if not tried:
             continue
-        won = [strip_version(dataset) for dataset in tried if next(iter(firsts[dataset])) == name]
+        won = [without_version(dataset) for dataset in tried if next(iter(firsts[dataset])) == name]
         behind = [
             board.estimates[d][board.ranking(d)[0]].value
             - board.estimates[d][firsts[d][name]].value
@@ -102,7 +103,7 @@ def against_data(board: Scoreboard) -> list[str]:
             if labels
         ]
         if parts:
-            name, shown = strip_version(dataset), _number(mean, board)
+            name, shown = without_version(dataset), _number(mean, board)
             sentences.append(f"{name}, where the mean of the data is {shown}: {'; '.join(parts)}.")
     return sentences
 
@@ -119,7 +120,9 @@ def surprises(board: Scoreboard, clean: Scoreboard, online: Mapping[str, float])
     if online and board.estimates:
         label = max(online, key=lambda name: online[name])
         best = {d: board.estimates[d][board.ranking(d)[0]].value for d in board.estimates}
-        above = [strip_version(dataset) for dataset, value in best.items() if value > online[label]]
+        above = [
+            without_version(dataset) for dataset, value in best.items() if value > online[label]
+        ]
         sentences.append(
             f"The best online algorithm, `{label}`, reaches {_number(online[label], board)}; the "
             f"best offline algorithm exceeds it on {len(above)} of {len(best)} datasets"
@@ -140,8 +143,8 @@ def _rank_shifts(board: Scoreboard) -> Iterator[str]:
         if n_first < MIN_RANKED or ranks[high] > n_first / 4 or ranks[low] <= 3 * n_last / 4:
             continue
         yield (
-            f"`{label}` has rank {ranks[high]} of {n_first} on {strip_version(high)}, but rank "
-            f"{ranks[low]} of {n_last} on {strip_version(low)}."
+            f"`{label}` has rank {ranks[high]} of {n_first} on {without_version(high)}, but rank "
+            f"{ranks[low]} of {n_last} on {without_version(low)}."
         )
 
 
@@ -153,8 +156,8 @@ def _unclean_winners(board: Scoreboard, clean: Scoreboard) -> Iterator[str]:
         first, cleanest = board.ranking(dataset)[0], clean.ranking(dataset)[0]
         if first in found and first not in clean.leaders(dataset):
             yield (
-                f"On {strip_version(dataset)}, the algorithm with the best {board.column.label} is "
-                f"not the cleanest: `{first}` solves {format_with_unit(found[first], clean)} of "
+                f"On {without_version(dataset)}, the algorithm with the best {board.column.label} "
+                f"is not the cleanest: `{first}` solves {format_with_unit(found[first], clean)} of "
                 f"the episodes without a contact, `{cleanest}` "
                 f"{format_with_unit(found[cleanest], clean)}."
             )
@@ -168,7 +171,7 @@ def failures(board: Scoreboard, missing: Mapping[str, str]) -> list[str]:
         missing: cells that are not done, with the reason.
     """
     worse = [
-        (label, strip_version(dataset))
+        (label, without_version(dataset))
         for label in board.families
         for dataset, found in board.estimates.items()
         if board.column.key == "score" and label in found and found[label].high < 0
@@ -211,5 +214,5 @@ def _widest_interval(board: Scoreboard) -> Iterator[str]:
     label, dataset = max(widths, key=lambda pair: widths[pair])
     yield (
         f"The widest interval over training seeds is that of `{label}` on "
-        f"{strip_version(dataset)}: {format_with_unit(board.estimates[dataset][label], board)}."
+        f"{without_version(dataset)}: {format_with_unit(board.estimates[dataset][label], board)}."
     )

@@ -124,7 +124,7 @@ def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
 def test_names_and_sizes_of_datasets(data: Path) -> None:
     assert short_name("coop_nav-medium") == "coop_nav-medium"
     assert short_name(str(data)) == "coop_nav-tiny-v0"
-    assert dataset_of_size("coop_nav-medium-v0", "mini") == ("coop_nav-medium-mini-v0", None)
+    assert dataset_of_size("coop_nav-medium-v1", "mini") == ("coop_nav-medium-mini-v1", None)
     assert (short_count(200_000), short_count(1500)) == ("200k", "1500")
     with pytest.raises(SchemaError, match="has no mini"):
         dataset_of_size(str(data), "mini")
