@@ -28,7 +28,7 @@ class ShapingConfig:
     """
 
     reward_weights: tuple[str, ...] = ()  # to replace the spec's, such as "proximity=2"
-    contact_cost: float = 4.0  # extra contact and collision costs at the end, times the spec's
+    contact_cost: float = 1.5  # extra contact and collision costs at the end, times the spec's
     contact_ramp: tuple[float, ...] = (0.2, 0.75)  # part of training in which they grow from 0
     keep_right: float = 0.0  # cost per step of an oncoming robot on the right
     keep_left: float = 0.0  # cost per step of an oncoming robot on the left

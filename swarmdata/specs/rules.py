@@ -29,11 +29,11 @@ class Rewards(Frozen):
 
     success: Weight = 3.0  # once, to every robot, when the task is solved
     time: Weight = 0.02  # per step in which the robot has not done its part
-    robot_contact: Weight = 0.2  # per step in contact with a robot
-    obstacle_contact: Weight = 0.2  # per step in contact with an obstacle or wall
-    robot_collision: Weight = 0.5  # per contact with a robot that begins
-    obstacle_collision: Weight = 0.5  # per contact with an obstacle or wall that begins
-    proximity: Weight = 0.2  # per step, times how deep in the last 0.1 m before contact
+    robot_contact: Weight = 0.4  # per step in contact with a robot
+    obstacle_contact: Weight = 0.4  # per step in contact with an obstacle or wall
+    robot_collision: Weight = 1.0  # per contact with a robot that begins
+    obstacle_collision: Weight = 1.0  # per contact with an obstacle or wall that begins
+    proximity: Weight = 0.05  # per step, times how deep in the last 0.1 m before contact
     team_share: Probability = 0.0  # part of each reward that is the mean over the team
 
 
@@ -143,8 +143,9 @@ class TransportRewards(Rewards):
     turn_progress: Weight = 1.0  # per unit of the sine of its angle to the goal's direction
     approach: Weight = 0.5  # per metre that a robot comes closer to the payload
     robot_contact: Weight = 0.05  # pushing side by side, robots brush against each other
+    obstacle_contact: Weight = 0.2
     robot_collision: Weight = 0.2
-    proximity: Weight = 0.05
+    obstacle_collision: Weight = 0.5
 
 
 class TransportRules(Frozen):
@@ -176,7 +177,11 @@ class WarehouseRewards(Rewards):
     progress: Weight = 0.5  # per metre that a robot's shortest way to its target gets shorter
     pickup: Weight = 1.0
     delivery: Weight = 2.0
-    proximity: Weight = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything
+    robot_contact: Weight = 0.2
+    obstacle_contact: Weight = 0.2
+    robot_collision: Weight = 0.5
+    obstacle_collision: Weight = 0.5
+    proximity: Weight = 0.005  # robots that pass in an aisle cannot keep 0.1 m from everything
 
 
 class WarehouseRules(Frozen):
