@@ -110,7 +110,7 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
         policy: {name: each.value for name, each in metrics.items() if each is not None}
         for policy, metrics in known.policies.items()
     }
-    if {"scripted", "medium", "expert"} <= figures.keys():
+    if {"idle", "random", "scripted", "medium", "expert"} <= figures.keys():
         yield from (problem(words) for words in out_of_band(family, figures))
     table = subject.table
     found = {"success": table.success.mean(), "clean_success": clean_successes(table).mean()}
