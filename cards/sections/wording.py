@@ -69,13 +69,13 @@ COMMON_LIMITS = (
     "policies.",
     "All robots of a team follow the same policy throughout an episode; policies are never mixed "
     "within a team.",
-    "Bodies in contact overlap until the solver has pushed them apart: by about 2 mm in the "
-    "median, at most by 50 mm in `warehouse` and by 17 to 33 mm in the other tasks. Robots in "
-    "contact may exceed `max_speed` by up to 15 % (`python -m tests.benchmarks.bench_contacts`).",
+    "Bodies in contact overlap: by less than 2 mm in the median, and by less than 4 mm at most, "
+    "since a physics step ends where bodies begin to overlap. Robots in contact may exceed "
+    "`max_speed` by up to 13 % (`python -m tests.benchmarks.bench_contacts`).",
     "States are not exactly Markov: after a step with a contact they do not contain how the solver "
     "is separating the bodies. A world restarted from such a state differs from the recording by "
-    "up to 4 mm after one step, and by up to 31 mm, mostly below 0.1 mm, where robots press a "
-    "payload. Without contacts the difference is below 0.001 mm (same command).",
+    "less than 4 mm after one step, and mostly by less than 0.001 mm. Without contacts the "
+    "difference is always below 0.001 mm (same command).",
 )
 """Known limits of every dataset of a task."""
 
