@@ -22,8 +22,8 @@ TOLERANCE = DEEPEST_OVERLAP + CREEP
 
 
 def drive(
-    places: Sequence[Sequence[float]],
-    commands: Sequence[Sequence[float]],
+    places: Sequence[Sequence[float] | Double],
+    commands: Sequence[Sequence[float] | Double],
     layout: Float,
     payload: Payload | None = None,
     n_steps: int = 12,
