@@ -9,11 +9,17 @@ import typer
 from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
 ONLINE_OPTIONS = ("first_seed", "steps", "workers")
-OFFLINE_OPTIONS = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
+OFFLINE_OPTIONS = (
+    "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
+)  # fmt: skip
 """Options of `train` that only one kind of algorithm has."""
 
 Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of each seed")]
 Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
+Reward = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=WEIGHT", help="offline: weight of a reward term; may be repeated"),
+]
 Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
 FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
 Data = Annotated[str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")]
@@ -38,6 +44,7 @@ def train(
     keep: Annotated[bool, typer.Option(help="offline: keep all checkpoints, for `rank`")] = False,
     observation: Observation = None,
     communication: Communication = None,
+    reward: Reward = None,
     frame: FrameName = "auto",
     workers: Annotated[int, typer.Option(min=1, help="online: number of processes")] = 1,
     device: Annotated[str, typer.Option(help="offline: torch device")] = "cpu",
@@ -46,7 +53,8 @@ def train(
     """Train an algorithm, offline on a dataset or online in a task.
 
     Offline training uses the train split; with --observation or --communication, the dataset is
-    re-observed from its states. An interrupted training resumes: run the same command again.
+    re-observed from its states, and with --reward, its rewards are computed from their terms. An
+    interrupted training resumes: run the same command again.
     """
     from swarmdata.runtime.extras import require_extra
 
@@ -63,7 +71,7 @@ def train(
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
-        options["compile"] = compile
+        options |= {"compile": compile, "rewards": parse_settings(reward, "--reward")}
         train(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
