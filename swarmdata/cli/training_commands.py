@@ -1,6 +1,5 @@
 """`swarmdata train`, `ship` and `learning`: training runs, shipped checkpoints, online reports."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,8 +61,7 @@ def train(
     from swarmdata.evaluation.runs.train import train, train_online
 
     _check_arguments(context, algorithm, data, task)
-    lengths = {"n_steps": None if steps is None else round(steps), "n_updates": updates}
-    changes = _changes(config, {**lengths, "regulariser": regulariser}, settings)
+    changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
@@ -133,12 +131,13 @@ def ship(
 
 
 def _changes(
-    config: str | None, options: Mapping[str, int | str | None], settings: list[str] | None
+    config: str | None, settings: list[str] | None, **options: float | str | None
 ) -> dict[str, str]:
     """Merges the settings of a file, of options and of `--set`; later ones win."""
     from swarmdata.evaluation.runs.train import read_settings
 
-    changes = {name: str(value) for name, value in options.items() if value is not None}
+    whole = {k: round(v) if isinstance(v, float) else v for k, v in options.items()}
+    changes = {name: str(value) for name, value in whole.items() if value is not None}
     return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 

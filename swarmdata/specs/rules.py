@@ -181,7 +181,7 @@ class TransportRules(Frozen):
 class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
-    progress: Weight = 0.5  # per metre that a robot's shortest way to its target gets shorter
+    progress: Weight = 0.5  # per metre by which a robot's shortest path to its target gets shorter
     pickup: Weight = 1.0
     delivery: Weight = 2.0
     proximity: Weight = 0.02  # robots that pass in an aisle cannot keep 0.1 m from everything

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,13 +79,8 @@ def train(
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
-    dataset = load(
-        dataset_id,
-        observation=observation,
-        communication=communication,
-        rewards=rewards,
-        progress=progress,
-    )
+    view: dict[str, Any] = {"observation": observation, "communication": communication}
+    dataset = load(dataset_id, **view, rewards=rewards, progress=progress)
     spec = dataset.spec
     evaluation = None if spec.world is None else partial(measure_curve_point, spec=spec.world)
     return train_seeds(
