@@ -13,6 +13,13 @@ SINGLE_ROBOT_NOTE = (
 )
 """What the reward says of cooperation where no term is shared."""
 
+STORED_NOTE = (
+    "The values of the terms, without weights and signs, are stored as `reward_terms` [T, N, R] in "
+    "this order: `dataset[0].reward_terms`. Rewards with other weights are a view: "
+    "`dataset.with_rewards(robot_collision=1.0)`."
+)
+"""How to read the terms."""
+
 
 def reward_section(task: Task) -> str:
     """Every term of a robot's reward with its numbers, and the events it is computed from."""
@@ -37,7 +44,7 @@ def reward_section(task: Task) -> str:
     return (
         "\n## Reward\n\n"
         + table(("term", "weight", "formula", "where"), terms)
-        + f"\n{REWARD_FORMULA} Here team_share is {share:g}. {PRECISION_NOTE}\n\n"
+        + f"\n{REWARD_FORMULA} Here team_share is {share:g}. {STORED_NOTE} {PRECISION_NOTE}\n\n"
         + table(("column of `events`", "meaning"), events)
         + f"\n{counting}\n"
     )

@@ -179,7 +179,7 @@ class CoopNav:
 
 def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
     distance = (
-        "d: distance of the robot (x, y) to its target (tx, ty), m, after the step; d': before it"
+        "d: distance, m, from the robot (x, y) to its target (tx, ty) after the step; d': before it"
     )
     w, radius = rules.rewards, rules.goal_radius
     return (
@@ -191,8 +191,8 @@ def _own_terms(rules: NavigationRules) -> tuple[Term, ...]:
 def _shared_terms(rules: NavigationRules) -> tuple[Term, ...]:
     w, radius = rules.rewards, rules.goal_radius
     left = (
-        "D: least sum of distances, m, from robots to goals over all assignments of one goal to "
-        "each robot, after the step; D': before it; N: number of robots"
+        "D: sum of the distances, m, from robots to goals after the step, the smallest over all "
+        "assignments of one goal to each robot; D': before it; N: number of robots"
     )
     is_open = f"open: number of goals with no robot within {radius:g} m after the step"
     return (

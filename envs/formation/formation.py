@@ -210,7 +210,7 @@ class Formation:
         self.terms = _terms(rules)
         self.solved = (
             f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
-            f"{rules.tolerance:g} m in {needed} steps of the episode, in a row or not"
+            f"{rules.tolerance:g} m in {needed} steps of the episode, consecutive or not"
         )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
@@ -245,8 +245,8 @@ def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple
     rules, half = spec.rules, spec.half_size
     assert isinstance(rules, FormationRules)  # checked by the task
     spline = (
-        "of the reference's path, a uniform cubic B-spline of which each segment takes "
-        f"{rules.segment_time:g} s; the same in the whole episode"
+        "of the reference's path, a uniform cubic B-spline whose segments take "
+        f"{rules.segment_time:g} s each; constant in an episode"
     )
     held = "steps of the episode so far, this one included, in which the team was in formation"
     return (
@@ -260,7 +260,12 @@ def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple
             for k, seconds in enumerate(previews)
             for column in (
                 *pair(f"preview_{k}_", f"position of the reference {seconds:g} s later", "m", half),
-                *pair(f"preview_{k}_u", f"heading of it {seconds:g} s later", "", (1.0, 1.0)),
+                *pair(
+                    f"preview_{k}_u",
+                    f"heading of the reference {seconds:g} s later",
+                    "",
+                    (1.0, 1.0),
+                ),
             )
         ),
         *(
@@ -273,11 +278,11 @@ def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple
 
 def _terms(rules: FormationRules) -> tuple[Term, ...]:
     w, tolerance = rules.rewards, rules.tolerance
-    distance = "d: distance of the robot (x, y) to its slot (tx, ty), m, after the step"
+    distance = "d: distance, m, from the robot (x, y) to its slot (tx, ty) after the step"
     velocity = (
-        "dv: length, m/s, of the difference of the robot's velocity (vx, vy) and its slot's, which "
-        "is (reference_vx - r (ty - reference_y), reference_vy + r (tx - reference_x)) with "
-        "r = reference_turn_rate, after the step"
+        "dv: magnitude, m/s, of the difference between the robot's velocity (vx, vy) and that of "
+        "its slot after the step. The slot has the velocity (reference_vx - r (ty - reference_y), "
+        "reference_vy + r (tx - reference_x)) with r = reference_turn_rate"
     )
     return (
         Term("deviation", w.deviation, -1, "min(d, 1)", distance),
@@ -294,7 +299,7 @@ def _features(previews: tuple[float, ...]) -> tuple[Feature, ...]:
     return (
         *vector("reference.offset", "position", "reference - own position"),
         *vector("reference.velocity", "velocity", "of the reference"),
-        *vector("reference.heading", "direction", "of the reference, where it drives"),
+        *vector("reference.heading", "direction", "of the reference, its direction of motion"),
         *vector("slot.velocity", "velocity", "own slot's velocity - own velocity"),
         *(feature for pair in later for feature in pair),
     )

@@ -233,7 +233,7 @@ class Transport:
             "payload_distance": Metric(
                 "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
             ),
-            "payload_path": Metric("payload path", "m", "neither", "length of the payload's way"),
+            "payload_path": Metric("payload path", "m", "neither", "length of the payload's path"),
             "payload_contacts": Metric(
                 "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
             ),
@@ -265,7 +265,7 @@ class Transport:
         self.kinds: Int = self._plan.kinds
         self.movables: tuple[Payload, ...] = (rules.payload,)
         is_posed, is_box = rules.goal_angle is not None, rules.payload.shape == "box"
-        wanted = "direction that the payload's local x axis shall have (or its opposite)"
+        wanted = "wanted direction of the payload's local x axis; the opposite will do too"
         self.extras = pair("goal_u", wanted, "", (1.0, 1.0)) if is_posed else ()
         self.terms, self.solved = _terms(rules), _solved(rules)
         self.features = _features(is_box, is_posed)
@@ -313,7 +313,7 @@ class Transport:
 
 def _terms(rules: TransportRules) -> tuple[Term, ...]:
     w = rules.rewards
-    distance = "d: distance of the payload's centre to the target (tx, ty), m, after the step"
+    distance = "d: distance, m, from the payload's centre to the target (tx, ty) after the step"
     sine = (
         "s: |sine| of the angle between the payload's axis (ux, uy) and (goal_ux, goal_uy) after "
         "the step; s': before it"
@@ -327,8 +327,8 @@ def _terms(rules: TransportRules) -> tuple[Term, ...]:
         else f"the rectangle |x| <= {size}, |y| <= {rules.payload.half_width:g} m in its frame"
     )
     gap = (
-        "g: distance of the robot's centre to the payload's nearest point, m, after the step; g': "
-        f"before it. The payload is {body}"
+        "g: distance, m, from the robot's centre to the payload's nearest point after the step; "
+        f"g': before it. The payload is {body}"
     )
     return (
         Term("progress", w.progress, 1, "(d' - d)", f"{distance}; d': before it"),
@@ -342,17 +342,17 @@ def _solved(rules: TransportRules) -> str:
     near = f"the payload's centre is within {rules.goal_radius:g} m of the target"
     if rules.goal_angle is None:
         return near
-    return f"{near}, its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
+    return f"{near}, and its axis within {rules.goal_angle:g} rad of the wanted one or its opposite"
 
 
 def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
     meaning = "from the payload to an obstacle's nearest point, times closeness"
     near = vector("near", "direction", meaning)
     found: tuple[Feature, ...] = (
-        *vector("payload", "position", "the payload's centre, from the robot"),
-        *vector("payload_near", "position", "the payload's nearest point, from the robot"),
+        *vector("payload", "position", "payload's centre minus own position"),
+        *vector("payload_near", "position", "payload's nearest point minus own position"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
-        *vector("payload_goal", "position", "goal, from the payload's centre"),
+        *vector("payload_goal", "position", "goal minus the payload's centre"),
         *numbered(
             "payload_obstacle",
             N_NEAR_OBSTACLES,
@@ -363,5 +363,5 @@ def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
         found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
     if is_posed:
-        found += vector("goal_axis", "direction", "direction that the axis shall have")
+        found += vector("goal_axis", "direction", "wanted direction of that axis")
     return found

@@ -47,14 +47,16 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 ROBOT_EXTRAS = (
-    Column("carrying", "1 while it carries, and its target is a station, else 0", low=0, high=1),
-    Column("deliveries", "orders that it has delivered, the number of its order now", low=0),
+    Column("carrying", "1 while it carries goods to a station, its target; else 0", low=0, high=1),
+    Column(
+        "deliveries", "orders that it has delivered; also the number of its present order", low=0
+    ),
 )
 """The task's own columns of a state, for each robot."""
 
 TASK_FEATURES: tuple[Feature, ...] = (
-    Feature("carrying", "flag", "", "1 while it carries, and its target is a station"),
-    *vector("corner", "position", "to where it should drive next on its shortest way"),
+    Feature("carrying", "flag", "", "1 while it carries goods to a station, its target"),
+    *vector("corner", "position", "next corner of its shortest path minus own position"),
 )
 """Added by the task to every robot's observation."""
 
@@ -287,18 +289,18 @@ class Warehouse:
 def _terms(rules: WarehouseRules, plan: FloorPlan) -> tuple[Term, ...]:
     w, (first, pitch, depth) = rules.rewards, plan.rows.tolist()
     lanes = ", ".join(f"[{low:.9g}, {high:.9g}]" for low, high in plan.lanes.tolist())
-    way = (
-        "L: length of the shortest way along the axes, m, from the robot (x, y) after the step to "
-        "the target (tx, ty) it had before the step; L': from where it was before the step. It is "
-        "|tx - x| + |ty - y| if y and ty are in one corridor, else longer by twice the smallest "
-        f"gap of a lane to the interval between x and tx. Lanes in x: {lanes}. With "
-        f"u = y - ({first:.9g}), y is in corridor 0 if u < 0; else, with k = floor(u / {pitch:.9g})"
-        f", in corridor k + 1 if u - k * {pitch:.9g} >= {depth:.9g}, else in the one beside "
-        "shelves, -1"
+    path = (
+        "L: length of the shortest path along the axes, m, from the robot (x, y) after the step to "
+        "the target (tx, ty) that it had before the step; L': the same from where the robot was "
+        "before the step. L is |tx - x| + |ty - y| if y and ty are in the same corridor; otherwise "
+        "it is longer by twice the smallest gap between a lane and the interval from x to tx. "
+        f"Lanes in x: {lanes}. Corridors: with u = y - ({first:.9g}), y is in corridor 0 if u < 0; "
+        f"otherwise, with k = floor(u / {pitch:.9g}), it is in corridor k + 1 if "
+        f"u - k * {pitch:.9g} >= {depth:.9g}, and beside shelves, in corridor -1, if not"
     )
     return (
-        Term("progress", w.progress, 1, "(L' - L)", way),
+        Term("progress", w.progress, 1, "(L' - L)", path),
         Term("pickup", w.pickup, 1, "[picked]", "picked: carrying went from 0 to 1"),
         Term("delivery", w.delivery, 1, "[delivered]", "delivered: deliveries went up by 1"),
-        Term("time", w.time, -1, "1", "in every step"),
+        Term("time", w.time, -1, "1", "1: in every step"),
     )

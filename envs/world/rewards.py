@@ -5,8 +5,8 @@ from swarmdata.interfaces import Task
 from swarmdata.types import Term
 
 _GAP_MEANING = (
-    "gap: least distance, m, from the robot's surface to that of another robot, an obstacle or a "
-    "wall, after the step; below 0 where they overlap. A payload is none of them"
+    "gap: smallest distance, m, after the step from the robot's surface to that of another robot, "
+    "an obstacle or a wall; negative where they overlap. Payloads do not count"
 )
 
 _CONTACT_TERMS = (
@@ -30,7 +30,7 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
             getattr(weights, name),
             -1,
             event,
-            f"{event}: that column of `events`, of this robot in this step",
+            f"{event}: the column of `events` with this name, of the robot in this step",
         )
         for name, event in _CONTACT_TERMS
     )

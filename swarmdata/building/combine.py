@@ -23,7 +23,7 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
     """The origin of the dataset of all views' episodes.
 
     Raises:
-        SpecError: the specs differ, a view is a reobservation, or the id is malformed.
+        SpecError: the specs differ, a view was reobserved or reweighted, or the id is malformed.
         SchemaError: two episodes have the same seed, or there are too many policies.
         BuildError: a view is empty, or no episode is in the train split.
     """
@@ -50,6 +50,11 @@ def _check_specs(views: Sequence[Dataset]) -> None:
             raise SpecError(
                 f"{view!r} is a reobservation, which is in no file. Edit the dataset as it was "
                 "recorded, then call `reobserve` on the result."
+            )
+        if view.reweighting is not None:
+            raise SpecError(
+                f"{view!r} has other rewards than were recorded, which are in no file. Edit the "
+                "dataset as it was recorded, then call `with_rewards` on the result."
             )
         if view.recipe.spec != first.recipe.spec:
             path, here, there = _difference(first, view)

@@ -36,12 +36,12 @@ Communication = Annotated[
 Clip = Annotated[Path, typer.Option(help="file to write: .gif, .mp4 or .png")]
 
 
-def parse_settings(texts: list[str] | None) -> dict[str, str]:
-    """Splits the texts of all `--set` options."""
+def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, str]:
+    """Splits the texts of all `--set` options, or of another option like it."""
     settings = {}
     for text in texts or []:
         key, equals, value = text.partition("=")
         if not equals:
-            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint=option)
         settings[key] = value
     return settings

@@ -1,6 +1,5 @@
 """`swarmdata train`, `ship` and `learning`: training runs, shipped checkpoints, online reports."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,11 +8,17 @@ import typer
 from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
 ONLINE_OPTIONS = ("first_seed", "steps", "workers")
-OFFLINE_OPTIONS = ("updates", "regulariser", "curve_every", "keep", "frame", "device", "compile")
+OFFLINE_OPTIONS = (
+    "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
+)  # fmt: skip
 """Options of `train` that only one kind of algorithm has."""
 
 Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of each seed")]
 Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
+Reward = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=WEIGHT", help="offline: weight of a reward term; may be repeated"),
+]
 Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
 FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
 Data = Annotated[str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")]
@@ -38,6 +43,7 @@ def train(
     keep: Annotated[bool, typer.Option(help="offline: keep all checkpoints, for `rank`")] = False,
     observation: Observation = None,
     communication: Communication = None,
+    reward: Reward = None,
     frame: FrameName = "auto",
     workers: Annotated[int, typer.Option(min=1, help="online: number of processes")] = 1,
     device: Annotated[str, typer.Option(help="offline: torch device")] = "cpu",
@@ -46,7 +52,8 @@ def train(
     """Train an algorithm, offline on a dataset or online in a task.
 
     Offline training uses the train split; with --observation or --communication, the dataset is
-    re-observed from its states. An interrupted training resumes: run the same command again.
+    re-observed from its states, and with --reward, its rewards are computed from their terms. An
+    interrupted training resumes: run the same command again.
     """
     from swarmdata.runtime.extras import require_extra
 
@@ -54,8 +61,7 @@ def train(
     from swarmdata.evaluation.runs.train import train, train_online
 
     _check_arguments(context, algorithm, data, task)
-    lengths = {"n_steps": None if steps is None else round(steps), "n_updates": updates}
-    changes = _changes(config, {**lengths, "regulariser": regulariser}, settings)
+    changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
     folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
@@ -63,7 +69,7 @@ def train(
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
-        options["compile"] = compile
+        options |= {"compile": compile, "rewards": parse_settings(reward, "--reward")}
         train(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
@@ -125,12 +131,13 @@ def ship(
 
 
 def _changes(
-    config: str | None, options: Mapping[str, int | str | None], settings: list[str] | None
+    config: str | None, settings: list[str] | None, **options: float | str | None
 ) -> dict[str, str]:
     """Merges the settings of a file, of options and of `--set`; later ones win."""
     from swarmdata.evaluation.runs.train import read_settings
 
-    changes = {name: str(value) for name, value in options.items() if value is not None}
+    whole = {k: round(v) if isinstance(v, float) else v for k, v in options.items()}
+    changes = {name: str(value) for name, value in whole.items() if value is not None}
     return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 

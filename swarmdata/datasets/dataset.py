@@ -1,5 +1,6 @@
 """Dataset, a lazy view of recorded episodes: open, select, iterate, sample, score."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -16,8 +17,9 @@ from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import Source, describe, with_models
+from swarmdata.specs.model_choice import Source, describe, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
+from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
@@ -33,10 +35,8 @@ from swarmdata.types import (
 )
 
 if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
+    from swarmdata.datasets.reweighting import Reweighting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,14 +56,16 @@ class Statistics:
 class Dataset:
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
-    Every array is a read-only view of a memory map, except those that `reobserve` computed.
+    Every array is a read-only view of a memory map, except those that `reobserve` and
+    `with_rewards` computed. What is not looked at is not read, such as `reward_terms`.
 
     Attributes:
-        stored: the open files; of a reobservation, with the arrays it computed.
+        stored: the open files; of a reobservation or reweighting, with the arrays it computed.
         selection: stored episodes of this view, int64 [n].
         references: anchors of the normalized score, if known.
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
         reobservation: with which sensors and radios this was observed again, if it was.
+        reweighting: with which weights the rewards were computed again, if they were.
     """
 
     stored: StoredDataset
@@ -71,6 +73,7 @@ class Dataset:
     references: Reference | None = None
     source: str = "folder"
     reobservation: "Reobservation | None" = None
+    reweighting: "Reweighting | None" = None
 
     @classmethod
     def open(
@@ -117,7 +120,10 @@ class Dataset:
 
     @property
     def spec(self) -> Spec:
-        """What was recorded; of a reobservation, the task with the new models."""
+        """What was recorded; of a reobservation, the task with the new models.
+
+        Other rewards do not change it: policies are evaluated on those of the task.
+        """
         return self.recipe.spec if self.reobservation is None else self.reobservation.spec
 
     @property
@@ -133,15 +139,18 @@ class Dataset:
 
     @property
     def view(self) -> str | None:
-        """Canonical JSON of a reobservation's two models, None for the recorded dataset.
+        """Canonical JSON of a reobservation's two models and of the weights that were changed.
 
-        Together with `digest` it identifies the content.
+        None for the recorded dataset. Together with `digest` it identifies the content.
         """
-        return None if self.reobservation is None else self.reobservation.identity
+        models = {} if self.reobservation is None else models_of(self.reobservation.spec)
+        rewards = {} if self.reweighting is None else {"rewards": self.reweighting.changes}
+        changed = {**models, **rewards}
+        return json.dumps(changed, sort_keys=True, separators=(",", ":")) if changed else None
 
     @property
     def card(self) -> str:
-        """Text of the dataset's card, Markdown; of a reobservation, below a note about the models.
+        """Text of the dataset's card, Markdown; of a view, below notes about models and weights.
 
         Raises:
             MissingFileError: the dataset has no card.
@@ -153,19 +162,22 @@ class Dataset:
                 f"{self.path / CARD} is absent: this dataset has no card yet. "
                 f"`swarmdata generate {self.id}` writes one."
             ) from error
-        return text if self.reobservation is None else f"{self.reobservation.note}\n{text}"
+        views = (self.reobservation, self.reweighting)
+        return "\n".join([*(each.note for each in views if each is not None), text])
 
     @property
     def statistics(self) -> Statistics:
-        """Normalization statistics of the train split, the same in every view."""
+        """Normalization statistics of the train split, the same in every selection."""
         entry = self.stored.manifest.statistics
         recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
         mean, std = recorded if self.reobservation is None else self.reobservation.moments
+        rewards = entry.reward_mean, entry.reward_std
+        reward_mean, reward_std = rewards if self.reweighting is None else self.reweighting.moments
         return Statistics(
             observation_mean=mean,
             observation_std=std,
-            reward_mean=entry.reward_mean,
-            reward_std=entry.reward_std,
+            reward_mean=reward_mean,
+            reward_std=reward_std,
         )
 
     @property
@@ -188,13 +200,16 @@ class Dataset:
         return len(self.selection)
 
     def __repr__(self) -> str:
-        """Shows identity and size, and the models of a reobservation."""
+        """Shows identity and size, the models of a reobservation, and changed weights."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
         models = ""
         if self.reobservation is not None:
             acted = describe(self.reobservation.recorded_task)
             models = f" seen with {describe(self.reobservation.spec)}; acted on {acted};"
+        if self.reweighting is not None:
+            weights = (f"{name} {value:g}" for name, value in self.reweighting.changes.items())
+            models += f" rewards with {', '.join(weights)};"
         return (
             f"<Dataset {self.id}:{models} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
@@ -300,13 +315,45 @@ class Dataset:
             return self
         recorded = self.stored if self.reobservation is None else self.reobservation.recorded
         if spec == self.recipe.spec:
-            return replace(self, stored=recorded, reobservation=None)
+            return replace(self, stored=self._rewarded(recorded), reobservation=None)
         from swarmdata.datasets.reobservation import reobserve  # noqa: PLC0415  (compiled code, rarely needed)
 
         reobserved = reobserve(recorded, spec, progress=progress)
-        return replace(
-            self, stored=replace(recorded, arrays=dict(reobserved.arrays)), reobservation=reobserved
-        )
+        stored = self._rewarded(replace(recorded, arrays=dict(reobserved.arrays)))
+        return replace(self, stored=stored, reobservation=reobserved)
+
+    def _rewarded(self, stored: StoredDataset) -> StoredDataset:
+        """Other files with the rewards and returns of this view."""
+        names = ("rewards", "episodes/team_return")
+        rewards = {name: self.stored.arrays[name] for name in names}
+        return replace(stored, arrays={**stored.arrays, **rewards}, table=self.stored.table)
+
+    def with_rewards(self, **weights: float | str) -> "Dataset":
+        """Returns the same episodes with the rewards that other weights of their terms give.
+
+        The rewards are computed from the stored `reward_terms` as worlds compute them, so the
+        recorded weights give the recorded rewards bit for bit. Returns, `statistics` and what is
+        drawn from the view follow them. `spec`, `make_env` and the scale of the score stay those of
+        the task: policies that learn from other rewards are still evaluated on its own.
+
+        The new rewards are held in memory: 4 N bytes per step.
+
+        Args:
+            weights: new weights of terms by name, such as `robot_collision=1.0`, or `team_share`;
+                the others stay those of this view. `dataset.task.rules.rewards` has the recorded.
+
+        Raises:
+            UnknownNameError: no such weight; the message lists those that exist.
+            SpecError: a weight cannot have the value, or the dataset is of another environment.
+            SchemaError: the dataset has no terms.
+        """
+        if not weights:
+            return self
+        from swarmdata.datasets.reweighting import reweight  # noqa: PLC0415  (compiled code, rarely needed)
+
+        now = self.task.rules.rewards if self.reweighting is None else self.reweighting.weights
+        found = reweight(self.stored, changed_weights(now, weights))
+        return replace(self, stored=found.stored, reweighting=found if found.changes else None)
 
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this view into memory, row-aligned.

@@ -17,7 +17,7 @@ from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
 from swarmdata.registry.components import make_task
-from swarmdata.specs.model_choice import describe, models_json
+from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
@@ -62,11 +62,6 @@ class Reobservation:
     def recorded_task(self) -> TaskSpec:
         """The task as it was recorded."""
         return task_of(self.recorded.recipe, "a reobservation")
-
-    @property
-    def identity(self) -> str:
-        """Canonical JSON of the two models; with the dataset's digest it identifies the content."""
-        return models_json(self.spec)
 
     @property
     def note(self) -> str:

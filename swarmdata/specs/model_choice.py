@@ -1,6 +1,5 @@
 """Observation and communication models of a spec: chosen by name, replaced, described."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -45,11 +44,6 @@ def models_of(spec: TaskSpec) -> dict[str, Any]:
         "communication": spec.communication.model_dump(mode="json"),
         "observation": spec.observation.model_dump(mode="json"),
     }
-
-
-def models_json(spec: TaskSpec) -> str:
-    """Canonical JSON of both models: sorted keys, no spaces, every default written out."""
-    return json.dumps(models_of(spec), sort_keys=True, separators=(",", ":"))
 
 
 def describe(spec: TaskSpec) -> str:

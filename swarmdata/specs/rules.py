@@ -4,10 +4,12 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from swarmdata.errors import UnknownNameError
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.quantities import (
     Angle,
@@ -35,6 +37,23 @@ class Rewards(Frozen):
     obstacle_collision: Weight = 1.0  # per contact with an obstacle or wall that begins
     proximity: Weight = 0.05  # per step, times how deep in the last 0.1 m before contact
     team_share: Probability = 0.0  # part of each reward that is the mean over the team
+
+
+def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rewards:
+    """Returns the same weights with some of them changed.
+
+    Args:
+        weights: of a task.
+        changes: new values by name, as numbers or as text.
+
+    Raises:
+        UnknownNameError: there is no weight of that name; the message lists those that exist.
+        SpecError: a weight cannot have the value.
+    """
+    for name in changes:
+        if name not in type(weights).model_fields:
+            raise UnknownNameError("reward weight", name, type(weights).model_fields)
+    return type(weights).parse({**weights.model_dump(), **changes}, "rewards")
 
 
 class NavigationRewards(Rewards):
@@ -174,7 +193,7 @@ class TransportRules(Frozen):
 class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
-    progress: Weight = 0.5  # per metre that a robot's shortest way to its target gets shorter
+    progress: Weight = 0.5  # per metre by which a robot's shortest path to its target gets shorter
     pickup: Weight = 1.0
     delivery: Weight = 2.0
     robot_contact: Weight = 0.2

@@ -22,8 +22,8 @@ BODY = ("x", "y", "vx", "vy", "ux", "uy", "turn_rate")
 """Columns of a movable body, as `body_columns` describes them."""
 
 _SPEED = "; no faster than the robot's max_speed, unless it is in contact"
-_HEADING = "; a unit vector, (1, 0) for ever on a holonomic robot"
-_TARGET = ", the point where the robot should be now"
+_HEADING = "; a unit vector, always (1, 0) on a holonomic robot"
+_TARGET = ", the point where the robot should be"
 
 
 def pair(

@@ -139,7 +139,11 @@ def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> Stored
             f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
             "was replaced meanwhile. Load it again."
         )
-    return replace(stored, arrays={**stored.arrays, **held})
+    columns = {
+        name.split("/")[1]: array for name, array in held.items() if name.startswith("episodes/")
+    }
+    table = replace(stored.table, **columns)
+    return replace(stored, arrays={**stored.arrays, **held}, table=table)
 
 
 def links_in(path: Path) -> tuple[str, ...]:

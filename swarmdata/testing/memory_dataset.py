@@ -31,7 +31,7 @@ class MemoryDataset:
         spec: the task.
         id: name of the dataset.
         digest: stands for the content.
-        view: models of a reobservation as JSON.
+        view: changed models and reward weights as JSON.
     """
 
     episodes: Sequence[Episode]

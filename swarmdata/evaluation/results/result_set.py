@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
+from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
@@ -47,10 +49,12 @@ class Case:
         return self.dataset or self.spec.task
 
     @property
-    def is_view(self) -> bool:
-        """Whether the dataset was re-observed."""
+    def view(self) -> dict[str, Any]:
+        """Models and reward weights of the dataset that were changed; empty: as recorded."""
         runs = (run for label in self.trained for run in self.runs[label])
-        return any(run.provenance.view is not None for run in runs)
+        views = (run.provenance.view for run in runs if run.provenance.view is not None)
+        text = next(views, None)
+        return {} if text is None else parse_json(text, "the view")
 
     @property
     def trained(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ They also show what the dataset's own episodes achieved, with action noise.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -206,11 +206,7 @@ def metric_table(
 
 
 def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
-    views = "".join(
-        f" {case.name}: re-observed with {describe(case.spec.world)}."
-        for case in cases
-        if case.is_view and case.spec.world is not None
-    )
+    views = "".join(f" {case.name}: {words}." for case in cases for words in _words_of_view(case))
     scale = " 0 is the better of an idle and a random team, 100 the expert." * (
         shown.key == "score"
     )
@@ -219,6 +215,15 @@ def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
         f"of a single run, the mean over episodes.{scale} Row data: the mean of the dataset's own "
         f"episodes, with action noise.{views}"
     )
+
+
+def _words_of_view(case: Case) -> Iterator[str]:
+    """What was changed in the dataset that policies learned from."""
+    if "observation" in case.view and case.spec.world is not None:
+        yield f"re-observed with {describe(case.spec.world)}"
+    if rewards := case.view.get("rewards"):
+        weights = ", ".join(f"{name} {value:g}" for name, value in rewards.items())
+        yield f"learned from rewards with {weights}"
 
 
 def aggregate_table(

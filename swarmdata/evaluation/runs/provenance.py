@@ -28,7 +28,7 @@ class Provenance(Frozen):
     algorithm: str | None = None  # of its training
     dataset: FilePart | None = None  # id with version, of its training
     digest: Sha256 | None = None  # of that dataset
-    view: str | None = None  # if the dataset was re-observed: the models as canonical JSON
+    view: str | None = None  # changed models and reward weights of the dataset as canonical JSON
     config: dict[str, Any] = Field(default_factory=dict)  # of the algorithm, with all defaults
     seed: Natural | None = None  # of the training
     updates: Natural | None = None  # offline: gradient updates at the evaluated checkpoint

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ def train(
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    rewards: Mapping[str, float | str] | None = None,
     frame: str = "auto",
     curve_every: int = 1000,
     keep: bool = False,
@@ -61,6 +63,8 @@ def train(
         changes: settings of the algorithm as text.
         observation: observation model for training and evaluation; None: as recorded.
         communication: communication model, likewise.
+        rewards: weights of rewards to learn from, as `load` takes them; learning curves and
+            evaluations stay on those of the task.
         frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it, or
             `auto` for the natural one of the task.
         curve_every: updates between two points of the learning curve.
@@ -77,9 +81,8 @@ def train(
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
-    dataset = load(
-        dataset_id, observation=observation, communication=communication, progress=progress
-    )
+    view: dict[str, Any] = {"observation": observation, "communication": communication}
+    dataset = load(dataset_id, **view, rewards=rewards, progress=progress)
     spec = dataset.spec
     evaluation = None
     if spec.world is not None and is_simulated(spec.world):

@@ -5,6 +5,7 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from swarmdata.registry.published import (
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
@@ -88,6 +90,7 @@ def load(
     *,
     observation: Source | None = None,
     communication: Source | None = None,
+    rewards: Mapping[str, float | str] | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
@@ -109,6 +112,8 @@ def load(
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
+        rewards: weights to compute rewards with, such as `{"robot_collision": 1.0}`; see
+            `Dataset.with_rewards`. None: the recorded rewards.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         offline: whether no remote is asked; None: whether SWARMDATA_OFFLINE or HF_HUB_OFFLINE is
@@ -117,9 +122,10 @@ def load(
         progress: whether to show a bar while fetching or building.
 
     Raises:
-        UnknownNameError: no such dataset or model; the message has the nearest name.
+        UnknownNameError: no such dataset, model or reward weight; the message has the nearest name.
         AddressError: a malformed address.
         SpecError: a malformed model, or learned messages that were not recorded.
+        SchemaError: the dataset has no terms of rewards, which `rewards` needs.
         BuildError: it could not be built.
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
@@ -129,6 +135,8 @@ def load(
     if request.recipe is not None and not is_as_recorded:  # before building, which takes minutes
         spec = request.recipe.spec
         check_messages(with_models(spec, observation, communication), spec)
+    if request.recipe is not None and rewards:
+        changed_weights(request.recipe.spec.rules.rewards, rewards)
     remotes = Remotes(offline=is_offline(offline), progress=progress)
     found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
@@ -140,8 +148,8 @@ def load(
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
         warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=2)
-    if is_as_recorded:
-        return dataset
+    if rewards:
+        dataset = dataset.with_rewards(**rewards)
     return dataset.reobserve(observation, communication, progress=progress)
 
 

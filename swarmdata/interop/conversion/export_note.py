@@ -59,11 +59,13 @@ class ExportNote(Frozen):
 
 def note_of(dataset: Dataset) -> ExportNote:
     """Returns the note to write beside an export of this view."""
-    table = dataset.episodes
+    table, spec = dataset.episodes, dataset.spec
+    if dataset.reweighting is not None:  # the spec of the export is that of its rewards
+        spec = dataset.reweighting.applied_to(dataset.task)
     return ExportNote(
         id=dataset.id,
         digest=dataset.digest,
-        spec=dataset.spec,
+        spec=spec,
         policies=dataset.recipe.policies,
         episodes=EpisodeColumns(
             lengths=tuple(table.lengths.tolist()),

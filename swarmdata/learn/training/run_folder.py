@@ -43,7 +43,9 @@ class Run(Frozen):
     config: dict[str, Any]  # of the algorithm, every default written out
     dataset: str
     digest: str  # of the dataset
-    view: str | None = None  # of a reobservation, its models as JSON; `spec` has them too
+    view: str | None = (
+        None  # models and reward weights that were changed, JSON; `spec` has the models
+    )
     n_episodes: Count  # of the view that was trained on
     min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec

@@ -25,7 +25,7 @@ class Data(Episodes, Protocol):
     @property
     def digest(self) -> str: ...
     @property
-    def view(self) -> str | None: ...  # models of a reobservation as JSON
+    def view(self) -> str | None: ...  # changed models and reward weights as JSON
     @property
     def spec(self) -> Spec: ...
     def __len__(self) -> int: ...  # episodes

@@ -29,9 +29,9 @@ FRAME_MEANINGS = {
 """Frames of reference that columns name."""
 
 LOG_PROBS_FORMULA = (
-    "The sum over the action's components: of one strictly inside (-1, 1) the logarithm of the "
-    "density of the Gaussian action noise, of one at -1 or 1 that of the probability of being "
-    "clipped to it; 0 without noise, -log 2 for a uniform draw from [-1, 1]."
+    "The sum over the action's components. Of one strictly inside (-1, 1): the logarithm of the "
+    "density of the Gaussian action noise. Of one at -1 or 1: the logarithm of the probability of "
+    "being clipped to it. Without noise: 0. Of a uniform draw from [-1, 1]: -log 2."
 )
 """What `log_probs` mean where the policies are the package's."""
 
@@ -56,8 +56,8 @@ PRECISION_NOTE = (
 
 RECORDED_LAYOUT = (
     "How a value of a space becomes columns: a box's numbers in C order; a discrete choice as its "
-    "number; the parts of a dictionary in the order of its sorted keys. Columns behind an agent's "
-    "own are zero."
+    "number; the parts of a dictionary in the order of its sorted keys. An agent whose space is "
+    "smaller than the widest one has zeros in the remaining columns."
 )
 """What the columns of a recording of another environment are."""
 
@@ -91,10 +91,10 @@ SENSED_NOTES = {
 """How each observation model is laid out."""
 
 MODIFIED_NOTE = (
-    "`model` has its numbers: standard deviations of the noise by kind of measurement (m, m/s, "
-    "rad), from which all features are computed; probability that an object, beam or cell is "
-    "missed; steps of delay; frames in the stack. A name that ends in [-k] is of the frame k steps "
-    "before. message_k is from the k-th of the other agents in their order."
+    "`model` has the numbers of the model: standard deviations of the noise by kind of measurement "
+    "(m, m/s, rad), from which all features are computed; probability that an object, beam or cell "
+    "is missed; steps of delay; frames in the stack. A name that ends in [-k] is of the frame k "
+    "steps before. message_k is from the k-th of the other agents in their order."
 )
 """What holds of every observation model."""
 

@@ -83,15 +83,15 @@ def _command_columns(robot: Robot) -> tuple[Column, ...]:
     limit = (
         f"approached with at most {acceleration}"
         if is_velocity
-        else f"as far as the speed stays within {speed}"
+        else f"limited so that the speed stays within {speed}"
     )
     what = "velocity" if is_velocity else "acceleration"
     scale = speed if is_velocity else acceleration
     if robot.dynamics == "holonomic":
-        more = f", as part of {scale}, {limit}; a vector longer than 1 is cut to length 1"
-        return pair(f"{what}_", f"{what} asked for", "", (1.0, 1.0), more)
-    ahead = f"{what} asked for along the heading, as part of {scale}, {limit}"
-    turn = f"turn rate, counter-clockwise, as part of {robot.max_turn_rate:g} rad/s"
+        more = f", as a fraction of {scale}, {limit}; a vector longer than 1 is shortened to 1"
+        return pair(f"{what}_", f"commanded {what}", "", (1.0, 1.0), more)
+    ahead = f"commanded {what} along the heading, as a fraction of {scale}, {limit}"
+    turn = f"turn rate, counter-clockwise, as a fraction of {robot.max_turn_rate:g} rad/s"
     return (
         Column(f"{what}_ahead", ahead, "", -1.0, 1.0, "body"),
         Column("turn_rate", turn, "", -1.0, 1.0),
@@ -112,10 +112,10 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
     rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
     own = robot_columns(spec.half_size)
     measured = tuple(
-        own[k]._replace(meaning=f"of the sender, as it measured it{rounding}: {own[k].meaning}")
+        own[k]._replace(meaning=f"of the sender, measured by itself{rounding}: {own[k].meaning}")
         for k in PAYLOAD_COLUMNS[model.payload]
     )
     if spec.observation.noise.position == 0.0:
         return measured
-    # a robot may believe to be outside of the arena
+    # with noise, a robot may measure a position outside of the arena
     return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in measured)

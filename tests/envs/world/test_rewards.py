@@ -110,12 +110,12 @@ def transport(task: Task, before: Step, now: Step) -> Values:
 
 
 def warehouse(task: Task, before: Step, now: Step) -> Values:
-    way = next(term.meaning for term in reward_terms(task) if term.name == "progress")
-    words = way.replace("(", " ").replace(")", " ").replace(",", " ").split()
+    meaning = next(term.meaning for term in reward_terms(task) if term.name == "progress")
+    words = meaning.replace("(", " ").replace(")", " ").replace(",", " ").split()
     first = float(words[words.index("u") + 4])
     pitch = float(words[words.index("floor") + 3])
     depth = float(words[words.index(">=") + 1])
-    lanes = [tuple(map(float, part.split("]")[0].split(", "))) for part in way.split("[")[1:]]
+    lanes = [tuple(map(float, part.split("]")[0].split(", "))) for part in meaning.split("[")[1:]]
 
     def corridor(y: Any) -> Any:
         u = y - first
@@ -125,7 +125,7 @@ def warehouse(task: Task, before: Step, now: Step) -> Values:
     old, new = robots_of(task, before, now)
     tx, ty = old[..., 6], old[..., 7]
 
-    def way_length(x: Any, y: Any) -> Any:
+    def path_length(x: Any, y: Any) -> Any:
         low, high = np.minimum(x, tx), np.maximum(x, tx)
         gaps = [np.maximum(0, np.maximum(a - high, low - b)) for a, b in lanes]
         detour = np.where(corridor(y) == corridor(ty), 0, 2 * np.min(gaps, axis=0))
@@ -134,8 +134,8 @@ def warehouse(task: Task, before: Step, now: Step) -> Values:
     n = task.spec.n_agents
     mine = [step.states[:, 8 * n :].reshape(-1, n, 2) for step in (before, now)]
     return {
-        "L_old": way_length(old[..., 0], old[..., 1]),
-        "L": way_length(new[..., 0], new[..., 1]),
+        "L_old": path_length(old[..., 0], old[..., 1]),
+        "L": path_length(new[..., 0], new[..., 1]),
         "picked": mine[1][..., 0] > mine[0][..., 0],
         "delivered": mine[1][..., 1] > mine[0][..., 1],
     }

@@ -1,13 +1,16 @@
 """Names become teams under any models; trained teams refuse what they cannot read."""
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.behavior_policies.tiers import checkpoints
+from swarmdata.cli.main import app
 from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
 from swarmdata.evaluation.results.policy_names import find_target
@@ -17,6 +20,7 @@ from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.hub.catalog import request
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.specs.model_choice import with_models
@@ -127,6 +131,46 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
     with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
         find_target(str(tmp_path / "run"), communication="none")
+
+
+def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="training needs the torch extra")
+    from swarmdata.learn.training.run_folder import read_run
+
+    tiny = Recipe(
+        id="coop_nav-tiny-v0",
+        tier="random",
+        spec=TaskSpec(horizon=15),
+        policies=(PolicySource(label="random", name="random"),),
+        n_steps=400,
+        part_episodes=8,
+    )
+    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
+    arguments = ["train", "bc", "x", "--out", str(tmp_path / "run"), "--seeds", "1"]
+    arguments += ["--updates", "2", "--set", "hidden=8", "--set", "batch_size=16"]
+
+    def run_command(*options: str) -> Any:
+        return CliRunner().invoke(app, [*arguments, *options])
+
+    result = run_command("--reward", "robot_collision=1.5", "--reward", "time=0")
+    assert result.exit_code == 0, result.output
+    run = read_run(tmp_path / "run")
+    assert run.view == '{"rewards":{"robot_collision":1.5,"time":0.0}}'
+    assert run.spec == tiny.spec
+    assert load("x", **json.loads(run.view)).view == run.view
+    again = run_command("--reward", "robot_collision=1.5")
+    assert again.exit_code == 1
+    assert "differs in: view is" in again.output
+    target = find_target(str(tmp_path / "run"))
+    assert target.spec == tiny.spec
+    (provenance,) = target.provenances
+    assert provenance.view == run.view
+    assert provenance.dataset_key != provenance.dataset
+    unknown = run_command("--reward", "colision=1")
+    assert unknown.exit_code == 1
+    assert "unknown reward weight 'colision'" in unknown.output
 
     results = tmp_path / "results"
     (first,) = evaluate_target(target, 2, results, progress=False)

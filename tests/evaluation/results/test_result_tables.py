@@ -1,5 +1,6 @@
 """Tables show the right numbers with the right interval, and the data's own beside them."""
 
+import json
 import math
 
 import numpy as np
@@ -17,7 +18,7 @@ from swarmdata.evaluation.results.result_tables import (
 from swarmdata.registry.published import published
 from swarmdata.rollouts import score_statistics
 from swarmdata.rollouts.score_statistics import Estimate
-from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.model_choice import models_of, with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 
@@ -110,12 +111,15 @@ def test_labels_by_dataset() -> None:
 
 def test_views_are_explained() -> None:
     lidar = with_models(COOP_NAV, "lidar")
-    table = metric_table(
-        group_results([result(), result(spec=lidar, view="{}")]), n_resamples=QUICK
-    )
-    plain, view = sorted(column.label for column in table.columns)
-    assert f"{view}: re-observed with observation lidar" in table.caption
-    assert f"{plain}: seen" not in table.caption
+    models = json.dumps(models_of(lidar))
+    strict = '{"rewards":{"robot_collision":1.5,"time":0.0}}'
+    results = [result(), result(spec=lidar, view=models), result(view=strict)]
+    table = metric_table(group_results(results), n_resamples=QUICK)
+    keys = [each.provenance.dataset_key for each in results]
+    assert f" {keys[1]}: re-observed with observation lidar" in table.caption
+    words = "learned from rewards with robot_collision 1.5, time 0."
+    assert f" {keys[2]}: {words}" in table.caption
+    assert table.caption.count(": re-observed") == table.caption.count(": learned") == 1
 
 
 def test_aggregates_stand_below_those_of_the_data() -> None:

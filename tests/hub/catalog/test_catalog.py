@@ -87,6 +87,18 @@ def test_load_through_other_models(cache_folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("tiny")
+def test_load_with_other_rewards(cache_folder: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'robot_contact'"):
+        load("coop_nav-tiny", rewards={"robot_contcat": 1.0})
+    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
+    view = load("coop_nav-tiny", rewards={"time": "0.5"}, workers=1, progress=False)
+    recorded = load("coop_nav-tiny")
+    assert view.view == '{"rewards":{"time":0.5}}'
+    assert view.digest == recorded.digest
+    assert (view.episodes.team_return < recorded.episodes.team_return).all()
+
+
+@pytest.mark.usefixtures("tiny")
 def test_other_digest_than_the_published_is_kept_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,157 @@
+"""Rewards of other weights: those of a world with these weights, and the recorded ones back."""
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swarmdata.building.edit import filter_dataset
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.registry.components import TASKS, make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.recipe import PolicySource, Recipe, Splits
+from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import assemble, merge_order
+from swarmdata.testing.synthetic import make_dataset, write_streams
+from swarmdata.types import Episode
+
+CHANGES = {"robot_collision": 1.5, "time": 0.0, "proximity": 0.3, "team_share": 0.25}
+
+
+def short(name: str) -> TaskSpec:
+    return preset(name).with_updates(horizon=30)
+
+
+def play(spec: TaskSpec, n: int = 12) -> list[Episode]:
+    seeds = np.arange(n, dtype=np.uint64)
+    return list(rollout(make_env(spec, 4), make_policy("straight", spec), seeds))
+
+
+def with_weights(spec: TaskSpec, **changes: float) -> TaskSpec:
+    weights = changed_weights(spec.rules.rewards, changes)
+    return spec.with_updates(rules=spec.rules.model_copy(update={"rewards": weights}))
+
+
+def record(folder: Path, spec: TaskSpec) -> Dataset:
+    episodes = play(spec)
+    parts = write_streams(folder / "parts", [episodes])
+    recipe = Recipe(
+        id=f"{spec.task}-short-v0",
+        tier="some",
+        spec=spec,
+        policies=(PolicySource(label="straight", name="straight"),),
+        n_steps=sum(map(len, episodes)),
+        splits=Splits(block=5),
+    )
+    order = merge_order(recipe, [list(map(len, episodes))]).order
+    assemble(folder / "ds", recipe=recipe, parts=parts, order=order)
+    return Dataset.open(folder / "ds")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return record(tmp_path_factory.mktemp("reweighted"), short("coop_nav"))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_rewards_are_those_of_a_world_with_these_weights(task: str, tmp_path: Path) -> None:
+    recorded = record(tmp_path, short(task))
+    view = recorded.with_rewards(**CHANGES)
+    changed = play(with_weights(short(task), **CHANGES))
+    assert len(view) == len(changed)
+    for ours, theirs, old in zip(view, changed, recorded, strict=True):
+        np.testing.assert_array_equal(ours.rewards, theirs.rewards)
+        assert ours.team_return == theirs.team_return
+        assert ours.observations is not None
+        np.testing.assert_array_equal(ours.states, old.states)
+    returns = [episode.team_return for episode in changed]
+    assert view.episodes.team_return.tolist() == returns
+    assert recorded.episodes.team_return.tolist() != returns
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(weight=st.floats(0, 1e3), share=st.floats(0, 1))
+def test_the_recorded_weights_give_the_recorded_bits(
+    dataset: Dataset, weight: float, share: float
+) -> None:
+    rewards = dataset.task.rules.rewards
+    there = dataset.with_rewards(robot_collision=weight, team_share=share)
+    back = there.with_rewards(robot_collision=rewards.robot_collision, team_share=0.0)
+    assert back.view is None
+    assert repr(back) == repr(dataset)
+    for name in ("rewards", "episodes/team_return"):
+        np.testing.assert_array_equal(back.stored.arrays[name], dataset.stored.arrays[name])
+    np.testing.assert_array_equal(back.episodes.team_return, dataset.episodes.team_return)
+
+
+def test_all_readers_see_the_new_rewards(dataset: Dataset) -> None:
+    view = dataset.with_rewards(**CHANGES)
+    rewards = np.concatenate([episode.rewards for episode in view])
+    np.testing.assert_array_equal(view.transitions()["rewards"], rewards)
+    draws = view.sampler(32, seed=1), dataset.sampler(32, seed=1)
+    rows = draws[0].draw()
+    np.testing.assert_array_equal(draws[0].gather(rows).rewards, rewards[rows])
+    assert (draws[1].gather(rows).rewards != rewards[rows]).any()
+    windows = view.sampler(4, horizon=5, seed=1)
+    starts = windows.draw()
+    np.testing.assert_array_equal(windows.gather(starts).rewards[:, 0], rewards[starts])
+    train = np.concatenate([episode.rewards.ravel() for episode in view.split("train")])
+    assert view.statistics.reward_mean == pytest.approx(train.mean(dtype=np.float64))
+    assert view.statistics.reward_std == pytest.approx(train.std(dtype=np.float64))
+    median = float(np.median(view.episodes.team_return))
+    assert all(each.team_return >= median for each in view.filter(min_return=median))
+    copy = pickle.loads(pickle.dumps(view.stored))
+    np.testing.assert_array_equal(copy.table.team_return, view.episodes.team_return)
+
+
+def test_a_view_says_what_it_is(dataset: Dataset) -> None:
+    view = dataset.with_rewards(robot_collision="1.5", time=0)
+    assert view.view == '{"rewards":{"robot_collision":1.5,"time":0.0}}'
+    assert "rewards with time 0, robot_collision 1.5;" in repr(view)
+    assert view.spec == dataset.spec
+    assert view.digest == dataset.digest
+    assert view.with_rewards() is view
+    assert view.reweighting is not None
+    assert "robot_collision 1.5 instead of 0.5" in view.reweighting.note
+    assert view.reweighting.applied_to(dataset.task) == with_weights(
+        dataset.task, robot_collision=1.5, time=0.0
+    )
+
+
+def test_it_goes_with_other_models_in_any_order(dataset: Dataset) -> None:
+    first = dataset.with_rewards(**CHANGES).reobserve("lidar", progress=False)
+    second = dataset.reobserve("lidar", progress=False).with_rewards(**CHANGES)
+    assert first.view == second.view
+    assert set(json.loads(first.view or "")) == {"communication", "observation", "rewards"}
+    for name, array in first.stored.arrays.items():
+        np.testing.assert_array_equal(array, second.stored.arrays[name])
+    weights = {name: getattr(dataset.task.rules.rewards, name) for name in CHANGES}
+    for view in (first, second):
+        plain = view.with_rewards(**weights).reobserve("state", progress=False)
+        assert plain.view is None
+        for name, array in dataset.stored.arrays.items():
+            np.testing.assert_array_equal(plain.stored.arrays[name], array)
+        rewards = view.reobserve("state", progress=False).stored.arrays["rewards"]
+        np.testing.assert_array_equal(rewards, first.stored.arrays["rewards"])
+
+
+def test_wrong_weights_are_refused(dataset: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"'robot_colision'.*Known: .*proximity, robot_coll"):
+        dataset.with_rewards(robot_colision=1.0)
+    with pytest.raises(SpecError, match="team_share"):
+        dataset.with_rewards(team_share=1.5)
+    with pytest.raises(SpecError, match="other rewards than were recorded"):
+        filter_dataset(dataset.with_rewards(time=0.0), tmp_path / "out", id="coop_nav-cut-v0")
+
+
+def test_a_dataset_without_terms_says_so(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", [[5] * 10])
+    with pytest.raises(SchemaError, match="has no array reward_terms"):
+        Dataset.open(tmp_path / "ds").with_rewards(time=0.0)
