@@ -193,7 +193,8 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     """Estimates memory and time of a world of this size."""
     n, m, o = size.robots, size.obstacles, size.observation
     links = n * n if size.links else 0
-    one_step = 4 * (n * (o + size.message + 8) + size.state) + 2 * links
+    # 18: numbers of a robot's action, log-probability, reward with its terms, and events
+    one_step = 4 * (n * (o + size.message + 18) + size.state) + 2 * links
     history = 4 * n * size.frame * (size.frames + 1 if size.frames > 1 else 1)
     radio = links * 4 * (size.message + 2) + size.links * (4 * n * size.message + links)
     objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
