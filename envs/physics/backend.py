@@ -49,10 +49,10 @@ class Backend(Protocol):
         """Starts new worlds in `copies`, from which their history must not show in any bit.
 
         Args:
-            copies: rows to reset.
-            layouts: obstacles, [E, M, 8].
-            robots: with their velocities, [E, N, 6].
-            bodies: movable bodies, with their velocities, [E, K, 7].
+            copies: rows to reset, [C].
+            layouts: obstacles of all copies, [E, M, 8].
+            robots: of these copies, with their velocities, [C, N, 6].
+            bodies: movable bodies of these copies, with their velocities, [C, K, 7].
         """
         ...
 

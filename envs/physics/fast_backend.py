@@ -275,11 +275,11 @@ class FastBackend:
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
-        self._robots[copies], self._movables[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._movables[copies] = robots, bodies
         self._solver_dt[copies] = UNWRITTEN
-        for b in copies.tolist():
+        for row, b in enumerate(copies.tolist()):
             if self._owners[b] is None:
-                self._build(b, layouts[b], robots[b], bodies[b])
+                self._build(b, layouts[b], robots[row], bodies[row])
 
     def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)

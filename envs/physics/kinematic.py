@@ -46,7 +46,7 @@ class KinematicBackend:
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._bodies[copies] = robots, bodies
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

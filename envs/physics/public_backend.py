@@ -170,7 +170,7 @@ class PublicBackend:
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        self._robots[copies], self._bodies[copies] = robots[copies], bodies[copies]
+        self._robots[copies], self._bodies[copies] = robots, bodies
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = self._new_world(b) if self._plan.movables else None

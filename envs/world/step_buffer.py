@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.types import Bool, Step
+from swarmdata.runtime.kernels import kernel
+from swarmdata.types import Bool, Counts, Float, Int, Seeds, Step
 
 WRITTEN_FIELDS = (
     "observations", "states", "rewards", "reward_terms", "terminations", "truncations", "successes",
@@ -56,6 +57,42 @@ class StepMaker:
             observations, states, rewards, terms, terminations, truncations, successes, events,
             before.seeds, times, before.layouts, sent, delivered, ages,
         )  # fmt: skip
+
+
+@kernel
+def clear_copies(
+    copies: Int,
+    new_seeds: Seeds,
+    seeds: Seeds,
+    times: Int,
+    rewards: Float,
+    terms: Float,
+    events: Counts,
+    terminations: Bool,
+    truncations: Bool,
+    successes: Bool,
+    fresh: Bool,
+) -> None:
+    """Writes the fields of a step that say nothing yet in copies where an episode begins.
+
+    Args:
+        copies: rows, [C].
+        new_seeds: of the episodes, [C].
+        seeds: written, [E].
+        times: written: 0, [E].
+        rewards: written: 0, [E, N].
+        terms: written: 0, [E, N, R].
+        events: written: 0, [E, N, 4].
+        terminations: written: false, [E].
+        truncations: written: false, [E].
+        successes: written: false, [E].
+        fresh: written: true, [E].
+    """
+    for row in range(copies.shape[0]):
+        b = copies[row]
+        seeds[b], times[b], fresh[b] = new_seeds[row], 0, True
+        rewards[b], terms[b], events[b] = 0.0, 0.0, 0
+        terminations[b], truncations[b], successes[b] = False, False, False
 
 
 def keep_ended(before: Step, now: Step, active: Bool) -> None:

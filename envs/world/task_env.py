@@ -4,7 +4,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Plan
 from swarmdata.envs.world.rewards import reward_terms
-from swarmdata.envs.world.step_buffer import StepMaker, keep_ended
+from swarmdata.envs.world.step_buffer import StepMaker, clear_copies, keep_ended
 from swarmdata.envs.world.world import MakeBackend, World, make_backend, score_steps
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
@@ -73,14 +73,12 @@ class TaskEnv:
         now = Step._make(array.copy() for array in old)
         self.task.spawn(seeds, chosen, now.layouts, now.states)
         self._world.reset(chosen, now.layouts, now.states)
-        now.seeds[chosen] = seeds
-        for name in (
-            "rewards", "reward_terms", "terminations", "truncations", "successes", "events", "times"
-        ):  # fmt: skip
-            getattr(now, name)[chosen] = 0
-        resets = np.zeros(self.n_copies, dtype=np.bool_)
-        resets[chosen] = True
-        self._observer.observe(now, None, resets, chosen)
+        fresh = np.zeros(self.n_copies, dtype=np.bool_)
+        clear_copies(
+            chosen, seeds, now.seeds, now.times, now.rewards, now.reward_terms, now.events,
+            now.terminations, now.truncations, now.successes, fresh,
+        )  # fmt: skip
+        self._observer.observe(now, None, fresh, chosen)
         self._now = now
         return now
 

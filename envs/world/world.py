@@ -173,6 +173,39 @@ def score_steps(
         truncations[b] = times[b] >= horizon and not terminations[b]
 
 
+@kernel
+def begin_worlds(
+    copies: Int,
+    states: Float,
+    touching: Bool,
+    static: Bool,
+    slack: Double,
+    robots: Double,
+    bodies: Double,
+) -> None:
+    """Ends the contacts of some copies, and reads what moves in them from their states.
+
+    Args:
+        copies: rows, [C].
+        states: [E, S].
+        touching: cleared, [E, N, N].
+        static: cleared, [E, N, M + 4].
+        slack: cleared, [E, N, 3].
+        robots: written, [C, N, 6].
+        bodies: written, [C, K, 7].
+    """
+    first = N_COLUMNS * robots.shape[1]
+    for row in range(copies.shape[0]):
+        b = copies[row]
+        touching[b], static[b], slack[b] = False, False, 0.0
+        for i in range(robots.shape[1]):
+            for c in range(6):
+                robots[row, i, c] = states[b, N_COLUMNS * i + c]
+        for k in range(bodies.shape[1]):
+            for c in range(7):
+                bodies[row, k, c] = states[b, first + 7 * k + c]
+
+
 class World:
     """E copies of robots among obstacles, independent of any task.
 
@@ -196,12 +229,10 @@ class World:
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
         """Starts worlds at rest in `copies`, from layouts [E, M, 8] and states [E, S]."""
-        e, n, k = len(states), len(self.radii), self._n_movables
-        for array in self.contacts:
-            array[copies] = 0
-        first = N_COLUMNS * n
-        robots = states[:, :first].reshape(e, n, N_COLUMNS)[..., :6].astype(np.float64)
-        bodies = states[:, first : first + 7 * k].reshape(e, k, 7).astype(np.float64)
+        n, k = len(self.radii), self._n_movables
+        robots: Double = np.empty((len(copies), n, 6))
+        bodies: Double = np.empty((len(copies), k, 7))
+        begin_worlds(copies, states, *self.contacts, robots, bodies)
         self._backend.reset(copies, layouts, robots, bodies)
 
     def step(self, actions: Float | Double, before: Step, now: Step) -> int:
