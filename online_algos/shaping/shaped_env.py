@@ -65,6 +65,8 @@ class RewardTerm(Protocol):
 class ShapedEnv:
     """Implements `interfaces.VecEnv`: the copies of another, with shaped rewards.
 
+    `reward_terms` stay those of the task.
+
     Args:
         env: the copies.
         terms: applied to the rewards of every step, one after the other.

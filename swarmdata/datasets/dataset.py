@@ -57,7 +57,8 @@ class Dataset:
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
     Every array is a read-only view of a memory map, except those that `reobserve` and
-    `with_rewards` computed. What is not looked at is not read, such as `reward_terms`.
+    `with_rewards` computed. After its checksums, an array is read only where it is looked at, and
+    batches do not look at `reward_terms`.
 
     Attributes:
         stored: the open files; of a reobservation or reweighting, with the arrays it computed.
@@ -334,7 +335,8 @@ class Dataset:
         The rewards are computed from the stored `reward_terms` as worlds compute them, so the
         recorded weights give the recorded rewards bit for bit. Returns, `statistics` and what is
         drawn from the view follow them. `spec`, `make_env` and the scale of the score stay those of
-        the task: policies that learn from other rewards are still evaluated on its own.
+        the task: policies that learn from other rewards are still evaluated on its own, and the
+        returns of the view itself have no score.
 
         The new rewards are held in memory: 4 N bytes per step.
 
