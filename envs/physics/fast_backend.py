@@ -190,19 +190,18 @@ def _advance(
 ) -> None:
     """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
     can_be_free = movables.shape[1] == 0
-    accelerations, travel = np.zeros((radii.shape[0], 2)), np.zeros(radii.shape[0])
+    accelerations, (travel, still) = np.zeros((radii.shape[0], 2)), np.zeros((2, radii.shape[0]))
     for b in range(spaces.shape[0]):
         if not active[b]:
             continue
         team, layout, gaps = robots[b], layouts[b], slack[b]
-        is_certain = False
-        if can_be_free and solver_dt[b] <= 0.0:
+        is_certain = can_be_free and solver_dt[b] <= 0.0
+        if is_certain:
             write_travel_bounds(team, limits, n_substeps * dt, travel)
             is_certain = is_free(team, 0.0, travel, radii, layout, half, gaps)
-            travel[:] = 0.0
         for k in range(n_substeps):
             drive(team, commands[b], limits, n_substeps, dt, k, accelerations)
-            if is_certain or (can_be_free and is_free(team, dt, travel, radii, layout, half, gaps)):
+            if is_certain or (can_be_free and is_free(team, dt, still, radii, layout, half, gaps)):
                 if solver_dt[b] > 0.0:
                     solver_dt[b], touching[b], static[b] = 0.0, False, False
                 move(team, accelerations, dt)

@@ -119,7 +119,7 @@ def test_a_view_says_what_it_is(dataset: Dataset) -> None:
     assert view.digest == dataset.digest
     assert view.with_rewards() is view
     assert view.reweighting is not None
-    assert "robot_collision 1.5 instead of 0.5" in view.reweighting.note
+    assert "robot_collision 1.5 instead of 1" in view.reweighting.note
     assert view.reweighting.applied_to(dataset.task) == with_weights(
         dataset.task, robot_collision=1.5, time=0.0
     )

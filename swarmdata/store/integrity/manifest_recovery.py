@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from swarmdata.errors import DatasetError, ManifestError
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
+    ALL_FIELDS,
     FIELDS,
     FORMAT_VERSION,
+    OPTIONAL_FIELDS,
     Shard,
     array_file,
     expected_files,
@@ -53,7 +55,8 @@ def remake_manifest(path: Path, recipe: Recipe, provenance: Mapping[str, str]) -
         DatasetError: the files cannot be those of a dataset.
     """
     try:
-        shards = {name: _shard(path, name) for name in sorted(FIELDS)}
+        optional = [name for name in OPTIONAL_FIELDS if (path / metadata_file(name)).exists()]
+        shards = {name: _shard(path, name) for name in sorted([*FIELDS, *optional])}
         raw = {name: _read(path, name, shard) for name, shard in shards.items()}
         files = {
             name: FileEntry(size=(path / name).stat().st_size, sha256=file_digest(path / name))
@@ -79,7 +82,7 @@ def remake_manifest(path: Path, recipe: Recipe, provenance: Mapping[str, str]) -
 def _shard(path: Path, name: str) -> Shard:
     """The byte layout that an array's Zarr metadata and its dtype give."""
     metadata = json.loads((path / metadata_file(name)).read_bytes())
-    field = FIELDS[name]
+    field = ALL_FIELDS[name]
     shape = metadata.get("shape") if isinstance(metadata, dict) else None
     is_shape = isinstance(shape, list) and all(isinstance(n, int) and n >= 0 for n in shape)
     if shape is None or not is_shape or len(shape) != len(field.dimensions):

@@ -301,7 +301,9 @@ def test_metrics_are_what_their_names_say() -> None:
 def cut(episode: Episode, states: Float) -> Episode:
     """An episode with these states, and as many rows of the other fields."""
     rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
-    rows |= {name: getattr(episode, name)[: len(states) - 1] for name in STEP_FIELDS}
+    rows |= {
+        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
+    }
     return replace(episode, **rows | {"states": states})
 
 

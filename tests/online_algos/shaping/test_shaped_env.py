@@ -109,7 +109,7 @@ def test_a_config_decides_the_terms_and_their_order() -> None:
     contact, _, share, _ = shaped.terms
     assert isinstance(contact, ContactCost)
     assert isinstance(share, TeamShare)
-    assert (contact.cost, contact.begin, contact.end, share.share) == (4.0, 0.2, 0.75, 0.3)
+    assert (contact.cost, contact.begin, contact.end, share.share) == (1.5, 0.2, 0.75, 0.3)
 
 
 def test_an_unknown_weight_is_refused() -> None:
