@@ -13,7 +13,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "coop_nav": {"success": 0.95, "clean_success": 0.85},
         "formation": {"success": 0.95, "clean_success": 0.85},
         "transport": {"success": 0.9},
-        "warehouse": {"success": 0.9},
+        "warehouse": {"success": 0.95, "clean_success": 0.75},
         "coop_nav-n8": {"success": 0.85},
         "formation-n8": {"success": 0.85},
     }

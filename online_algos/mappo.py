@@ -175,7 +175,7 @@ class MAPPO:
             self.config.start, self.actors, self.worlds, self.generators, self.seeds
         )
         self.actors.load(weights)
-        return bool(self.config.start.teacher)
+        return self.config.start.has_teacher
 
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.

@@ -68,16 +68,20 @@ class Worlds:
             return self.grouped(actions.astype(np.float64))
         return self.grouped(self.frame.to_local(step.observations, actions))
 
+    def to_world(self, step: Step, actions: Float) -> Double:
+        """Returns actions of the robots' frame, [K, E, N, A], in the world's, [K E, N, A]."""
+        flat = actions.reshape(-1, *actions.shape[2:])
+        if self.frame is None:
+            return flat.astype(np.float64)
+        return self.frame.to_world(step.observations, flat)
+
     def advance(self, actions: Float) -> Step:
         """Takes actions in the current step and returns the next one, before any reset.
 
         Args:
             actions: in the robots' frame, [K, E, N, A].
         """
-        flat: Float | Double = actions.reshape(-1, *actions.shape[2:])
-        if self.frame is not None:
-            flat = self.frame.to_world(self.current_step.observations, flat)
-        next_step = self.env.step(flat)
+        next_step = self.env.step(self.to_world(self.current_step, actions))
         ended = np.flatnonzero(next_step.ended)
         self.current_step = self._begin(ended) if len(ended) else next_step
         return next_step

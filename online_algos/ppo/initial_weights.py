@@ -19,8 +19,9 @@ from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.ppo.avoiding_team import AvoidingTeam
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
-from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.perception.frames import Frame
@@ -32,11 +33,13 @@ class StartConfig:
     """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        SpecError: there is no round of cloning, or the noise is not a standard deviation.
+        SpecError: there is no round of cloning, the noise is not a standard deviation, or there are
+            two teachers.
     """
 
     policies: str = ""  # a run's folder or a shipped tier
     teacher: str = ""  # registered policy that the actors clone before training
+    avoidance: bool = False  # the teacher is the policies, kept from contacts: `avoiding_team`
     teacher_remembers: bool = True  # otherwise it is reset in each step: labels fit the step alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
@@ -49,6 +52,16 @@ class StartConfig:
             raise SpecError(
                 f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
             )
+        if self.avoidance and self.teacher:
+            raise SpecError(
+                f"start.teacher is {self.teacher!r} and start.avoidance is set, which makes the "
+                "policies the teacher; expected one teacher"
+            )
+
+    @property
+    def has_teacher(self) -> bool:
+        """Whether the actors clone a teacher before training."""
+        return self.avoidance or bool(self.teacher)
 
 
 def initial_weights(
@@ -70,20 +83,29 @@ def initial_weights(
     Raises:
         BuildError: one of the seeds has no policy to start from.
         CheckpointError: the policies are not actors of these sizes, in this frame.
+        SpecError: `start.avoidance` is for other robots, or there are no policies.
         UnknownNameError: there is no such teacher.
     """
+    if start.avoidance and not start.policies:
+        raise SpecError(
+            "start.avoidance is set without policies to clone; expected --set start.policies=RUN"
+        )
     started = actors.copy()
     if start.policies:
         found = [find_policy(start.policies, seed, worlds.sizes.n_agents) for seed in seeds]
         for index, policy in enumerate(found):
             copy_weights(policy, started, index, worlds.frame, start.policies)
-    if start.teacher:
+    if start.has_teacher:
         config = CloneConfig(
             n_rounds=start.clone_rounds,
             noise=start.clone_noise,
             teacher_remembers=start.teacher_remembers,
         )
-        teacher = make_policy(start.teacher, worlds.env.spec)
+        teacher: Teacher
+        if start.avoidance:
+            teacher = AvoidingTeam(started.copy(), worlds)
+        else:
+            teacher = make_policy(start.teacher, worlds.env.spec)
         clone_teacher(started, worlds, generators, teacher, config)
     return started.weights
 

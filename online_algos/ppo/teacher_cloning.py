@@ -11,19 +11,31 @@ and 99 % of 128 episodes each, 48 and 85 % without a contact.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.online_algos.collection.seed_generators import standard_normal
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
-from swarmdata.types import Float
+from swarmdata.types import Float, Int, Step
+
+
+class Teacher(Protocol):
+    """What is cloned: policies, and teams that are only needed for labels."""
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Clears the memory of `copies`; see `interfaces.Policy.reset`."""
+        ...
+
+    def act(self, step: Step) -> Float:
+        """Returns joint actions; see `interfaces.Policy.act`."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ def clone_teacher(
     actors: Actors,
     worlds: Worlds,
     generators: Sequence[np.random.Generator],
-    teacher: Policy,
+    teacher: Teacher,
     config: CloneConfig,
 ) -> list[Tensor]:
     """Fits actors to a teacher; returns the mean squared errors after each round, each [K].
@@ -80,7 +92,7 @@ def _collect(
     actors: Actors,
     worlds: Worlds,
     generators: Sequence[np.random.Generator],
-    teacher: Policy,
+    teacher: Teacher,
     config: CloneConfig,
     *,
     teacher_acts: bool,

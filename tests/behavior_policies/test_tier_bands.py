@@ -41,9 +41,11 @@ def test_each_figure_is_checked(policy: str, metric: str, value: float, message:
     assert message in problem
 
 
-def test_pushing_and_storing_may_touch() -> None:
-    figures = changed("expert", "clean_success", 0.0)
-    assert out_of_band("transport", figures) == out_of_band("warehouse", figures) == ()
+def test_pushing_may_touch_and_storing_only_now_and_then() -> None:
+    figures = changed("expert", "clean_success", 0.74)
+    assert out_of_band("transport", figures) == ()
+    (problem,) = out_of_band("warehouse", figures)
+    assert "expert clean_success is 0.740, expected at least 0.75" in problem
 
 
 def test_a_family_is_complete_with_four_mediums_and_four_experts(

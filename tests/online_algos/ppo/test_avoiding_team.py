@@ -1,0 +1,102 @@
+"""A team that avoids contacts keeps its commands in the open, and brakes before it would hit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.behavior_policies.navigation.robot_scales import Team
+from swarmdata.errors import SpecError
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.ppo.avoiding_team import AvoidingTeam, make_safe
+from swarmdata.online_algos.ppo.initial_weights import StartConfig
+from swarmdata.registry.components import make_env
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
+from swarmdata.types import Double
+
+SPEC = TaskSpec(horizon=20)
+SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=8, hidden=16, minibatch=64)
+NOTHING = np.zeros((1, 0, 8), np.float32)
+ARENA = np.array([2.0, 2.0])
+
+
+def safe(robots: list[list[float]], commands: list[list[float]]) -> Double:
+    """Safe commands of robots in an empty arena; x, y, vx, vy each."""
+    states = np.zeros((1, 4, 4))
+    states[0, :, :2] = [[-1.5, -1.5], [-1.5, 1.5], [1.5, -1.5], [1.5, 1.5]]  # the others, far away
+    states[0, : len(robots)] = robots
+    out = np.zeros((1, 4, 2))
+    out[0, : len(commands)] = commands
+    make_safe(states, Team.of(SPEC), ARENA, NOTHING, out)
+    return out[0, : len(commands)]
+
+
+def made(spec: TaskSpec = SPEC, config: MAPPOConfig = SMALL) -> MAPPO:
+    return MAPPO(make_env(spec, config.n_copies * 2), (0, 1), config)
+
+
+def test_commands_in_the_open_stay() -> None:
+    np.testing.assert_allclose(safe([[0, 0, 0.3, 0]], [[0.5, 0.25]]), [[0.5, 0.25]])
+
+
+def test_long_commands_are_cut_to_the_top_speed() -> None:
+    np.testing.assert_allclose(safe([[0, 0, 0, 0]], [[3.0, 4.0]]), [[0.6, 0.8]])
+
+
+def test_a_robot_slows_down_before_a_wall_and_may_drive_along_it() -> None:
+    (command,) = safe([[1.83, 0, 0.6, 0]], [[1.0, 0.5]])
+    assert 0 <= command[0] < 0.15
+    assert command[1] == pytest.approx(1 / np.sqrt(5))
+
+
+def test_two_robots_that_meet_both_turn_aside() -> None:
+    commands = safe([[-0.2, 0, 0.6, 0], [0.2, 0.02, -0.6, 0]], [[1.0, 0.0], [-1.0, 0.0]])
+    assert commands[0, 1] < -0.05
+    assert commands[1, 1] > 0.05
+    np.testing.assert_allclose(commands[0], -commands[1], atol=1e-9)
+
+
+def test_each_seed_is_its_own_teacher() -> None:
+    run = made()
+    teacher, step = AvoidingTeam(run.actors.copy(), run.worlds), run.worlds.current_step
+    actions = teacher.act(step)
+    own = np.stack([run.policy(k).act(step) for k in (0, 1)])  # [K, K E, N, A]
+    wanted = np.concatenate([own[0, :4], own[1, 4:]])
+    assert actions.shape == wanted.shape
+    # few robots are near anything at the start, and untrained actors want next to nothing
+    assert np.median(np.abs(actions - wanted)) < 1e-6
+    assert not np.allclose(own[0, :4], own[1, :4], atol=1e-6)
+
+
+def test_policies_can_be_their_own_teacher() -> None:
+    start = StartConfig(policies="coop_nav-expert", avoidance=True, clone_rounds=1)
+    run = made(config=replace(SMALL, hidden=128, start=start))
+    assert run.prepare()
+    step = make_env(SPEC, 16).reset(np.arange(16, dtype=np.uint64))
+    started = made(config=replace(SMALL, hidden=128, start=replace(start, avoidance=False)))
+    started.prepare()
+    for k in (0, 1):
+        ours, theirs = run.policy(k).act(step), started.policy(k).act(step)
+        assert 0 < np.median(np.abs(ours - theirs)) < 0.1
+
+
+def test_avoidance_without_policies_is_refused() -> None:
+    run = made(config=replace(SMALL, start=StartConfig(avoidance=True)))
+    with pytest.raises(SpecError, match=r"without policies.*start\.policies=RUN"):
+        run.prepare()
+
+
+def test_two_teachers_are_refused() -> None:
+    with pytest.raises(SpecError, match="expected one teacher"):
+        StartConfig(policies="coop_nav-expert", teacher="scripted", avoidance=True)
+
+
+@pytest.mark.parametrize("robot", [Robot(dynamics="unicycle"), Robot(command="acceleration")])
+def test_other_robots_are_refused(robot: Robot) -> None:
+    run = made(
+        SPEC.model_copy(update={"team": (Role(robot=robot),)}), replace(SMALL, frame="world")
+    )
+    with pytest.raises(SpecError, match="holonomic velocity commands"):
+        AvoidingTeam(run.actors, run.worlds)
