@@ -27,7 +27,7 @@ from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.public_backend import SOLVER_ITERATIONS, PublicBackend, build_space
 from swarmdata.envs.transport.payload import place_row, shape_of
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.interfaces import Policy
+from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
@@ -35,7 +35,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Episode, Float
+from swarmdata.types import Double, Episode, Float, Step
 from tests.benchmarks.engines import Run, swarm
 from tests.benchmarks.measuring import Rate, table, write_section
 
@@ -66,6 +66,7 @@ Summary = tuple[float, float, float]
 class Figures(NamedTuple):
     """What was measured of some episodes."""
 
+    free: float  # share of control steps that ended in free motion
     touching: float  # share of robot states that overlap something
     robots: Double  # depths of overlaps of two robots, m
     static: Double  # of a robot and an obstacle or wall
@@ -195,6 +196,20 @@ def deviations(episode: Episode, spec: TaskSpec, most: int) -> list[float]:
     return found
 
 
+def counted_free_motion(env: VecEnv) -> list[float]:
+    """Makes an environment note, after each step, the share of its copies in free motion."""
+    shares: list[float] = []
+    step, backend = env.step, env._world._backend  # type: ignore[attr-defined]  # of no user's use
+
+    def counted(actions: Float | Double) -> Step:
+        taken = step(actions)
+        shares.append(float((backend._solver_dt <= 0.0).mean()))
+        return taken
+
+    env.step = counted  # type: ignore[method-assign]
+    return shares
+
+
 def measure(task: str, name: str, variant: Variant, n_replays: int, n_episodes: int) -> Figures:
     """Plays a team in a variant of a task."""
     spec = spec_of(task, variant)
@@ -204,6 +219,7 @@ def measure(task: str, name: str, variant: Variant, n_replays: int, n_episodes: 
     deviation: list[float] = []
     with changed(variant):
         env = make_env(spec, min(N_COPIES, n_episodes))
+        free = counted_free_motion(env)
         seeds = np.arange(n_episodes, dtype=np.uint64)
         for episode in rollout(env, team(name, spec, task), seeds):
             deep = depths(episode, spec)
@@ -216,6 +232,7 @@ def measure(task: str, name: str, variant: Variant, n_replays: int, n_episodes: 
     over = np.concatenate(excess)
     robots, static, payload = (column[column > 0] for column in deep.T)
     return Figures(
+        free=float(np.mean(free)),
         touching=float((deep > 0).any(-1).mean()),
         robots=robots,
         static=static,
@@ -245,20 +262,23 @@ def today_section() -> None:
     for task in TASKS:
         for name in TEAMS:
             f = measure(task, name, TODAY, N_REPLAYS, N_EPISODES)
-            rows.append(
-                (task, name, f"{100 * f.touching:.2g} %", shown(f.robots, 1e3),
-                 shown(f.static, 1e3), shown(f.payload, 1e3), shown(f.excess, 100),
-                 shown(f.deviation, 1e3))
-            )  # fmt: skip
+            shares = f"{100 * f.free:.3g} %", f"{100 * f.touching:.2g} %"
+            depths_mm = (shown(each, 1e3) for each in (f.robots, f.static, f.payload))
+            excess, deviation = shown(f.excess, 100), shown(f.deviation, 1e3)
+            rows.append((task, name, *shares, *depths_mm, excess, deviation))
             print(" | ".join(rows[-1]), flush=True)
-    head = ("task", "team", "robot states that overlap", "robots, mm", "obstacles and walls, mm",
-            "payload, mm", "over max_speed in contact, %", "not Markov, mm")  # fmt: skip
+    head = (
+        "task", "team", "free motion", "robot states that overlap", "robots, mm",
+        "obstacles and walls, mm", "payload, mm", "over max_speed in contact, %",
+        "not Markov, mm",
+    )  # fmt: skip
     write_section(
         "Contacts",
-        "Depth of overlaps in recorded states; by how much robots in contact exceed `max_speed`; "
-        "and how far the state is from Markov: a step that follows a contact is simulated again "
-        "from its state in a new world, and the largest difference of a coordinate is shown. Each: "
-        f"median / 99.9 % / largest, {N_EPISODES} episodes.\n\n" + table(head, rows),
+        "Share of steps that end in free motion; depth of overlaps in recorded states; by how much "
+        "robots in contact exceed `max_speed`; and how far the state is from Markov: a step that "
+        "follows a contact is simulated again from its state in a new world, and the largest "
+        "difference of a coordinate is shown. The last five: median / 99.9 % / largest, "
+        f"{N_EPISODES} episodes.\n\n" + table(head, rows),
     )
 
 
