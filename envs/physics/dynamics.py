@@ -8,7 +8,7 @@ steps too, where a push or a turn would violate it.
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
 its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
 
-The limits apply to commands only. A robot that is pushed may exceed `max_speed`, by up to 13 %
+The limits apply to commands only. A robot that is pushed may exceed `max_speed`, by up to 17 %
 (`python -m tests.benchmarks.bench_contacts`).
 """
 
