@@ -313,7 +313,9 @@ def variants_section() -> None:
         speeds = ratios({variant.name: built(task, variant) for variant in VARIANTS})
         for variant in VARIANTS:
             figures = [measure(task, name, variant, 0, N_EPISODES // 3) for name in TEAMS]
-            deep = np.concatenate([np.concatenate(f[1:4]) for f in figures])
+            deep = np.concatenate(
+                [each for f in figures for each in (f.robots, f.static, f.payload)]
+            )
             excess = np.concatenate([f.excess for f in figures])
             speed = speeds[variant.name]
             cells = (f"{speed.median:.2f}", f"{speed.low:.2f} to {speed.high:.2f}")
