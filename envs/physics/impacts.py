@@ -24,8 +24,8 @@ N_HALVINGS = 5
 """Of the time, in the search for the touch."""
 
 MOST_PARTS = 16
-"""Of a physics step. In the shortest part of a step of 50 ms, bodies that close at more than 0.8 m/s
-may overlap by more than `DEEPEST_OVERLAP`."""
+"""Of a physics step. In the shortest part of a step of 50 ms, bodies that close at more than
+0.8 m/s may overlap by more than `DEEPEST_OVERLAP`."""
 
 
 @kernel(inline="always")
