@@ -16,7 +16,7 @@ SINGLE_ROBOT_NOTE = (
 STORED_NOTE = (
     "The values of the terms, without weights and signs, are stored as `reward_terms` [T, N, R] in "
     "this order: `dataset[0].reward_terms`. Rewards with other weights are a view: "
-    "`dataset.with_rewards(robot_collision=1.0)`."
+    "`dataset.with_rewards(robot_collision=2.0)`."
 )
 """How to read the terms."""
 
