@@ -341,7 +341,7 @@ class Dataset:
         The new rewards are held in memory: 4 N bytes per step.
 
         Args:
-            weights: new weights of terms by name, such as `robot_collision=1.0`, or `team_share`;
+            weights: new weights of terms by name, such as `robot_collision=2.0`, or `team_share`;
                 the others stay those of this view. `dataset.task.rules.rewards` has the recorded.
 
         Raises:
