@@ -1,12 +1,11 @@
 """Values of a batch's actions by critics of several kinds, for `extraction.second_stage`."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
-import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.networks.factored_critics import FactoredCritics
 from swarmdata.learn.networks.robot_critics import RobotCritics
 from swarmdata.learn.networks.robot_views import RobotView
 
@@ -37,22 +36,13 @@ class RobotValuer:
         return self.critics.candidate_q(self.view, candidates, self.actions)
 
 
-class Factored(Protocol):
-    """Critics of the team that mix the values of each robot's action."""
-
-    n_critics: int
-
-    def smallest_team_value(
-        self, states: Tensor, observations: Tensor, actions: Tensor
-    ) -> Tensor: ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class TeamValuer:
-    """By critics of the team's value: the smallest of the J values, a share of it for each robot.
+class FactoredValuer:
+    """By critics that mix the robots' values into the team's: the smallest of the J team values.
 
-    Robot i's value of a candidate is the team's if robot i alone leaves the data; the gradient for
-    robot i is that of the team's value.
+    Robot i's value of a candidate is the team's if robot i alone leaves the data. Of the policies'
+    actions, each robot gets an equal share of the team's value, so that the gradient of the sum is
+    that of the team's value.
 
     Attributes:
         critics: their parameters are constants.
@@ -61,7 +51,7 @@ class TeamValuer:
         actions: of the data, [K, B, N, A].
     """
 
-    critics: Factored
+    critics: FactoredCritics
     states: Tensor
     observations: Tensor
     actions: Tensor
@@ -69,18 +59,9 @@ class TeamValuer:
     def of_policy(self, pi: Tensor) -> Tensor:
         """As `second_stage.Valuer` says."""
         n_agents = pi.shape[2]
-        values = self.critics.smallest_team_value(self.states, self.observations, pi)  # [K, B]
+        values = self.critics.smallest_q(self.states, self.observations, pi)  # [K, B]
         return (values / n_agents)[..., None].expand(-1, -1, n_agents)
 
     def of_candidates(self, candidates: Tensor) -> Tensor:
         """As `second_stage.Valuer` says."""
-        n_agents = candidates.shape[2]
-        values = torch.empty(candidates.shape[:4], device=candidates.device)
-        for i in range(n_agents):
-            for m in range(candidates.shape[3]):
-                joint = self.actions.clone()
-                joint[:, :, i] = candidates[:, :, i, m]
-                values[:, :, i, m] = self.critics.smallest_team_value(
-                    self.states, self.observations, joint
-                )
-        return values
+        return self.critics.candidate_q(self.states, self.observations, candidates, self.actions)
