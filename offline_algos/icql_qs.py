@@ -71,7 +71,7 @@ class ICQLQS:
     critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
 
     def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
 

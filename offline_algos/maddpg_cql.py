@@ -83,7 +83,7 @@ class MADDPGCQL:
     critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
 
     def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
 
