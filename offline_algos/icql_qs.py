@@ -15,7 +15,8 @@ target of robot i's value only i's next action comes from the policy:
 a' are the data's next actions; Q_ji, r_i and x are those of `cfcql`, which is the same algorithm
 with the policy's joint action in the targets.
 
-MEASURED
+Its settings are those of `cfcql`, which has measured the penalty; this one was not measured alone.
+
 Deviations:
 - Where the horizon cut an episode nobody acted next, so there is no a': all agents of that row take
   the policy's actions, as in MADDPG. Where the task ended, nothing is bootstrapped. The next row of

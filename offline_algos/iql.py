@@ -16,10 +16,11 @@ u puts beta in the paper's unit: rewards multiplied by 1,000 over the range of u
 (the largest of any episode and robot less the smallest; appendix B, for locomotion).
 
 On `coop_nav-medium-replay`, whose data score 24.4, it scored 50.8, 46.5 and 51.9 and its clone `bc`
-22.4 (4,000 and 3,000 updates of 128 rows, 64 units, 3 seeds, 192 and 256 validation episodes). With
-3,000 updates, beta near 3 in this unit, and 256 episodes, decentralized critics scored 43.5, those
-of x = (state, all observations) -86.3, and with the team's reward -37.4: neither says what one
-robot's action was worth. Values need time: after 2,000 updates the score was -41 (1 seed).
+22.4 (4,000 and 3,000 updates of 128 rows, 64 units, 3 seeds, 192 and 256 validation episodes). At
+3,000 updates, beta near 3 in this unit, and 256 episodes, decentralized critics scored 43.5, joint
+ones of x = (state, all observations) -86.3, and joint ones of the team's reward -37.4; whether
+longer training saves these, and what `centralized` does in each robot's frame, was not measured.
+Values need time: after 2,000 updates the decentralized ones scored -41 (1 seed).
 
 Deviations:
 - Actors are deterministic and one network for all agents, which sees the agent's number. The

@@ -15,7 +15,8 @@ Q_ji, r_i and x are those of `cfcql`, and so is the algorithm without the penalt
 here to be compared with: the space of joint actions grows with the number of agents, and so does
 what is penalized (Shao et al. 2023, section 3.1); `cfcql` does not have that.
 
-MEASURED
+Its settings are those of `cfcql`, which has measured its penalty; this one was not measured alone.
+
 Deviations:
 - The three kinds of samples are one mixture, as in the authors' code; each has the density of its
   own kind, that of noise before actions are clipped to [-1, 1].

@@ -19,7 +19,7 @@ ABLATIONS: dict[str, Ablation | None] = {
     "facmac_bc": Ablation("the mixing network", {"mixer": "mean"}),
     "iql": Ablation("weights of good actions", {"inverse_temperature": 0.0}),
     "omiga": Ablation("weights of good actions", {"temperature": 1e3}),
-    "maddpg_bc": Ablation("the critic", {"rl_weight": 0.0}),
+    "maddpg_bc": Ablation("the critic", {"rl_weight": 0.0, "extraction": "joint"}),
     "maddpg_cql": Ablation("the conservative penalty", {"cql_weight": 0.0}),
     "cfcql": Ablation("the counterfactual penalty", {"cql_weight": 0.0}),
     "icql_qs": Ablation("the counterfactual penalty", {"cql_weight": 0.0}),
