@@ -32,6 +32,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.recurrent_actor import make_actor
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import (
@@ -47,18 +49,18 @@ from swarmdata.learn.objectives.in_sample import (
     weighted_cloning_loss,
 )
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.actor_critic import (
     ActorCriticConfig,
     joint_critics,
-    policy_of,
-    squashed_actor,
 )
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class IQLConfig(ActorCriticConfig):
+class IQLConfig(MemorySettings, ActorCriticConfig):
     """Implicit Q-learning of a team; one setting for all datasets."""
 
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
@@ -72,11 +74,9 @@ class IQL:
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
-    policy = policy_of
-
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = squashed_actor(setup, config)
+        self.actor = make_actor(setup, config.actor_hidden, config, squash=True)
         self.critics = joint_critics(setup, config)
         shape = MLPShape(setup.sizes.information, config.critic_hidden, 1, layer_norm=True)
         self.value = StackedMLP(shape, setup.n_seeds, setup.device)
@@ -90,8 +90,9 @@ class IQL:
         self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns losses, each [K]."""
+        """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""
         config = self.config
+        batch, pi = self.actor.along(batch)  # [K, B, N, A]
         scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         x = self.normalizer.information(batch.states, batch.observations)
         with torch.no_grad():
@@ -104,7 +105,6 @@ class IQL:
         self.critics.step(critic_loss, scale)
         # without a gradient, [K, B]
         weights = exponential_weights(config.inverse_temperature * advantages, config.max_weight)
-        pi = self.actor(batch.observations)  # [K, B, N, A]
         actor_loss = weighted_cloning_loss(pi, batch.actions, weights[..., None])  # [K], eq. 7
         self.actor_adam.step(actor_loss, scale)
         self.critics.follow(config.tau)
@@ -120,6 +120,10 @@ class IQL:
         r = team_reward(batch.rewards) * self.normalizer.reward_scale
         v_next = self.value(x_next)[..., 0]  # [K, B]
         return td_target(r, batch.terminations, v_next, self.config.discount)
+
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments and the number of updates, as copies."""

@@ -29,6 +29,7 @@ from swarmdata.learn.choices.utility_networks import (
     N_CRITICS,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     by_critic,
     policy_of,
@@ -42,7 +43,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -90,12 +90,12 @@ class QMIX:
         return by_critic(self.mixer(values.flatten(0, 1), s, mixer))
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks, slow = self.networks, self.networks.descent.targets
-        features = networks.normalizer.observations(batch.next_observations)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, slow["team"])
+        utilities = networks.utilities(seen.slow_next_features, slow["team"])
         q_next = self.value(utilities, a_next, batch.next_states, slow["mixer"]).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale

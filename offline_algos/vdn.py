@@ -58,6 +58,7 @@ from swarmdata.learn.choices.utility_networks import (
     LOSSES,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     policy_of,
     regularised_update,
@@ -68,7 +69,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -100,12 +100,12 @@ class VDN:
         return robot_values(utilities, weights).mean(-1)
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks = self.networks
-        features = networks.normalizer.observations(batch.next_observations)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, networks.descent.targets["team"])
+        utilities = networks.utilities(seen.slow_next_features, networks.descent.targets["team"])
         q_next = self.value(utilities, a_next, batch.next_states).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale

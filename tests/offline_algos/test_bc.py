@@ -15,7 +15,7 @@ from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.conftest import drive  # noqa: E402
-from tests.offline_algos.toys import batches  # noqa: E402
+from tests.offline_algos.toys import actions_of, batches  # noqa: E402
 
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
@@ -31,7 +31,7 @@ def test_the_loss_is_the_mean_squared_error_of_the_policy(
 ) -> None:
     bc, batches = made(good_only, 2, n_updates=1, output=output)
     batch = batches[0]
-    outputs = bc.policy(1).actions(batch.observations[1].numpy())  # before the update
+    outputs = actions_of(bc.policy(1), batch.observations[1].numpy())  # before the update
     loss = bc.update(batch)["bc_loss"]
     if output == "tanh":  # clipped outputs differ from those that are trained
         expected = np.square(outputs - batch.actions[1].numpy()).mean()
@@ -69,5 +69,5 @@ def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
         bc.update(batch)
     observations = good_only.transitions["observations"]
     for index in range(3):
-        error = bc.policy(index).actions(observations) - drive(observations[..., 2:4])
+        error = actions_of(bc.policy(index), observations) - drive(observations[..., 2:4])
         assert np.sqrt(np.square(error).mean()) < 0.1

@@ -12,6 +12,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
+    actions_of,
     made,
     progress_of,
     random_batch,
@@ -54,7 +55,7 @@ def test_the_weight_of_a_joint_action_by_hand(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: q)
     with torch.no_grad():
         algorithm.value.flat.zero_()
-    pi = algorithm.actor(batch.observations)
+    _, pi = algorithm.actor.along(batch)
     errors = (pi - batch.actions).square().mean((2, 3))  # [K, B]
     weights = torch.tensor([[np.exp(1.0), 1.0, 5.0]], dtype=torch.float32)
     expected = (weights * errors).mean(1).detach()
@@ -85,5 +86,5 @@ def test_it_improves_on_a_mixture(mixture: MemoryDataset) -> None:
     algorithm, _ = trained(IQL, mixture, 1500, batch_size=256)
     observations = mixture.transitions["observations"]
     for index in range(2):
-        actions = algorithm.policy(index).actions(observations)
+        actions = actions_of(algorithm.policy(index), observations)
         assert progress_of(actions, observations) > 0.07  # straight at the goal: 0.16

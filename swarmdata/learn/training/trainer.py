@@ -19,6 +19,7 @@ from tqdm import tqdm
 from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
+from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
@@ -129,7 +130,7 @@ def train_seeds(
     if compile:
         _check_compilable(algorithm, kind)
     dataset, min_return = _select(framed(dataset, frame), config)
-    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
+    samplers = [_sampler(dataset, config, seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     run = _describe(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
@@ -142,6 +143,15 @@ def train_seeds(
         with _threads(n_threads), compiling() if compile else nullcontext() as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
+
+
+def _sampler(dataset: Data, config: Any, seed: int) -> Sampler:
+    """The stream of batches of a seed: transitions, or as many steps of windows with a memory."""
+    size = config.batch_size
+    if not isinstance(config, MemorySettings) or not config.has_memory:
+        return dataset.sampler(size, seed=seed)
+    n_windows = config.n_windows(size)
+    return dataset.sampler(n_windows, horizon=config.window, burn_in=config.burn_in, seed=seed)
 
 
 def _check_compilable(algorithm: str, kind: type) -> None:
