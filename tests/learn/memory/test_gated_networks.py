@@ -1,5 +1,7 @@
 """Gated units equal torch's, forget where told to, and stack."""
 
+from typing import Any
+
 import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
@@ -23,9 +25,9 @@ def made(n_networks: int = 2, *, reader: bool = False) -> StackedGates:
     return network
 
 
-def torch_unit(network: StackedGates, row: int) -> torch.nn.GRU:
+def torch_unit(network: StackedGates, row: int) -> Any:
     """The unit of one row as torch writes it: outputs first, r, z, n."""
-    unit = torch.nn.GRU(F, M)
+    unit: Any = torch.nn.GRU(F, M)
     of_inputs, of_memory = network.extract(row, torch.float32)[:2]
     with torch.no_grad():
         unit.weight_ih_l0.copy_(of_inputs.weight[0].T)
