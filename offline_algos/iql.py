@@ -22,6 +22,7 @@ Deviations:
   weights then prefer speed to distance. With 10 the score on `coop_nav-medium-replay` was 6, that
   of `bc` 26 (in the target's frame, 4,000 and 3,000 updates of 128 rows, 2 seeds, 100 episodes).
 - The learning rates of all networks decay along a cosine; in the paper only the actor's.
+- With `memory` gru the actors remember; critics and value networks see the state and do not.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 

@@ -42,9 +42,10 @@ Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
 - Recorded continuous actions are interpolated between bins, not moved to the nearest one.
-- Feed-forward networks, no recurrent ones: observations hold velocities. Slowly moving targets,
-  Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations are
-  normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
+- Feed-forward networks, as observations hold velocities; with `memory` gru, one gated unit of a
+  seed remembers for all its networks, and the targets have a slow copy of it. Slowly moving
+  targets, Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations
+  are normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
 - Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """

@@ -18,7 +18,6 @@ from torch.distributions import Normal
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
-from swarmdata.learn.memory.memory_settings import Memory
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.online_algos.mappo import (
@@ -304,11 +303,10 @@ def test_a_bonus_on_a_constant_entropy_is_refused() -> None:
 
 
 @pytest.mark.learns
-@pytest.mark.parametrize("memory", ["none", "gru"])
-def test_two_robots_learn_to_reach_their_goals(memory: Memory) -> None:
+def test_two_robots_learn_to_reach_their_goals() -> None:
     nothing = {"circles": 1, "boxes": 0, "corners": 0, "pockets": 0}
     spec = TaskSpec.parse({"obstacles": nothing, "team": [{"count": 2}]})
-    config = MAPPOConfig(n_steps=400_000, hidden=32, memory=memory, memory_size=16)
+    config = MAPPOConfig(n_steps=400_000, hidden=32)
     run = MAPPO(make_env(spec, 128), (0, 1), config)
     while run.frames < config.n_steps:
         run.update()
@@ -379,3 +377,15 @@ def test_what_a_memory_does_not_go_with_is_refused() -> None:
         replace(MEMORY, memory_size=0)
     with pytest.raises(SpecError, match="no memory"):
         replace(MEMORY, start=StartConfig(teacher="scripted"))
+
+
+@pytest.mark.learns
+def test_robots_that_remember_learn_to_reach_their_goals() -> None:
+    nothing = {"circles": 1, "boxes": 0, "corners": 0, "pockets": 0}
+    spec = TaskSpec.parse({"obstacles": nothing, "team": [{"count": 2}]})
+    config = MAPPOConfig(n_steps=200_000, hidden=32, memory="gru", memory_size=16)
+    run = MAPPO(make_env(spec, 64), (0,), config)
+    while run.frames < config.n_steps:
+        run.update()
+    result = evaluate(run.policy(0), spec, name="mappo", n_episodes=64, progress=False)
+    assert result.metrics["success"].mean() > 0.8

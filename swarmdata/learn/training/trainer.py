@@ -115,8 +115,8 @@ def train_seeds(
 
     Raises:
         UnknownNameError: no such algorithm.
-        SchemaError: the algorithm cannot learn the actions of a recorded environment, or has
-            nothing to compile.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, has nothing
+            to compile, or has settings of a memory that do not fit each other.
         ProgramError: `compile` found no working compiler.
         CheckpointError: the folder holds another run, or a damaged one.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
@@ -128,7 +128,7 @@ def train_seeds(
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
     if compile:
-        _check_compilable(algorithm, kind)
+        _check_compilable(algorithm, kind, config)
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [_sampler(dataset, config, seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
@@ -154,8 +154,13 @@ def _sampler(dataset: Data, config: Any, seed: int) -> Sampler:
     return dataset.sampler(n_windows, horizon=config.window, burn_in=config.burn_in, seed=seed)
 
 
-def _check_compilable(algorithm: str, kind: type) -> None:
-    """Raises SchemaError unless there is something to compile."""
+def _check_compilable(algorithm: str, kind: type, config: Any) -> None:
+    """Raises SchemaError unless there is something to compile, in reasonable time."""
+    if isinstance(config, MemorySettings) and config.has_memory:
+        raise SchemaError(
+            f"{algorithm} has memory={config.memory}, whose steps one after the other would take "
+            "too long to compile. Train it without compiling, or with memory=none."
+        )
     if not has_compilable(kind):
         raise SchemaError(
             f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "

@@ -156,6 +156,11 @@ def test_policies_with_a_memory_are_resumed_and_loaded(
         assert type(policy) in (RecurrentPolicy, RecurrentChoicePolicy)
 
 
+def test_memories_are_not_compiled(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="bc has memory=gru"):
+        run("bc", tmp_path, config=config_of("bc", memory="gru"), compile=True)
+
+
 def test_a_batch_smaller_than_a_segment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="batch_size is 8 and window 9"):
         run("bc", tmp_path, config=config_of("bc", memory="gru", window=9))
