@@ -5,6 +5,8 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
 
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
+With `memory` gru, pi sees all observations of the episode so far: `learn.memory`.
+
 Deviations: one network for all agents, which sees the agent's number; observations are normalized
 with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3: on
 `coop_nav-expert` (in the world's frame, hidden sizes 128, batches of 256, 2 seeds, 100 episodes)
