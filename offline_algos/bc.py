@@ -5,6 +5,8 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
 
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
+With `memory` gru, pi sees all observations of the episode so far: `learn.memory`.
+
 Deviations: one network for all agents, which sees the agent's number; observations are normalized
 with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3: on
 `coop_nav-expert` (in the world's frame, hidden sizes 128, batches of 256, 2 seeds, 100 episodes)
@@ -19,9 +21,11 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.recurrent_actor import make_actor
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.setup import Setup
@@ -29,7 +33,7 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCConfig:
+class BCConfig(MemorySettings):
     """Behavior cloning with a squared error."""
 
     n_updates: int = 10_000
@@ -55,16 +59,13 @@ class BC:
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
         self.n_updates = 0
-        self.actor = StackedActor(
-            setup.sizes, setup.seeds, config.hidden, setup.statistics,
-            squash=config.output == "tanh", device=setup.device,
-        )  # fmt: skip
+        self.actor = make_actor(setup, config.hidden, config, squash=config.output == "tanh")
         self.optimizer = StackedAdam(
             self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
         )
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns `bc_loss`, [K]."""
+        """One step on tensors [K, B, ...], windows with a memory; returns `bc_loss`, [K]."""
         losses = self._gradient(batch)
         scale = cosine(
             self.n_updates, self.config.n_updates, self.config.final_learning_rate_factor
@@ -75,12 +76,12 @@ class BC:
 
     @compilable
     def _gradient(self, batch: Batch) -> dict[str, Tensor]:
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]
+        steps, pi = self.actor.along(batch)  # [K, B, N, A]
+        bc_loss: Tensor = (pi - steps.actions).square().mean((1, 2, 3))  # [K]
         self.actor.network.backward(bc_loss.sum())
         return {"bc_loss": bc_loss.detach()}
 
-    def policy(self, index: int) -> TorchPolicy:
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 

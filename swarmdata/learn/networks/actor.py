@@ -15,6 +15,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.types import Batch
 
 ACTOR_STREAM, CRITIC_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
@@ -66,6 +67,10 @@ class StackedActor:
         outputs = (network or self.network)(self.inputs(observations))
         actions = outputs.tanh() if self.squash else outputs
         return actions.view(*observations.shape[:3], -1)
+
+    def along(self, batch: Batch) -> tuple[Batch, Tensor]:
+        """Returns a batch of transitions, and the actions there, [K, B, N, A]."""
+        return batch, self(batch.observations)
 
     def policy(self, index: int) -> TorchPolicy:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""

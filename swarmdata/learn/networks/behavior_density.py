@@ -54,21 +54,19 @@ class BehaviorDensity:
     def gradient(self, observations: Tensor, actions: Tensor) -> Tensor:
         """Fills the gradient; returns the negative log-likelihood, the mean over rows, [K].
 
-        The mean descends the squared error and the deviation the likelihood: by likelihood alone,
-        the mean would learn little where the deviation is large (Seitzer et al. 2022, "On the
-        pitfalls of heteroscedastic uncertainty estimation with probabilistic neural networks",
-        whose loss with beta = 1 this is for the mean).
+        Each row is weighted by its own variance: by likelihood alone, the mean would learn little
+        where the deviation is large (beta-NLL with beta = 1; Seitzer et al. 2022, "On the pitfalls
+        of heteroscedastic uncertainty estimation with probabilistic neural networks").
 
         Args:
             observations: as recorded, [K, B, N, O].
             actions: of the data, [K, B, N, A].
         """
         mean, log_std = self._outputs(self.network(self._actor.inputs(observations)), actions)
-        squares = (actions - mean).square()
-        scaled = 0.5 * squares.detach() * (-2 * log_std).exp() + log_std  # of the deviation
-        loss: Tensor = (0.5 * squares + scaled).sum(3).mean((1, 2))
-        self.network.backward(loss.sum())
-        return scaled.detach().sum(3).mean((1, 2))
+        losses = 0.5 * ((actions - mean) / log_std.exp()).square() + log_std  # [K, B, N, A]
+        weighted = (losses * (2 * log_std.detach()).exp()).sum(3).mean((1, 2))  # [K]
+        self.network.backward(weighted.sum())
+        return losses.detach().sum(3).mean((1, 2))
 
     @torch.no_grad()
     def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
