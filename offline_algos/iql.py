@@ -50,6 +50,7 @@ from swarmdata.learn.objectives.in_sample import (
 )
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.actor_critic import (
     ActorCriticConfig,
@@ -76,7 +77,9 @@ class IQL:
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = make_actor(setup, config.actor_hidden, config, squash=True)
+        self.actor = make_actor(
+            setup, config.actor_hidden, config, squash=True, policy_network=config.policy_network
+        )
         self.critics = joint_critics(setup, config)
         shape = MLPShape(setup.sizes.information, config.critic_hidden, 1, layer_norm=True)
         self.value = StackedMLP(shape, setup.n_seeds, setup.device)
@@ -121,7 +124,7 @@ class IQL:
         v_next = self.value(x_next)[..., 0]  # [K, B]
         return td_target(r, batch.terminations, v_next, self.config.discount)
 
-    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 

@@ -21,6 +21,7 @@ class Sizes:
     state: int  # S
     choices: tuple[tuple[range, ...], ...] = ()  # [N], by column; empty: actions are continuous
     frame: Frame | None = None  # that observations and actions are in; None: the world's
+    features: tuple[str, ...] = ()  # names, without what the frame adds; empty: unknown
 
     def __post_init__(self) -> None:
         """Checks that every size is positive."""

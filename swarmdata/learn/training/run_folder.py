@@ -24,7 +24,8 @@ from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec
@@ -65,6 +66,7 @@ class Run(Frozen):
     @property
     def sizes(self) -> Sizes:
         """Numbers of agents and features, and the choices of a recorded environment."""
+        world = self.spec.world
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
@@ -72,6 +74,7 @@ class Run(Frozen):
             state=self.state_size,
             choices=choices_of(self.spec),
             frame=self.frame,
+            features=() if world is None else tuple(f.name for f in features_of(make_task(world))),
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
