@@ -30,6 +30,7 @@ class Rows:
     episode: Int  # [sum T] stored number of the episode that each row of the dataset belongs to
     ends: Int  # [n] row after the last of each stored episode
     valid: Int  # [n valid] rows of the selected episodes
+    positions: Int  # [n] of the stored episodes among the selected ones; -1: not selected
 
     @classmethod
     def locate(cls, table: EpisodeTable, selection: Int) -> "Rows":
@@ -39,7 +40,9 @@ class Rows:
         lengths = table.lengths[selection]
         shifts = table.starts[selection] - (np.cumsum(lengths) - lengths)
         valid = np.arange(int(lengths.sum())) + np.repeat(shifts, lengths)
-        return cls(episode=episode, ends=ends, valid=valid)
+        positions = np.full(len(table), -1)
+        positions[selection] = np.arange(len(selection))
+        return cls(episode=episode, ends=ends, valid=valid, positions=positions)
 
 
 def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int) -> Batch:
@@ -59,7 +62,8 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
     _refuse_negative(index)
     episode = rows.episode.take(index)
     last = rows.ends.take(episode) - 1
-    return _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
+    batch = _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
+    return replace(batch, episodes=rows.positions.take(episode))
 
 
 def gather_windows(
@@ -85,6 +89,8 @@ def gather_windows(
     mask = steps < end
     steps = np.minimum(steps, end - 1)
     batch = _gather(arrays, steps, steps + episode, end - 1, mask)
+    positions = np.broadcast_to(rows.positions.take(episode), steps.shape).copy()
+    batch = replace(batch, episodes=positions)
     padding = np.nonzero(~mask)
     if len(padding[0]):
         for field in fields(batch):

@@ -11,11 +11,15 @@ from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.flow_policy import FlowPolicy
+from swarmdata.learn.policies.latent_policy import LatentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.perception.frames import Frame
 
-KINDS: dict[str, Callable[..., Policy]] = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
+KINDS: dict[str, Callable[..., Policy]] = {
+    kind.__name__: kind for kind in (TorchPolicy, BinPolicy, FlowPolicy, LatentPolicy)
+}
 """Policies that can be kept, by name: dataclasses of layers, tensors, a frame and JSON values."""
 
 

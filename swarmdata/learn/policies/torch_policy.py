@@ -82,7 +82,13 @@ class TorchPolicy(Memoryless):
 
 @torch.no_grad()
 def outputs_of(
-    layers: Sequence[Layer], framed: Float, mean: Tensor, std: Tensor, parameters: Parameters
+    layers: Sequence[Layer],
+    framed: Float,
+    mean: Tensor,
+    std: Tensor,
+    parameters: Parameters,
+    *,
+    beside: Tensor | None = None,
 ) -> Tensor:
     """Returns what one seed's networks answer, float64 [E, N, outputs].
 
@@ -92,12 +98,14 @@ def outputs_of(
         mean: subtracted from them, float64 [O].
         std: what they are divided by, float64 [O].
         parameters: whether the agents share one network.
+        beside: what the networks see besides observations, float64 [E, N, D].
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
     n_agents, size = framed.shape[1:]
     n_rows, n_inputs = layers[0].weight.shape[:2]
+    n_inputs -= 0 if beside is None else beside.shape[-1]
     expected = len(mean)
     n_known = n_inputs - expected if parameters == "shared" else n_rows
     if size != expected or n_agents != n_known:
@@ -106,5 +114,7 @@ def outputs_of(
             f"of {n_known} agents. "
             "Evaluate it on the task and observation model that it was trained on."
         )
-    exact = torch.from_numpy(framed.astype(np.float64))
-    return answer(layers, standardize(exact, mean, std), parameters)
+    features = standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)
+    if beside is not None:
+        features = torch.cat([features, beside], -1)
+    return answer(layers, features, parameters)
