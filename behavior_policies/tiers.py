@@ -85,7 +85,7 @@ class Checkpoint(Frozen):
     policy: Annotated[int, Field(ge=0)]  # index of the independent training run
     share: Positive  # of the steps up to medium that it stands for in a replay; 1 elsewhere
     noise: NonNegative | None = None  # standard deviation in training; None for the tier's
-    figures: dict[str, float]  # means over the selection episodes
+    figures: dict[str, float]  # means over the validation episodes
 
 
 class Index(RootModel[dict[str, dict[str, tuple[Checkpoint, ...]]]]):

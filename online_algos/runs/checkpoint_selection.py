@@ -6,7 +6,7 @@
 - expert: a seed's last policy;
 - mixed-conventions: the last policies of runs that were trained to keep to one side.
 
-All are measured on the selection seeds, by exact inference, as the datasets run them. Runs may have
+All are measured on validation seeds, by exact inference, as the datasets run them. Runs may have
 another team size than the datasets; their policies are used without further training.
 """
 

@@ -11,8 +11,7 @@ from swarmdata.errors import BuildError
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.online_algos.runs.online_training import SELECTION_OFFSET
+from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
@@ -78,7 +77,7 @@ def _for_team(weight: Double, n_features: int, n_agents: int) -> Double:
 def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
     """Returns the largest difference of an action between exact inference and the trained network.
 
-    Both get the observations of selection episodes that the exact policy plays.
+    Both get the observations of validation episodes that the exact policy plays.
 
     Args:
         source: a run's policy.
@@ -87,7 +86,7 @@ def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 
         n_episodes: how many.
     """
     trained, exact, env = load_policy(source), own_actor(exported, spec), make_env(spec, n_episodes)
-    step = env.reset(evaluation_seeds(n_episodes) + SELECTION_OFFSET)
+    step = env.reset(validation_seeds(n_episodes))
     worst = 0.0
     while not step.ended.all():
         actions = exact.act(step)

@@ -37,7 +37,7 @@ from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, SPEED
 from swarmdata.learn.training.run_folder import Table, versions
-from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.numerics.random import validation_seeds
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.metrics import episode_metrics
@@ -61,10 +61,7 @@ MEASURED_METRICS = (
     "obstacle_collisions",
     "length",
 )
-"""Columns of the curve that are means over selection episodes."""
-
-SELECTION_OFFSET = np.uint64(1 << 32)
-"""Checkpoints are measured on reserved seeds that neither data nor evaluation use."""
+"""Columns of the curve that are means over validation episodes."""
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -78,7 +75,7 @@ class OnlineRun(Frozen):
     spec: TaskSpec
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
     n_checkpoints: Count = 40
-    n_episodes: Count = 128  # selection episodes of each seed and checkpoint
+    n_episodes: Count = 128  # validation episodes of each seed and checkpoint
     versions: dict[str, str]
 
     @property
@@ -113,8 +110,8 @@ def describe_run(
 
 
 def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
-    """Returns a policy's mean metrics on the selection seeds."""
-    seeds = evaluation_seeds(n_episodes) + SELECTION_OFFSET
+    """Returns a policy's mean metrics on the validation seeds."""
+    seeds = validation_seeds(n_episodes)
     env = make_env(spec, min(64, n_episodes))
     rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
     return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED_METRICS}

@@ -20,6 +20,10 @@ def evaluate(
         str | None,
         typer.Option(help="name of the targets in tables", show_default="the target's name"),
     ] = None,
+    validation: Annotated[
+        bool,
+        typer.Option("--validation", help="use the validation seeds, to choose settings"),
+    ] = False,
     again: Annotated[
         bool, typer.Option(help="evaluate again, even if --out has the result")
     ] = False,
@@ -36,12 +40,16 @@ def evaluate(
     from swarmdata.evaluation.results.result_set import group_results
     from swarmdata.evaluation.results.result_tables import case_table
     from swarmdata.evaluation.results.target_evaluation import evaluate_target
+    from swarmdata.numerics.random import SeedBlock
 
     found = [find_target(name, task, observation, communication) for name in targets]
     if label is not None:
         found = [target.labelled(label) for target in found]
+    block: SeedBlock = "validation" if validation else "evaluation"
     results = [
-        result for target in found for result in evaluate_target(target, episodes, out, again=again)
+        result
+        for target in found
+        for result in evaluate_target(target, episodes, out, block=block, again=again)
     ]
     for case in shown_cases(group_results(results)).values():
         typer.echo(case_table(case).to_text(), nl=False)

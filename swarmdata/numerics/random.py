@@ -10,6 +10,7 @@ OOPSLA 2014, figure 17).
 
 from functools import cache
 from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
 
@@ -27,6 +28,12 @@ STREAMS = {
 
 EVALUATION_BASE = 1 << 62
 """The first of the seeds that are reserved for evaluation and never appear in a dataset."""
+
+VALIDATION_BASE = EVALUATION_BASE + (1 << 32)
+"""The first of the seeds on which settings and checkpoints are chosen; in no dataset either."""
+
+SeedBlock = Literal["evaluation", "validation"]
+"""The reserved seeds, which are read once for a result, or those of every choice before it."""
 
 NORMAL_BITS = 12
 
@@ -81,3 +88,16 @@ def normal(bits: Seeds) -> Double:
 def evaluation_seeds(n_episodes: int) -> Seeds:
     """Returns the first `n_episodes` reserved evaluation seeds, [n_episodes]."""
     return np.arange(EVALUATION_BASE, EVALUATION_BASE + n_episodes, dtype=np.uint64)
+
+
+def validation_seeds(n_episodes: int) -> Seeds:
+    """Returns the first `n_episodes` seeds of the validation block, [n_episodes].
+
+    Settings, checkpoints and everything else that is chosen by simulation are chosen on these.
+    """
+    return np.arange(VALIDATION_BASE, VALIDATION_BASE + n_episodes, dtype=np.uint64)
+
+
+def block_seeds(block: SeedBlock, n_episodes: int) -> Seeds:
+    """Returns the first `n_episodes` seeds of a block, [n_episodes]."""
+    return (evaluation_seeds if block == "evaluation" else validation_seeds)(n_episodes)

@@ -1,4 +1,4 @@
-"""Evaluates a policy on the reserved seeds; `result_files` stores the result."""
+"""Evaluates a policy on seeds that no dataset has; `result_files` stores the result."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.rollouts.rollout import rollout
@@ -21,10 +21,11 @@ def evaluate(
     *,
     name: str,
     n_episodes: int = 1000,
+    block: SeedBlock = "evaluation",
     n_copies: int = 64,
     progress: bool = True,
 ) -> EvalResult:
-    """Runs a policy on the first `n_episodes` evaluation seeds, the same for everybody.
+    """Runs a policy on the first `n_episodes` seeds of a block, the same for everybody.
 
     Episodes are measured as they finish, and are not kept. The result does not depend on
     `n_copies`.
@@ -33,7 +34,9 @@ def evaluate(
         policy: acts in every copy.
         spec: the problem to solve.
         name: the policy's name in tables.
-        n_episodes: number of reserved seeds to use.
+        n_episodes: number of seeds to use.
+        block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
+            chosen.
         n_copies: number of episodes that run at the same time.
         progress: whether to show a progress bar (on standard error, if that is a terminal).
 
@@ -42,7 +45,7 @@ def evaluate(
     """
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
-    seeds = evaluation_seeds(n_episodes)
+    seeds = block_seeds(block, n_episodes)
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes))
     hidden = None if progress else True  # None: hidden unless standard error is a terminal

@@ -6,12 +6,14 @@ from hypothesis import strategies as st
 
 from swarmdata.numerics.random import (
     EVALUATION_BASE,
+    block_seeds,
     derive,
     evaluation_seeds,
     mix,
     normal,
     normal_table,
     uniform,
+    validation_seeds,
 )
 
 
@@ -59,3 +61,11 @@ def test_evaluation_seeds_are_reserved_and_distinct() -> None:
     seeds = evaluation_seeds(1000)
     assert seeds.min() == EVALUATION_BASE
     assert len(np.unique(seeds)) == 1000
+
+
+def test_validation_seeds_are_a_block_of_their_own() -> None:
+    validation = validation_seeds(1000)
+    assert validation.min() > EVALUATION_BASE  # no dataset and no training reaches them
+    assert not np.isin(validation, evaluation_seeds(1_000_000)).any()
+    np.testing.assert_array_equal(block_seeds("validation", 1000), validation)
+    np.testing.assert_array_equal(block_seeds("evaluation", 9), evaluation_seeds(9))

@@ -1,4 +1,4 @@
-"""Evaluates named teams on the reserved seeds, and measures the reference policies of a task."""
+"""Evaluates named teams, and measures the reference policies of a task."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,12 +14,12 @@ from swarmdata.evaluation.results.result_files import (
     with_relative_run,
 )
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
-from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import EvalResult
+from swarmdata.types import EvalResult, Seeds
 
 REFERENCE_POLICIES = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Policies in the reference table of a task, if the task has them."""
@@ -30,14 +30,16 @@ def evaluate_target(
     n_episodes: int,
     out: Path | None = None,
     *,
+    block: SeedBlock = "evaluation",
     again: bool = False,
     progress: bool = True,
 ) -> list[Result]:
-    """Evaluates every policy of a target on the reserved seeds.
+    """Evaluates every policy of a target on the seeds of a block.
 
     Args:
         target: the team.
-        n_episodes: number of reserved seeds, from the first.
+        n_episodes: number of seeds, from the first of the block.
+        block: the reserved `evaluation` seeds, or the `validation` seeds.
         out: folder for one file per policy (`provenance.file_name`). Results in it of the same
             policy, spec, seeds and code are reused.
         again: whether to evaluate again instead.
@@ -51,10 +53,19 @@ def evaluate_target(
     """
     results = []
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
-        kept = None if out is None else kept_result(target.spec, provenance, n_episodes, out)
+        kept = (
+            None
+            if out is None
+            else kept_result(target.spec, provenance, block_seeds(block, n_episodes), out)
+        )
         if kept is None or again:
             evaluation = evaluate(
-                policy, target.spec, name=target.label, n_episodes=n_episodes, progress=progress
+                policy,
+                target.spec,
+                name=target.label,
+                n_episodes=n_episodes,
+                block=block,
+                progress=progress,
             )
             kept = Result(evaluation, provenance, target.spec)
             if out is not None:
@@ -63,9 +74,7 @@ def evaluate_target(
     return results
 
 
-def kept_result(
-    spec: TaskSpec, provenance: Provenance, n_episodes: int, out: Path
-) -> Result | None:
+def kept_result(spec: TaskSpec, provenance: Provenance, seeds: Seeds, out: Path) -> Result | None:
     """Reads the result of exactly this policy, spec, seeds and code, if a folder has it.
 
     Raises:
@@ -84,7 +93,7 @@ def kept_result(
     is_same = (  # the file's name has only the first digits of the spec's hash
         found.provenance == wanted
         and measured.spec_hash == spec.hash()
-        and measured.seeds.tolist() == evaluation_seeds(n_episodes).tolist()
+        and measured.seeds.tolist() == seeds.tolist()
     )
     return found if is_same else None
 

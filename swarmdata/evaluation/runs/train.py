@@ -27,7 +27,7 @@ from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
-"""Evaluation episodes of each point of a learning curve."""
+"""Validation episodes of each point of a learning curve."""
 
 CURVE_METRICS = ("return", "success", "clean_success")
 """Columns of a learning curve, as means over the episodes of each evaluation."""
@@ -207,5 +207,7 @@ def measure_curve_point(
     policy: Policy, spec: TaskSpec, n_episodes: int = CURVE_EPISODES
 ) -> dict[str, float]:
     """Evaluates a policy for one point of its learning curve: means of `CURVE_METRICS`."""
-    result = evaluate(policy, spec, name="curve", n_episodes=n_episodes, progress=False)
+    result = evaluate(
+        policy, spec, name="curve", n_episodes=n_episodes, block="validation", progress=False
+    )
     return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from swarmdata.numerics.random import SeedBlock
 from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Text
 
@@ -49,7 +50,7 @@ class Baseline(Frozen):
 
 
 class CurvesPlan(Frozen):
-    """Learning curves: how often policies are evaluated, and on how many reserved seeds."""
+    """Learning curves: how often policies are evaluated, and on how many validation seeds."""
 
     points: Points = 10
     episodes: Episodes = 64
@@ -101,7 +102,8 @@ class Study(Frozen):
     budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them
-    episodes: Episodes = 500  # reserved evaluation seeds
+    episodes: Episodes = 500  # seeds of the block, from the first
+    block: SeedBlock = "evaluation"  # `validation` for studies in which settings are chosen
     curves: CurvesPlan | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)
     sizes: SizesPlan | None = None

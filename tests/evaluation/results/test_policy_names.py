@@ -21,6 +21,7 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.specs.model_choice import with_models
@@ -184,7 +185,7 @@ def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
     train_again = shutil.copytree(tmp_path / "run", tmp_path / "other" / "run")
     moved = provenance.model_copy(update={"run": str(train_again)})
     with pytest.raises(ResultsError, match="two runs have the label 'run'"):
-        kept_result(target.spec, moved, 2, results)
+        kept_result(target.spec, moved, evaluation_seeds(2), results)
 
 
 def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
@@ -200,6 +201,9 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     assert paths() == [path]
     assert paths(again=True) == [None]
     assert paths(n_episodes=3) == [None]  # other episodes replace them
+    assert paths(n_episodes=3, block="validation") == [None]
+    assert paths(n_episodes=3, block="validation") == [path]
+    assert paths(n_episodes=3) == [None]
     old = path.read_text().replace(f'"code_version":"{__version__}"', '"code_version":"0.0.1"')
     path.write_text(old)
     assert paths(n_episodes=3) == [None]
@@ -207,7 +211,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     longer = target.spec.model_copy(update={"horizon": target.spec.horizon + 1})
     (provenance,) = target.provenances  # as if both specs' hashes began alike
     path.rename(tmp_path / file_name(provenance, longer.hash()))
-    assert kept_result(longer, provenance, 3, tmp_path) is None
+    assert kept_result(longer, provenance, evaluation_seeds(3), tmp_path) is None
 
 
 def test_a_target_may_have_another_label() -> None:

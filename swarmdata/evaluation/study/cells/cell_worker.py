@@ -174,14 +174,14 @@ _TRAIN = {"offline": _train_offline, "online": _train_online, "run": _copy_run}
 
 
 def _evaluate(cell: Cell, run: Path, out: Path, report: Report) -> list[Path]:
-    """Evaluates the last policy of each seed on the reserved seeds; existing results are kept."""
+    """Evaluates the last policy of each seed on the cell's seeds; existing results are kept."""
     target = find_target(str(run)).labelled(cell.label)
     seeds = tuple(each.seed for each in target.provenances)
     if seeds != cell.seeds:
         raise SchemaError(f"{run} has policies of the seeds {seeds}, expected {cell.seeds}")
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
         one = Target(target.spec, (policy,), (provenance,))
-        evaluate_target(one, cell.n_episodes, out, progress=False)
+        evaluate_target(one, cell.n_episodes, out, block=cell.block, progress=False)
         report(0)  # fails if the process that started this one has ended
     names = (file_name(each, target.spec.hash()) for each in target.provenances)
     return [out / name for name in names]

@@ -13,6 +13,7 @@ from swarmdata.evaluation.study.cells.study_data import dataset_of_size, short_c
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
+from swarmdata.numerics.random import SeedBlock
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
@@ -45,6 +46,7 @@ class Cell(Frozen):
     frame: str = "auto"  # of offline cells
     seeds: tuple[int, ...]
     n_episodes: int
+    block: SeedBlock = "evaluation"
     curve_every: int | None = None  # updates between points; None: no learning curve
     curve_episodes: int = 64
     device: str = "cpu"
@@ -154,6 +156,7 @@ def offline_cell(
         frame=variant.frame,
         seeds=study.seeds,
         n_episodes=study.episodes,
+        block=study.block,
         curve_every=every,
         curve_episodes=curves.episodes if curves else 64,
         device=study.device,
@@ -177,7 +180,12 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
 
 
 def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
-    shared = {"label": label, "family": ONLINE_FAMILY, "n_episodes": study.episodes}
+    shared = {
+        "label": label,
+        "family": ONLINE_FAMILY,
+        "n_episodes": study.episodes,
+        "block": study.block,
+    }
     if baseline.run is not None:
         return _run_cell(Path(baseline.run), shared)
     assert baseline.algorithm is not None  # checked by Baseline

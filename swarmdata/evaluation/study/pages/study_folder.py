@@ -43,6 +43,9 @@ COSTS_FILE = "costs.csv"
 CURVES_FILE = "curves.csv"
 PLAN_FILE = "study.yaml"
 
+BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
+"""What texts call the seeds of a block."""
+
 MAX_ALGORITHMS_IN_FIGURE = 24
 """Algorithms whose names fit beside a figure; with more, those figures are left out."""
 
@@ -144,8 +147,9 @@ def _protocol(found: Findings, command: str) -> str:
         f"{len(study.algorithms)} offline algorithms on {where}, "
         f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, the same "
         f"settings of an algorithm on all datasets. {width}The last policy of every seed is "
-        f"evaluated on the same {study.episodes:,} reserved seeds. Numbers are interquartile means "
-        "over training seeds with 95 % stratified bootstrap intervals; the mean of the data is "
+        f"evaluated on the same {study.episodes:,} {BLOCK_NAMES[study.block]} seeds. "
+        "Numbers are interquartile means over training seeds with 95 % stratified bootstrap "
+        "intervals; the mean of the data is "
         f"that of its own episodes, with action noise. {len(found.cells)} cells were run with "
         f"swarmdata {__version__} in {cpu} of processor time and {duration(total)} of wall-clock "
         f"time, one thread per process, on {', '.join(machines)}.\n\n```\n{command}\n```\n\n"
