@@ -1,4 +1,4 @@
-"""MAC-Flow: targets, what climbs which values, and that it improves on its data."""
+"""MAC-Flow: targets, what climbs which values, the stages, and that it improves on its data."""
 
 from typing import Any
 
@@ -94,13 +94,34 @@ def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
     torch.testing.assert_close(slope[:, :, 0], expected[:, :, 0])
 
 
-def test_all_parts_move_in_every_update() -> None:
-    algorithm = made(MACFlow, **TINY)
+def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:
+    """Names of the networks that one update moves, and of the losses that it returns."""
     before = algorithm.state_dict()
-    assert set(algorithm.update(random_batch())) == set(MACFlow.LOSSES)
+    losses = algorithm.update(random_batch())
     after = algorithm.state_dict()
-    for name in ("flow", "actor", "utilities", "target_utilities"):
-        assert not torch.equal(before[name], after[name]), name
+    names = ("flow", "actor", "utilities", "target_utilities")
+    return {name for name in names if not torch.equal(before[name], after[name])}, set(losses)
+
+
+def test_one_stage_moves_all_in_every_update() -> None:
+    algorithm = made(MACFlow, critic_share=0.0, n_updates=2, **TINY)
+    parts = {"flow", "actor", "utilities", "target_utilities"}
+    assert [parts_that_move(algorithm) for _ in range(2)] == [(parts, set(MACFlow.LOSSES))] * 2
+
+
+def test_in_the_second_stage_actors_climb_what_stands_still() -> None:
+    algorithm = made(MACFlow, critic_share=0.5, n_updates=4, **TINY)
+    copied = {"distillation_loss"}
+    first = copied | {"critic_loss", "q", "flow_loss"}
+    moved = [parts_that_move(algorithm) for _ in range(4)]
+    assert moved[0] == moved[1] == ({"flow", "actor", "utilities", "target_utilities"}, first)
+    assert moved[2] == moved[3] == ({"actor"}, copied | {"policy_q", "lambda"})
+
+
+def test_actors_need_updates_of_their_own() -> None:
+    for share in (-0.1, 1.0, float("nan")):
+        with pytest.raises(SchemaError, match="a part of the updates"):
+            MACFlowConfig(critic_share=share)
 
 
 def test_own_rewards_are_not_mixed() -> None:
