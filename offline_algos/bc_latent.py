@@ -11,6 +11,11 @@ In every episode that it plays, the team takes the latent of one recorded episod
 its robots agreed on chooses. It then follows that episode's convention, and follows each convention
 as often as the data do. What varies within an episode is averaged, as in `bc`.
 
+Where scripted teams take goals that belong to nobody by two conventions, which nothing observed
+tells at first, its teams covered all goals in 99.7 % of the episodes, those of `bc` in 50 %, of
+`bc_flow` in 39 % and of `maddpg_bc` in 89 % (400 episodes, 2,000 or 3,000 updates of 64 units,
+batches of 128, 128 validation episodes, 2 or 3 seeds).
+
 Deviations: latents are held small by a penalty, the paper's lie in a ball; the loss is a squared
 error; new latents are those of recorded episodes, not draws from a normal fitted to them.
 
@@ -49,10 +54,10 @@ class BCLatentConfig:
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
     hidden: tuple[int, ...] = (128, 128)
-    latent_size: int = 2  # D; not tuned: more tell noise of single episodes apart, too
-    latent_weight: float = 1e-3  # c; not tuned
+    latent_size: int = 2  # D; the first value tried, as the next one
+    latent_weight: float = 1e-3  # c
     learning_rate: float = 3e-3  # see `bc`
-    latent_learning_rate: float = 3e-2  # a latent is in one of M batches only; not tuned
+    latent_learning_rate: float = 3e-2  # each latent is in few batches
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     max_grad_norm: float | None = None
 
