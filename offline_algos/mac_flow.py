@@ -25,7 +25,7 @@ Deviations:
   each dataset.
 - The smaller of two critics in y, bounded by the data's largest return-to-go with reward "team".
 - Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
-  normalized, rewards divided by the standard deviation of the returns-to-go, actors end in tanh.
+  normalized, rewards divided by the deviation of the team's returns-to-go, actors end in tanh.
 - Two stages: in the first part `critic_share` of the updates, flow and critics learn and actors
   only copy, so that critics value the copied flow; then both stand still, and actors climb. 0 is
   one stage, all in every update, as in Flow Q-learning. Where scripted teams take goals that belong

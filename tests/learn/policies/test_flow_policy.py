@@ -13,7 +13,6 @@ from swarmdata.learn.flows.one_step_actor import OneStepActor  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.perception.frames import find_frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
@@ -40,11 +39,13 @@ def driving(noise: Noise = "team", **changes: object) -> FlowPolicy:
     step = env.reset(np.zeros(1, np.uint64))
     n_features = frame.inputs(step.observations).shape[-1]
     sizes = Sizes(3, n_features, env.action_size, env.state_size, frame=frame)
-    moments = Statistics(
-        observation_mean=np.zeros(n_features), observation_std=np.ones(n_features),
-        state_mean=np.zeros(env.state_size), state_std=np.ones(env.state_size),
-        return_std=1.0, max_return=1.0,
-    )  # fmt: skip
+    moments = replace(
+        statistics(),
+        observation_mean=np.zeros(n_features),
+        observation_std=np.ones(n_features),
+        state_mean=np.zeros(env.state_size),
+        state_std=np.ones(env.state_size),
+    )
     actor = OneStepActor(Setup(sizes, (0,), moments), (16,), noise=noise, redraw="step", scale=1.0)
     return replace(actor.policy(0), **changes)  # type: ignore[arg-type]
 
