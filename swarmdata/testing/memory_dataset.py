@@ -89,7 +89,8 @@ class MemoryDataset:
         lengths = np.array([len(episode) for episode in self], dtype=np.int64)
         ends = lengths.cumsum()
         episode = np.repeat(np.arange(len(lengths)), lengths)
-        return Rows(episode, ends - lengths, ends, valid=np.arange(len(episode)))
+        n = np.arange(len(lengths))
+        return Rows(episode, ends - lengths, ends, valid=np.arange(len(episode)), positions=n)
 
     def sampler(
         self,

@@ -6,9 +6,11 @@ value of an actor that their own rule moves; a behavior density learns beside th
 the last `extraction_share` of the updates, critics and density stand still, and the actor, which
 starts where it was, descends one of the losses of `extraction.objectives`.
 
-The inverse temperature is `inverse_temperature` / sigma, with sigma the deviation of Q_i under the
-density, the mean over robots and rows of the first batch of the stage: in these units one setting
-serves rewards and datasets of every scale.
+The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i under
+the density divided by the deviation of the actions, both as means over robots and rows of the first
+batch of the stage. So actions move by about `inverse_temperature` times their variance in the data:
+one setting serves rewards of every scale, and data that are all alike are left less than diverse
+ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,7 +48,7 @@ class ExtractionConfig:
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = True  # False: critics go on learning meanwhile, for ablations
-    inverse_temperature: float = 0.5  # in deviations of Q under the density
+    inverse_temperature: float = 2.0  # in units of 1 / slope of Q
     density_floor: float = 0.1  # least deviation of the density
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
     max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4
@@ -122,7 +124,7 @@ class SecondStage:
         )  # fmt: skip
         network = actor.online.network
         self._adam = StackedAdam(network, len(seeds), learning_rate, max_norm)
-        self._spread = torch.zeros(len(seeds), device=network.flat.device)  # sigma; 0: unknown
+        self._slope = torch.zeros(len(seeds), device=network.flat.device)  # of Q; 0: unknown
 
     def learn_density(self, batch: Batch, scale: float) -> Tensor:
         """Moves the density to the data; returns its negative log-likelihood, [K].
@@ -144,8 +146,8 @@ class SecondStage:
             scale: factor on the learning rate.
         """
         moments = self.density.moments(batch.observations, batch.actions)
-        if not self._spread.all():
-            self._spread = self._measure_spread(moments, valuer)
+        if not self._slope.all():
+            self._slope = self._measure_slope(moments, valuer)
         pi = self._actor(batch.observations)  # [K, B, N, A]
         loss, values = self._loss(pi, batch.actions, moments, valuer)
         self._adam.step(loss, scale)
@@ -155,7 +157,7 @@ class SecondStage:
         self, pi: Tensor, actions: Tensor, moments: tuple[Tensor, Tensor], valuer: Valuer
     ) -> tuple[Tensor, Tensor]:
         """Returns the loss, [K], and the values that it is made of, [K, B, N]."""
-        config, eta = self._config, self._config.inverse_temperature / self._spread
+        config, eta = self._config, self._config.inverse_temperature / self._slope
         if config.extraction == "anchored":
             values = valuer.of_policy(pi)
             return anchored_loss(pi, values, *moments, eta), values
@@ -177,18 +179,19 @@ class SecondStage:
         return (mean + deviation * noise).clamp(-1, 1)
 
     @torch.no_grad()
-    def _measure_spread(self, moments: tuple[Tensor, Tensor], valuer: Valuer) -> Tensor:
-        """Returns the mean deviation of Q_i under the density, [K]."""
+    def _measure_slope(self, moments: tuple[Tensor, Tensor], valuer: Valuer) -> Tensor:
+        """Returns the deviation of Q_i per deviation of actions under the density, [K]."""
         values = valuer.of_candidates(self._draw(moments))
-        return values.std(3).mean((1, 2)).clamp(min=1e-6)
+        slope: Tensor = values.std(3).mean((1, 2)) / moments[1].mean((1, 2, 3))
+        return slope.clamp(min=1e-6)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Density, Adam's moments and the spread of values, as copies."""
+        """Density, Adam's moments and the slope of values, as copies."""
         adam = {f"extraction_adam.{k}": v for k, v in self._adam.state_dict().items()}
-        return {"extraction_spread": self._spread.clone(), **adam, **self.density.state_dict()}
+        return {"extraction_slope": self._slope.clone(), **adam, **self.density.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned; other entries are left alone."""
-        self._spread = state["extraction_spread"].to(self._spread.device, copy=True)
+        self._slope = state["extraction_slope"].to(self._slope.device, copy=True)
         self._adam.load_state_dict(part(state, "extraction_adam"))
         self.density.load_state_dict(state)

@@ -23,9 +23,9 @@ LOG_STD_RANGE = (-3.0, 1.0)
 class BehaviorDensity:
     """beta(a_i | o_i) = N(tanh m(o_i, i), s(o_i, i)^2), with a deviation that depends on both.
 
-    It sees what the actors see, by a network of the same kind. Where the data's robots act alike,
-    s is small and leaving the data costs much; where they differ, it costs little. An error of equal weight everywhere, as in
-    TD3+BC, knows no difference.
+    It sees what the actors see, by a network of the same kind. Where the data's robots act alike, s
+    is small and leaving the data costs much; where they differ, it costs little. An error of equal
+    weight everywhere, as in TD3+BC, knows no difference.
 
     Args:
         actor: whose inputs and kind of network the density shares.
