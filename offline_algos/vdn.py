@@ -89,13 +89,13 @@ class VDN:
         self.config, self.n_updates = config, 0
         self.networks = UtilityNetworks(setup, config)
 
-    def value(self, utilities: Tensor, weights: Tensor, states: Tensor) -> Tensor:
-        """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for states.
+    def value(self, utilities: Tensor, weights: Tensor, x: Tensor) -> Tensor:
+        """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for x.
 
         Args:
             utilities: [K, J, B, N, D, C].
             weights: the actions as weights of the choices, [K, B, N, D, C].
-            states: as recorded, [K, B, S].
+            x: state and all observations, [K, B, S + N O].
         """
         return robot_values(utilities, weights).mean(-1)
 
@@ -106,14 +106,15 @@ class VDN:
         features = networks.normalizer.observations(batch.next_observations)
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
         utilities = networks.utilities(features, networks.descent.targets["team"])
-        q_next = self.value(utilities, a_next, batch.next_states).mean(1)  # [K, B]
+        x_next = networks.information(batch.next_states, features)
+        q_next = self.value(utilities, a_next, x_next).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def loss(self, batch: Evaluated, y: Tensor) -> Loss:
         """Returns L_td with L_b or L_cql of the regulariser; y is a constant."""
-        q = self.value(batch.utilities, batch.weights, batch.states)  # [K, J, B]
+        q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
         td_loss = huber_error(q, y)  # [K]
         near_data = self.networks.regulariser_loss(batch)
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
