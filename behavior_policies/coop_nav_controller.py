@@ -4,17 +4,27 @@ Robots drive to their goals (`navigator`). Unassigned goals are assigned once, a
 doorway that one robot fits through at a time, robots that meet in it would wait for each other for
 ever. So the left team goes first, and the right team stays where it is and makes room until every
 robot of the left team is through.
+
+Teams can follow a convention (`conventions`). In `lanes`, where they need one, they keep right
+unless another is given.
 """
 
 import numpy as np
 
+from swarmdata.behavior_policies.conventions import (
+    GOAL_CONVENTIONS,
+    LANE_CONVENTIONS,
+    check_convention,
+    lane_targets,
+    order_goals,
+)
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Doorway, NavigationRules
+from swarmdata.specs.rules import Doorway, Lanes, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
@@ -69,24 +79,31 @@ class CoopNavController:
     Args:
         spec: a spec of `coop_nav`.
         noise: standard deviation of the Gaussian noise on each command.
+        convention: that all robots follow (`conventions`); None: goals are assigned, lanes are
+            taken on the right.
 
     Raises:
-        SpecError: the spec is another task's, or `noise` is not a standard deviation.
+        SpecError: the spec is another task's, `noise` is not a standard deviation, or the task has
+            no such convention.
     """
 
     uses_state = True
 
-    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+    def __init__(
+        self, spec: TaskSpec, *, noise: float = 0.0, convention: str | None = None
+    ) -> None:
         if not isinstance(spec.rules, NavigationRules):
             raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
         self._noisy, self._n_agents = NoisyCommands(spec, noise), spec.n_agents
         self._navigator = Navigator(spec)
-        self._is_shared = spec.rules.goals == "unassigned"
+        arrangement, self._is_shared = spec.rules.arrangement, spec.rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)
+        self._convention = check_convention(spec, convention)
+        self._lanes = arrangement if isinstance(arrangement, Lanes) else None
         self._through: float | None = None
-        if isinstance(door := spec.rules.arrangement, Doorway):
-            self._through = door.thickness / 2 + max(robot.radius for robot in spec.robots)
+        if isinstance(arrangement, Doorway):
+            self._through = arrangement.thickness / 2 + max(robot.radius for robot in spec.robots)
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and assigns their goals if they are unassigned."""
@@ -95,12 +112,19 @@ class CoopNavController:
             return
         if len(self._targets) != len(step.seeds):
             self._targets = np.zeros((len(step.seeds), self._n_agents, 2))
-        assign_goals(step.states, copies, self._n_agents, *self._work, self._targets)
+        if self._convention is None:
+            assign_goals(step.states, copies, self._n_agents, *self._work, self._targets)
+        else:
+            axis = GOAL_CONVENTIONS.index(self._convention)
+            order_goals(step.states, copies, self._n_agents, axis, self._targets)
 
     def act(self, step: Step) -> Float:
         targets = self._targets if self._is_shared else None
+        robots = robots_of(step.states, self._n_agents)
         if self._through is not None:
-            targets = turns_at_door(robots_of(step.states, self._n_agents), self._through)
+            targets = turns_at_door(robots, self._through)
+        if self._lanes is not None:
+            targets = lane_targets(robots, self._lanes, self._convention or LANE_CONVENTIONS[0])
         return self._noisy.actions(step, self._navigator.commands(step, targets))
 
     def log_probs(self, step: Step, actions: Float) -> Float:

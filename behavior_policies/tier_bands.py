@@ -16,6 +16,8 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "warehouse": {"success": 0.95, "clean_success": 0.75},
         "coop_nav-n8": {"success": 0.85},
         "formation-n8": {"success": 0.85},
+        "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
+        "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},
     }
 )
 """Least figures of an expert team, by preset; that of `coop_nav-n8` was trained in teams of 4."""

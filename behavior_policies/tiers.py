@@ -2,7 +2,8 @@
 
 `<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 %, the same
 episodes. The learned tiers mix independently trained checkpoints, with action noise. A tier is
-absent where a preset has no checkpoints for it.
+absent where a preset has no checkpoints for it. Presets with conventions have a tier of their own:
+scripted teams, half of which follow one convention and half the other.
 """
 
 import json
@@ -16,6 +17,7 @@ from typing import Annotated
 
 from pydantic import Field, RootModel
 
+from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry.presets import preset
 from swarmdata.registry.replaced_worlds import refuse_replaced
@@ -29,7 +31,15 @@ NEWEST_VERSION = WORLD_VERSION
 
 N_STEPS, MINI_STEPS = 1_000_000, 50_000
 
-FAMILIES = ("coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8")
+LEARNED_FAMILIES = (
+    "coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8",
+)  # fmt: skip
+"""Presets that have datasets of learned policies."""
+
+CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
+"""Presets that have datasets of scripted teams with conventions; these teams are their experts."""
+
+FAMILIES = (*LEARNED_FAMILIES, *CONVENTION_FAMILIES)
 """Presets that have datasets."""
 
 FAMILY_SPECS = MappingProxyType({name: preset(name) for name in FAMILIES})
@@ -46,8 +56,8 @@ class Tier:
     Attributes:
         ingredients: registered policies or tiers of the index, in equal shares.
         seed: of the recipe; it differs from tier to tier, so that tiers share no episode.
-        noise: standard deviation of the action noise of learned policies; if the index records the
-            noise of training, that is used instead.
+        noise: standard deviation of the action noise of learned policies, and of teams with
+            conventions; if the index records the noise of training, that is used instead.
         first_only: whether only the first checkpoint of each ingredient is used.
         families: presets that have this tier.
     """
@@ -56,7 +66,7 @@ class Tier:
     seed: int
     noise: float = ACTION_NOISE_STD
     first_only: bool = False
-    families: tuple[str, ...] = FAMILIES
+    families: tuple[str, ...] = LEARNED_FAMILIES
 
 
 TIERS = MappingProxyType(
@@ -69,6 +79,7 @@ TIERS = MappingProxyType(
         "medium-replay": Tier(("medium-replay",), 6),
         "mixed-conventions": Tier(("mixed-conventions",), 7, noise=0.05, families=("coop_nav",)),
         "narrow": Tier(("expert",), 8, noise=0.02, first_only=True, families=("coop_nav",)),
+        "two-conventions": Tier(("two-conventions",), 9, noise=0.05, families=CONVENTION_FAMILIES),
     }
 )
 
@@ -102,13 +113,14 @@ def checkpoints(family: str, tier: str) -> tuple[Checkpoint, ...]:
 def sources(
     family: str, ingredient: str, noise: float | None = None, default: float = ACTION_NOISE_STD
 ) -> tuple[PolicySource, ...]:
-    """Returns the policies of one ingredient of a tier; none if it has not been trained.
+    """Returns the policies of one ingredient of a tier; none if the preset does not have it.
 
     Args:
         family: a preset's name.
-        ingredient: a registered scripted policy, or a tier of the index.
-        noise: standard deviation of the action noise of learned policies; None for that of their
-            training.
+        ingredient: a registered scripted policy, a tier of the index, or `two-conventions`, which
+            is the `expert` too where there are conventions.
+        noise: standard deviation of the action noise of learned policies, and of teams with
+            conventions; None for that of their training, or the default.
         default: standard deviation where the index does not record that of training.
 
     Raises:
@@ -116,6 +128,12 @@ def sources(
     """
     if ingredient in ("random", "scripted"):
         return (PolicySource(label=ingredient, name=ingredient),)
+    if family in CONVENTION_FAMILIES and ingredient in ("two-conventions", "expert"):
+        std = default if noise is None else noise
+        return tuple(
+            PolicySource(label=each, name="scripted", noise=std, convention=each)
+            for each in conventions_of(FAMILY_SPECS[family])
+        )
     found = []
     for index, checkpoint in enumerate(checkpoints(family, ingredient)):
         recorded = default if checkpoint.noise is None else checkpoint.noise

@@ -19,8 +19,10 @@ cards/references.json` measures a preset again, and `swarmdata task table --out 
 writes this page.
 
 Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
-and a row for each checkpoint follows; these policies act greedily, without noise. The score is 0
-for the better of the idle and the random team and 100 for the expert.
+and a row for each checkpoint follows; these policies act greedily, without noise. Where a team
+needs a convention, `expert` is the mean over the scripted teams that follow one, in the order of
+`docs/tiers.md`. The score is 0 for the better of the idle and the random team and 100 for the
+expert.
 """
 
 

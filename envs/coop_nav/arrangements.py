@@ -1,4 +1,4 @@
-"""Fixed layouts that are hard to plan in: antipodal swap, doorway swap, corridor.
+"""Fixed layouts that are hard to plan in: antipodal swap, doorway swap, corridor, lanes.
 
 Only small jitters (and the rotation of a swap) depend on the episode's seed. Each arrangement is
 symmetric, and a robot's goal is the mirror image of its start, so that robots swap places. Starts
@@ -10,6 +10,8 @@ is opposite, (-x, -y); there are no obstacles.
 Doorway: even robots start left and odd ones right of a wall along y with a door at the origin; the
 goal of (x, y) is (-x, y), so that few straight paths are free.
 Corridor: the same with a passage along x between two solid blocks.
+Lanes: the same with two passages (`lanes`). Ranks: unassigned goals, with a module of its own
+(`ranks`).
 """
 
 import math
@@ -17,6 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.envs.coop_nav.lanes import lane_boxes, lane_starts
+from swarmdata.envs.coop_nav.ranks import RankedGoals, arrange_ranks
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
     check_fixed_layout,
@@ -27,7 +31,7 @@ from swarmdata.envs.world.spawn import (
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Corridor, Doorway, NavigationRules, Swap
+from swarmdata.specs.rules import Corridor, Doorway, Lanes, NavigationRules, Ranks, Swap
 from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
@@ -95,7 +99,7 @@ class Arranged:
         )  # fmt: skip
 
 
-def arrange(spec: TaskSpec) -> Arranged:
+def arrange(spec: TaskSpec) -> Arranged | RankedGoals:
     """Builds the arrangement that the rules of `coop_nav` name.
 
     Raises:
@@ -104,6 +108,8 @@ def arrange(spec: TaskSpec) -> Arranged:
     rules = spec.rules
     assert isinstance(rules, NavigationRules)
     kind = rules.arrangement
+    if isinstance(kind, Ranks):
+        return arrange_ranks(spec)
     if rules.goals != "assigned":
         raise SpecError(
             f"rules.goals is {rules.goals!r} with arrangement {kind.kind!r}: robots that swap "
@@ -116,6 +122,8 @@ def arrange(spec: TaskSpec) -> Arranged:
         layout, anchors = _passage(spec, kind.width, kind.thickness, 1), _sides(spec, kind)
     elif isinstance(kind, Corridor):
         layout, anchors = _passage(spec, kind.width, kind.length, 2), _sides(spec, kind)
+    elif isinstance(kind, Lanes):
+        layout, anchors = lane_boxes(spec, kind), lane_starts(spec, kind, *_margins(spec))
     else:
         raise SpecError("arrangement 'random' has no fixed layout; use spawn.spawn_random")
     if isinstance(kind, Swap):

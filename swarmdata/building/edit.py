@@ -80,7 +80,7 @@ def combine_datasets(
 ) -> Dataset:
     """Makes a dataset of the episodes of several, one after the other; of a view, just the view's.
 
-    Policies with the same label, checkpoint and noise become one; where only the label is the same,
+    Policies that are the same but for their shares become one; where only the label is the same,
     the later one is called `<id of its dataset>/<label>`.
 
     Args:

@@ -37,7 +37,11 @@ def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None
         spec: the task.
         folder: the dataset's folder, which may contain checkpoints; None: only the package's.
     """
-    options: dict[str, Any] = {"checkpoint": source.checkpoint, "sha256": source.sha256}
+    options: dict[str, Any] = {
+        "checkpoint": source.checkpoint,
+        "sha256": source.sha256,
+        "convention": source.convention,
+    }
     if source.checkpoint is not None:
         options["folder"] = folder
     options = {name: value for name, value in options.items() if value is not None}

@@ -14,6 +14,7 @@ from swarmdata.specs.rules import (
     Corridor,
     Doorway,
     FormationRules,
+    Lanes,
     NavigationRules,
     RandomArrangement,
     WarehouseRules,
@@ -217,8 +218,9 @@ def _fixed_shapes(spec: "TaskSpec") -> tuple[int, int]:
     if isinstance(rules, WarehouseRules):
         shelves = rules.aisles * rules.blocks
         return drawn + shelves, 2 * shelves * rules.bays + rules.stations
-    if isinstance(rules, NavigationRules) and isinstance(rules.arrangement, Doorway | Corridor):
-        return drawn + 2, 0
+    if isinstance(rules, NavigationRules):
+        fixed = {Doorway: 2, Corridor: 2, Lanes: 3}
+        return drawn + fixed.get(type(rules.arrangement), 0), 0
     return drawn, 0
 
 

@@ -15,6 +15,7 @@ def _bounded(least: float, most: float) -> object:
 
 Length = Annotated[float, _bounded(1e-3, 1e3)]  # m, above 0
 Distance = Annotated[float, _bounded(0.0, 1e3)]  # m, may be 0
+Coordinate = Annotated[float, _bounded(-1e3, 1e3)]  # m, of either sign
 Duration = Annotated[float, _bounded(1e-3, 1e3)]  # s
 Speed = Annotated[float, _bounded(1e-3, 1e2)]  # m/s
 Acceleration = Annotated[float, _bounded(1e-3, 1e3)]  # m/s^2

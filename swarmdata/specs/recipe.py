@@ -3,9 +3,15 @@
 Equal recipes give equal datasets.
 """
 
-from typing import Annotated, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from swarmdata.specs.budget import part_excess
 from swarmdata.specs.frozen import Frozen, Positive
@@ -26,6 +32,18 @@ class PolicySource(Frozen):
     sha256: Sha256 | None = None  # of that file
     noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
+    convention: Label | None = None  # of a scripted team (`behavior_policies.conventions`)
+
+    @model_serializer(mode="wrap")
+    def _without_absent_convention(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out a convention that there is not, as in recipes that are older than the field.
+
+        Their hashes, and so the published ones, stay what they are.
+        """
+        content: dict[str, Any] = write(self)
+        if content.get("convention", "") is None:
+            del content["convention"]
+        return content
 
 
 def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:

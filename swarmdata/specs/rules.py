@@ -13,6 +13,7 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.quantities import (
     Angle,
+    Coordinate,
     Count,
     Distance,
     Duration,
@@ -22,6 +23,8 @@ from swarmdata.specs.quantities import (
     Speed,
     Weight,
 )
+
+Rank = Annotated[int, Field(ge=0, le=10**12)]
 
 Previews = Annotated[tuple[Duration, ...], Field(max_length=64)]
 
@@ -94,8 +97,32 @@ class Corridor(Frozen):
     jitter: Distance = 0.1  # m, of each start in x and in y
 
 
+class Lanes(Frozen):
+    """Two teams swap ends through two parallel lanes, in each of which one robot fits."""
+
+    kind: Literal["lanes"] = "lanes"
+    width: Length = 0.46  # m, of each lane
+    length: Length = 1.8  # m
+    spread: Length = 1.0  # m between the middles of the lanes
+    rows: tuple[Coordinate, Coordinate] = (-0.25, 0.25)  # m, y of the left and the right team
+    jitter: Distance = 0.1  # m, of each start in x and in y
+
+
+class Ranks(Frozen):
+    """A row of robots below N goals, of which no two have the same rank along x or along y.
+
+    Goal k is the k-th from the left and has rank `order[k]` from the bottom, both from 0.
+    """
+
+    kind: Literal["ranks"] = "ranks"
+    order: Annotated[tuple[Rank, ...], Field(min_length=1, max_length=1024)] = (2, 0, 3, 1)
+    spacing: Length = 0.75  # m between neighbouring ranks, and between robots in their row
+    distance: Length = 1.0  # m from the row to the lowest goal, along y
+    jitter: Distance = 0.1  # m, of each start and goal in x and in y
+
+
 AnyArrangement = Annotated[
-    RandomArrangement | Swap | Doorway | Corridor, Field(discriminator="kind")
+    RandomArrangement | Swap | Doorway | Corridor | Lanes | Ranks, Field(discriminator="kind")
 ]
 
 

@@ -9,10 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.behavior_policies import tiers
+from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.tiers import (
+    CONVENTION_FAMILIES,
     FAMILIES,
     FAMILY_SPECS,
+    LEARNED_FAMILIES,
     TIERS,
     TRAINED_TIERS,
     Checkpoint,
@@ -71,8 +74,9 @@ def test_unknown_id_or_version() -> None:
 def test_every_tier_has_a_mini_of_the_same_episodes(
     trained: MappingProxyType[str, Recipe],
 ) -> None:
-    names = {f"coop_nav-{name}" for name in TIERS}
-    names |= {f"{family}-{name}" for family in FAMILIES for name in ("random", "scripted")}
+    names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
+    names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
+    names |= {f"{family}-two-conventions" for family in CONVENTION_FAMILIES}
     names |= {"formation-n8-expert"}
     assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}
     for name in names:
@@ -134,6 +138,18 @@ def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> No
 
     assert [policy.noise for policy in mixed] == [0.05, 0.05]
     assert (narrow.checkpoint, narrow.noise) == ("expert-0.safetensors", 0.02)
+
+
+@pytest.mark.parametrize("family", CONVENTION_FAMILIES)
+def test_half_of_the_teams_follow_each_convention_and_both_are_the_expert(family: str) -> None:
+    known = conventions_of(FAMILY_SPECS[family])
+    recorded = find_recipe(f"{family}-two-conventions").policies
+    assert tuple(each.convention for each in recorded) == known
+    assert {(each.name, each.noise, each.share) for each in recorded} == {("scripted", 0.05, 1.0)}
+    evaluated = sources(family, "expert", 0.0)
+    assert tuple(each.convention for each in evaluated) == known
+    assert {each.noise for each in evaluated} == {0.0}
+    assert sources(family, "medium") == ()
 
 
 def test_evaluated_policies_have_no_noise(trained: MappingProxyType[str, Recipe]) -> None:

@@ -135,3 +135,12 @@ def test_a_message_stays_readable_however_much_is_wrong() -> None:
     with pytest.raises(SpecError, match=r"; and [0-9]+ more$") as caught:
         TaskSpec.parse({"team": roles})
     assert len(str(caught.value)) < 4000
+
+
+def test_only_policies_with_a_convention_write_it_so_that_older_recipes_keep_their_hashes() -> None:
+    plain = PolicySource(label="a", name="scripted")
+    kept = PolicySource(label="a", name="scripted", convention="keep-left")
+    assert "convention" not in plain.model_dump(mode="json")
+    assert kept.model_dump(mode="json") == {**plain.model_dump(), "convention": "keep-left"}
+    assert plain.hash() != kept.hash()
+    assert [PolicySource.from_text(each.to_json()) for each in (plain, kept)] == [plain, kept]
