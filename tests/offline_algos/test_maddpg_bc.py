@@ -221,8 +221,8 @@ def test_the_policy_and_the_targets_move_every_other_update() -> None:
 
 def test_the_warmup_is_behavior_cloning() -> None:
     """Every update moves the actor, and only then does `policy_delay` count."""
-    settings = {"bc_warmup_updates": 2, "policy_delay": 2, "first_rl_weight": 1.0}
-    algorithm, batch = made(MADDPGBC, **settings), random_batch()
+    algorithm = made(MADDPGBC, bc_warmup_updates=2, policy_delay=2, first_rl_weight=1.0)
+    batch = random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
     warm, moved = {"bc_loss", "density_loss"}, {"bc_loss", "density_loss", "policy_q", "lambda"}
     assert keys == [warm, warm, set(), moved, set()]

@@ -6,8 +6,8 @@ value of an actor that their own rule moves; a behavior density learns beside th
 the last `extraction_share` of the updates, critics and density stand still, and the actor, which
 starts where it was, descends one of the losses of `extraction.objectives`.
 
-The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i under
-the density divided by the deviation of the actions, both as means over robots and rows of the first
+The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
+under the density divided by that of the actions, both as means over robots and rows of the first
 batch of the stage. So actions move by about `inverse_temperature` times their variance in the data:
 one setting serves rewards of every scale, and data that are all alike are left less than diverse
 ones.
