@@ -209,10 +209,14 @@ def verdict(difference: Estimate) -> str:
 
 
 def rows_of(data: TeamData, kept: Kept, budget: Budget) -> list[tuple[str, ...]]:
-    """A row for each learner whose seeds are all kept."""
+    """A row for each learner whose seeds are all kept.
+
+    Raises:
+        ValueError: the task has no measured references, so there are no scores.
+    """
     known = references_of(data.spec.hash())
-    assert known is not None
-    assert known.reference is not None
+    if known is None or known.reference is None:
+        raise ValueError(f"{data.id}: no references were measured in its task, expected a preset")
     found = {name: kept.read(name, budget) for name in (*PEERS, *OURS)}
     scores = {
         name: normalized_score(played.metrics["return"], known.reference)
