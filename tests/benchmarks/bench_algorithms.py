@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -105,7 +105,8 @@ class Kept(NamedTuple):
         """Keeps one seed."""
         path = self.path(name, seed)
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, seconds=seconds, **{metric: metrics[metric] for metric in METRICS})
+        arrays: dict[str, Any] = {metric: metrics[metric] for metric in METRICS}
+        np.savez(path, seconds=seconds, **arrays)
 
 
 def play(data: TeamData, policy: Policy, name: str, budget: Budget) -> Mapping[str, Double]:

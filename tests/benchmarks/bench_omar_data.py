@@ -62,13 +62,17 @@ def convert(folder: Path, kind: str, out: Path) -> swarmdata.Dataset:
     """
     ends = [np.load(path, mmap_mode="r") for path in sorted(folder.glob("**/dones_0.npy"))]
     has_flags = all(each.any() for each in ends)
-    length = {"time_limit": STEPS} if has_flags else {"episode_length": STEPS, "time_limit": STEPS}
     return swarmdata.import_dataset(
         folder,
         out,
         format="numpy",
         id=f"simple_spread-omar_{kind.replace('-', '_')}-v0",
-        choices=Choices(**length, action_low=-1.0, action_high=1.0),
+        choices=Choices(
+            time_limit=STEPS,
+            episode_length=None if has_flags else STEPS,
+            action_low=-1.0,
+            action_high=1.0,
+        ),
     )
 
 

@@ -7,19 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 
-from torch import nn  # noqa: E402
+import torch
+from torch import nn
 
-from swarmdata.learn.networks.normalizer import Normalizer  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from tests.benchmarks.bench_algorithms import PEERS, REPOSITORIES, play  # noqa: E402
-from tests.benchmarks.peers.checkouts import import_from, read_module  # noqa: E402
-from tests.benchmarks.peers.corl import of_width  # noqa: E402
-from tests.benchmarks.peers.og_marl_cql import RecurrentPolicy  # noqa: E402
-from tests.benchmarks.peers.team_data import DISCOUNT, Budget, TeamData  # noqa: E402
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.registry.components import make_env
+from tests.benchmarks.bench_algorithms import PEERS, REPOSITORIES, play
+from tests.benchmarks.peers.checkouts import import_from, read_module
+from tests.benchmarks.peers.corl import of_width
+from tests.benchmarks.peers.og_marl_cql import RecurrentPolicy
+from tests.benchmarks.peers.team_data import DISCOUNT, Budget, TeamData
 
 
 @pytest.fixture(scope="module")

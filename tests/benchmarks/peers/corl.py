@@ -38,7 +38,8 @@ def read(checkout: Path, name: str) -> Any:
 def of_width(network: nn.Sequential, units: int) -> nn.Sequential:
     """Returns the same layers, freshly initialized, with another number of hidden units."""
     last = [k for k, layer in enumerate(network) if isinstance(layer, nn.Linear)][-1]
-    layers, n_inputs = [], None
+    layers: list[nn.Module] = []
+    n_inputs = None
     for k, layer in enumerate(network):
         if isinstance(layer, nn.Linear):
             n_outputs = layer.out_features if k == last else units
@@ -117,7 +118,7 @@ def joint(checkout: Path, data: TeamData, budget: Budget, seed: int, *, name: st
             _ends(batch),
         ])  # fmt: skip
     act = _greedy(actor)
-    return data.policy(lambda seen: act(seen.flatten(1)).unflatten(1, (n, data.n_actions)))
+    return data.policy(lambda seen: act(seen.flatten(1)).view(-1, n, data.n_actions))
 
 
 def per_robot(checkout: Path, data: TeamData, budget: Budget, seed: int, *, name: str) -> Policy:

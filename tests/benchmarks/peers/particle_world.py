@@ -13,7 +13,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from pettingzoo import ParallelEnv
 
 from tests.benchmarks.peers.checkouts import import_from
 
@@ -22,8 +21,8 @@ FOLDER = "multiagent-particle-envs"
 GYM = {"Env": object, "spaces": gymnasium.spaces}
 
 
-class ParticleWorld(ParallelEnv[str, Any, Any]):
-    """Their world with PettingZoo's interface, without a picture.
+class ParticleWorld:
+    """Their world with the part of PettingZoo's `ParallelEnv` that evaluation needs.
 
     Args:
         checkout: of ling-pan/OMAR.
@@ -78,6 +77,9 @@ class ParticleWorld(ParallelEnv[str, Any, Any]):
             dict.fromkeys(acted, over),
             {agent: {} for agent in acted},
         )
+
+    def close(self) -> None:
+        """There is nothing to close."""
 
     def _by_agent(self, rows: Any) -> dict[str, Any]:
         return {
