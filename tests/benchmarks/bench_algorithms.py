@@ -37,7 +37,7 @@ from tests.benchmarks.peers.checkouts import commit_of
 from tests.benchmarks.peers.team_data import Budget, TeamData
 
 DATASETS = ("coop_nav-medium-replay", "coop_nav-medium")
-METRICS = ("return", "success", "clean_success")
+METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 REPOSITORIES = {
     "corl": "tinkoff-ai/CORL",
     "omar": "ling-pan/OMAR",
@@ -88,18 +88,19 @@ class Kept(NamedTuple):
     def read(self, name: str, budget: Budget) -> Played | None:
         """What was measured, None unless all seeds are there with as many episodes."""
         paths = [self.path(name, seed) for seed in range(budget.n_seeds)]
-        if not all(path.exists() for path in paths):
+        if not all(self.has(name, seed, budget) for seed in range(budget.n_seeds)):
             return None
         files = [np.load(path) for path in paths]
-        if any(len(file["return"]) != budget.n_episodes for file in files):
-            return None
         metrics = {metric: np.stack([file[metric] for file in files]) for metric in METRICS}
         return Played(metrics, float(np.mean([file["seconds"] for file in files])))
 
     def has(self, name: str, seed: int, budget: Budget) -> bool:
         """Whether a seed is there with as many episodes."""
         path = self.path(name, seed)
-        return path.exists() and len(np.load(path)["return"]) == budget.n_episodes
+        if not path.exists():
+            return False
+        file = np.load(path)
+        return {*METRICS} <= {*file} and len(file["return"]) == budget.n_episodes
 
     def write(self, name: str, seed: int, metrics: Mapping[str, Double], seconds: float) -> None:
         """Keeps one seed."""
@@ -234,11 +235,12 @@ def rows_of(data: TeamData, kept: Kept, budget: Budget) -> list[tuple[str, ...]]
         if other in scores:
             difference = estimates(scores[other], values)
             versus = (f"`{other}`", signed(difference), verdict(difference))
-        shares = (f"{100 * played.metrics[key].mean():.0f} %" for key in METRICS[1:])
+        shares = (f"{100 * played.metrics[key].mean():.0f} %" for key in METRICS[1:3])
+        collisions = " / ".join(f"{played.metrics[key].mean():.2f}" for key in METRICS[3:])
         label = name if name in PEERS else f"ours, `{name}`"
         each = " ".join(f"{value:.0f}" for value in values.mean(axis=1))
         seconds = f"{played.seconds:.0f}"
-        rows.append((label, shown(estimates(values)), each, *shares, *versus, seconds))
+        rows.append((label, shown(estimates(values)), each, *shares, collisions, *versus, seconds))
     return rows
 
 
@@ -252,7 +254,8 @@ def signed(estimate: Estimate) -> str:
     return f"{estimate.value:+.1f} ({estimate.low:+.1f} to {estimate.high:+.1f})"
 
 
-HEAD = ("learner", "score", "its seeds", "success", "clean success", "against",
+HEAD = ("learner", "score", "its seeds", "success", "clean success", "collisions, robot / obstacle",
+        "against",
         "ours minus it", "better", "CPU s a seed")  # fmt: skip
 
 

@@ -94,7 +94,7 @@ def test_rows_have_what_was_kept_and_what_was_recorded(
     rows = rows_of(data, kept, BUDGET)
     assert [row[0] for row in rows] == ["recorded episodes", "OMAR", "ours, `omar`"]
     assert rows[1][:3] == ("OMAR", "0.0 (0.0 to 0.0)", "0 0")
-    assert rows[1][5:8] == ("`omar`", "+50.0 (+50.0 to +50.0)", "ours")
+    assert rows[1][6:9] == ("`omar`", "+50.0 (+50.0 to +50.0)", "ours")
     page = text(BUDGET, {"omar": "0e52ad6"}, {"tiny": rows})
     assert "ling-pan/OMAR (0e52ad6)" in page
     assert page.count("\n| ") == 2 + len(rows)
