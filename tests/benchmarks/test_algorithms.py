@@ -22,6 +22,7 @@ from tests.benchmarks.bench_algorithms import (
     our_config,
     rows_of,
     text,
+    train_ours,
     verdict,
 )
 from tests.benchmarks.peers.team_data import Budget, TeamData
@@ -98,6 +99,19 @@ def test_rows_have_what_was_kept_and_what_was_recorded(
     page = text(BUDGET, {"omar": "0e52ad6"}, {"tiny": rows})
     assert "ling-pan/OMAR (0e52ad6)" in page
     assert page.count("\n| ") == 2 + len(rows)
+
+
+@pytest.mark.slow
+def test_ours_is_trained_once_at_the_budget(tmp_path: Path, tiny: Path) -> None:
+    data, kept = TeamData(str(tiny)), Kept(tmp_path)
+    budget = Budget(n_updates=10, batch_size=8, units=8, n_seeds=2, n_episodes=3)
+    train_ours("maddpg_bc", data, budget, kept)
+    played = kept.read("maddpg_bc", budget)
+    assert played is not None
+    assert played.metrics["return"].shape == (2, 3)
+    written = kept.path("maddpg_bc", 0).stat().st_mtime_ns
+    train_ours("maddpg_bc", data, budget, kept)
+    assert kept.path("maddpg_bc", 0).stat().st_mtime_ns == written
 
 
 def test_without_checkouts_nothing_is_measured(

@@ -20,6 +20,7 @@ from tests.benchmarks.bench_algorithms import PEERS, REPOSITORIES, play
 from tests.benchmarks.peers.checkouts import import_from, read_module
 from tests.benchmarks.peers.corl import of_width
 from tests.benchmarks.peers.og_marl_cql import RecurrentPolicy
+from tests.benchmarks.peers.omar import data_type
 from tests.benchmarks.peers.team_data import DISCOUNT, Budget, TeamData
 
 
@@ -118,13 +119,23 @@ def test_packages_of_different_checkouts_do_not_mix(tmp_path: Path) -> None:
     assert (set(sys.modules), sys.path) == (before, path)
 
 
+def test_the_kind_of_a_dataset_is_the_end_of_its_id() -> None:
+    assert data_type("coop_nav-medium-replay-mini-v1") == "medium-replay"
+    assert data_type("coop_nav-medium") == "medium"
+    with pytest.raises(ValueError, match="got 'coop_nav-narrow', expected an id that ends in"):
+        data_type("coop_nav-narrow")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
-def test_a_peer_trains_and_plays(name: str, data: TeamData) -> None:
+def test_a_peer_trains_and_plays(
+    name: str, data: TeamData, monkeypatch: pytest.MonkeyPatch
+) -> None:
     key = PEERS[name].repository
     checkout = os.environ.get(key.upper())
     if not checkout:
         pytest.skip(f"{key.upper()} names no checkout of {REPOSITORIES[key]}")
+    monkeypatch.setattr(data, "id", "coop_nav-medium-mini")  # OMAR asks for the kind
     budget = Budget(n_updates=3, batch_size=8, units=8, n_seeds=1, n_episodes=2)
     policy = PEERS[name].train(Path(checkout), data, budget, 0)
     again = PEERS[name].train(Path(checkout), data, budget, 0)

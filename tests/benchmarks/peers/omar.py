@@ -14,6 +14,7 @@ multiplies our rewards, so that both can be measured.
 """
 
 import copy
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,6 +34,9 @@ from tests.benchmarks.peers.team_data import Budget, TeamData
 
 WORLD = "simple_spread"
 """Their name of cooperative navigation, whose coefficients are used."""
+
+TYPES = ("random", "medium-replay", "medium", "expert")
+"""Kinds of datasets in `env_config_map`."""
 
 PARTICLE_SCALE = 40.0
 """Roughly the deviation of the returns-to-go in their data: returns of 25 steps deviate by 60 to 92
@@ -81,6 +85,21 @@ def omar(
     )
 
 
+def data_type(dataset_id: str) -> str:
+    """The kind of dataset, in their words, by which coefficients are chosen.
+
+    Raises:
+        ValueError: they have no coefficients for it.
+    """
+    kind = re.sub(r"(-mini)?(-v\d+)?$", "", dataset_id.partition("-")[2])
+    if kind not in TYPES:
+        raise ValueError(
+            f"OMAR's coefficients depend on the kind of dataset; got {dataset_id!r}, expected an id "
+            f"that ends in one of {', '.join(TYPES)}"
+        )
+    return kind
+
+
 def _team(checkout: Path, data: TeamData, budget: Budget) -> Any:
     module = import_from(checkout, "algorithms.maddpg")
     space = SimpleNamespace(shape=(data.n_actions,), high=np.ones(data.n_actions))
@@ -90,10 +109,9 @@ def _team(checkout: Path, data: TeamData, budget: Budget) -> Any:
         action_space=[space] * data.n_agents,
         observation_space=[seen] * data.n_agents,
     )
-    data_type = data.id.partition("-")[2].removesuffix("-mini")
     sizes = {"hidden_dim": budget.units, "batch_size": budget.batch_size}
     with as_in_2022():
-        return module.MATD3.init_from_env(world, WORLD, data_type, **DEFAULTS, **sizes)
+        return module.MATD3.init_from_env(world, WORLD, data_type(data.id), **DEFAULTS, **sizes)
 
 
 def _sample(data: TeamData, rng: np.random.Generator, n: int, reward_scale: float) -> Any:

@@ -2,8 +2,8 @@
 
 `swarmdata train` hands an algorithm batches of `framed(train split)`, which it normalizes with
 `Normalizer`. A peer gets the same: observations and actions in the robots' frame, normalized
-observations and states, rewards in units of the deviation of the returns-to-go. Its policy is
-evaluated in the same frame.
+observations and states, rewards in units of the deviation of the team's returns-to-go. Its policy
+is evaluated in the same frame.
 """
 
 from collections.abc import Callable
