@@ -109,13 +109,13 @@ def test_files_run_without_what_they_import_for_other_things(tmp_path: Path) -> 
 
 def test_packages_of_different_checkouts_do_not_mix(tmp_path: Path) -> None:
     for name in ("one", "two"):
-        folder = tmp_path / name / "parts"  # without __init__.py, as some are
+        folder = tmp_path / name / "parts" / "deep" / "deeper"  # without __init__.py, as some are
         folder.mkdir(parents=True)
         (folder / "inner.py").write_text(f"NAME = {name!r}\n")
-        (folder / "outer.py").write_text("from parts.inner import NAME\n")
+        (folder / "outer.py").write_text("from parts.deep.deeper.inner import NAME\n")
     before, path = set(sys.modules), list(sys.path)
     for name in ("one", "two", "one"):
-        assert name == import_from(tmp_path / name, "parts.outer").NAME
+        assert name == import_from(tmp_path / name, "parts.deep.deeper.outer").NAME
     assert (set(sys.modules), sys.path) == (before, path)
 
 

@@ -98,9 +98,10 @@ def import_from(checkout: Path, name: str, *absent: str, **given: Mapping[str, A
             return import_module(name)
     finally:
         sys.path.remove(str(checkout))
-        for new in set(sys.modules) - before:
-            if _is_of(sys.modules[new], checkout):
-                del sys.modules[new]
+        new = set(sys.modules) - before
+        # all are found first: the path of an inner package asks for the outer one
+        for own in [name for name in new if _is_of(sys.modules[name], checkout)]:
+            del sys.modules[own]
 
 
 def _is_of(module: ModuleType, checkout: Path) -> bool:

@@ -94,8 +94,8 @@ def data_type(dataset_id: str) -> str:
     kind = re.sub(r"(-mini)?(-v\d+)?$", "", dataset_id.partition("-")[2])
     if kind not in TYPES:
         raise ValueError(
-            f"OMAR's coefficients depend on the kind of dataset; got {dataset_id!r}, expected an id "
-            f"that ends in one of {', '.join(TYPES)}"
+            f"OMAR's coefficients depend on the kind of dataset; got {dataset_id!r}, expected an "
+            f"id that ends in one of {', '.join(TYPES)}"
         )
     return kind
 
