@@ -56,8 +56,30 @@ from swarmdata.learn.training.exploration import (
     normal_like,
     uniform_like,
 )
+from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    actor_of,
+    as_text,
+    checked_actors,
+    frame_name,
+    hidden_sizes,
+)
+from swarmdata.online_algos.continuation.started_critics import critics_of, start_critics
+from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
+
+WHEN_STARTED = {
+    "warmup_actions": "policy",
+    "critic_warmup_updates": "2000",
+    "noise": "0.2",
+    "anchor_weight": "0.5",
+}
+"""Settings of a training that starts from an offline run, where the user gives no others.
+
+Random actions would fill the replay with what the policy never meets, and the gradient of an
+untrained critic would undo it."""
 
 NOISE_STREAM = 2
 """Stream of a seed's smoothing noise; the networks have the streams before it."""
@@ -74,7 +96,11 @@ class MADDPGConfig:
     batch_size: int = 256  # joint transitions
     capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
     margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # with random actions, before the first gradient step
+    warmup_transitions: int = 8_192  # before the first gradient step
+    warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
+    critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
+    anchor_weight: float = 0.0  # v of (4), at the start
+    anchor_duration: float = 0.5  # part of training in which v falls to 0
     corrections: Literal["td3", "none"] = "td3"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
@@ -130,6 +156,7 @@ class Learner:
             n_critics=config.n_critics, n_values=sizes.n_agents,
         )  # fmt: skip
         self.target_actors = self.actors.network.clone()
+        self.first_actors: StackedMLP | None = None  # those of an offline run that it started from
         self.actor_optimizer = StackedAdam(
             self.actors.network, len(seeds), config.actor_learning_rate, config.max_grad_norm
         )
@@ -139,19 +166,23 @@ class Learner:
         """Returns actions, [K, B, N, A], of normalized observations [K, B, N, O]."""
         return self.actors(observations, network).tanh()
 
-    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
+    def update(
+        self, batch: Batch, scale: float = 1.0, anchor_weight: float = 0.0
+    ) -> dict[str, Tensor]:
         """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
 
         Args:
             batch: normalized observations and states.
             scale: factor on the learning rates.
+            anchor_weight: v of (4), if the actors started from others.
         """
         x = information(batch.states, batch.observations)
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
-            losses |= self._update_actors(batch, x, scale)
-            move_target(self.target_actors, self.actors.network, self.config.tau)
+            if self.n_updates > self.config.critic_warmup_updates:
+                losses |= self._update_actors(batch, x, scale, anchor_weight)
+                move_target(self.target_actors, self.actors.network, self.config.tau)
             self.critics.follow(self.config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
 
@@ -176,7 +207,15 @@ class Learner:
         self.critics.step(loss, scale)
         return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
 
-    def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
+    def begin_with(self, flat: Tensor) -> None:
+        """Gives actors and targets these parameters, and keeps them for (4)."""
+        for network in (self.actors.network, self.target_actors):
+            network.load(flat)
+        self.first_actors = self.actors.network.clone()
+
+    def _update_actors(
+        self, batch: Batch, x: Tensor, scale: float, anchor_weight: float = 0.0
+    ) -> dict[str, Tensor]:
         logits = self.actors(batch.observations)
         # [K, B, N], or [K, B N, N] for "own"; the critics' parameters are constants here
         values = self.critics.policy_values(
@@ -184,16 +223,25 @@ class Learner:
         )
         q = values.mean(-1).mean(1)  # [K]
         penalty = self.config.logit_penalty * logits.square().mean((1, 2, 3))
-        self.actor_optimizer.step(penalty - q, scale)  # (3)
+        loss = penalty - q  # (3)
+        if self.first_actors is not None and anchor_weight > 0:
+            with torch.no_grad():
+                first = self.actions(batch.observations, self.first_actors)
+            distance = (logits.tanh() - first).square().sum(-1).mean((1, 2))  # [K]
+            spread = values.detach().std(1).mean(-1)  # [K]
+            loss = loss + anchor_weight * spread * distance  # (4)
+        self.actor_optimizer.step(loss, scale)
         return {"policy_q": q}
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+        first = self.first_actors
         return {
             "n_updates": torch.tensor(self.n_updates),
             "generators": generator_states(self.generators),
             "actors": self.actors.network.flat.clone(),
             "target_actors": self.target_actors.flat.clone(),
+            **({} if first is None else {"first_actors": first.flat.clone()}),
             **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
             **self.critics.state_dict(),
         }
@@ -202,6 +250,8 @@ class Learner:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
+        if "first_actors" in state:
+            self.begin_with(state["first_actors"])
         self.actors.network.load(state["actors"])
         self.target_actors.load(state["target_actors"])
         self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
@@ -224,10 +274,11 @@ class MADDPG:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
     ) -> None:
-        self.config = config
+        self.config, self.seeds = config, tuple(seeds)
         self.collector = Collector(env, seeds, Plan.of(config), folder)
         self.learner = Learner(self.collector.sizes, seeds, config)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
+        self.anchor = LinearSchedule(config.anchor_weight, 0.0, config.anchor_duration)
 
     @property
     def frames(self) -> int:
@@ -238,6 +289,47 @@ class MADDPG:
         """Does nothing: the first rounds fill the replay."""
         return False
 
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
+        self.collector.mix_in(data, share)
+
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """Returns the settings of the run's networks, and `WHEN_STARTED`.
+
+        Raises:
+            CheckpointError: the run's policies are no actors that pass through tanh.
+        """
+        actor = actor_of(start, squash=True)
+        settings = {
+            "actor_hidden": as_text(hidden_sizes(actor.layers)),
+            "parameters": actor.parameters,
+            "frame": frame_name(actor.frame, features),
+        }
+        critics = critics_of(start)
+        if critics is not None:
+            settings |= {
+                "critic_hidden": as_text(critics.online.shape.hidden),
+                "discount": str(start.discount),
+                "reward_scale": str(start.reward_scale),
+            }
+        return settings | WHEN_STARTED
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over actors, their inputs' statistics, and critics of the same kind.
+
+        Raises:
+            CheckpointError: the actors do not fit.
+        """
+        actor_of(start, squash=True)
+        actors = self.learner.actors
+        for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
+            rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
+            actors.network.load_layers(rows, actor.layers)
+        self.learner.begin_with(actors.network.flat)
+        self.collector.moments = start.moments(len(self.seeds))
+        return start_critics(self.learner.critics, start, self.seeds, self.config)
+
     def update(self) -> dict[str, Tensor]:
         """One round of acting and learning; returns losses, each [K], NaN before learning began."""
         return self.collector.round(self._act, self._learn, Learner.LOSSES)
@@ -245,7 +337,8 @@ class MADDPG:
     @torch.no_grad()
     def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         actions = self.learner.actions(observations)
-        if self.frames < self.config.warmup_transitions:
+        is_warm = self.frames >= self.config.warmup_transitions
+        if not is_warm and self.config.warmup_actions == "random":
             actions = 2 * uniform_like(self.collector.acting, actions) - 1
         else:
             deviation = self.schedule.at(self.collector.progress)
@@ -253,8 +346,9 @@ class MADDPG:
         return actions, actions
 
     def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        factor = linear(self.collector.progress, self.config.final_learning_rate_factor)
-        return self.learner.update(batch, factor)
+        progress = self.collector.progress
+        factor = linear(progress, self.config.final_learning_rate_factor)
+        return self.learner.update(batch, factor, self.anchor.at(progress))
 
     def policy(self, index: int) -> TorchPolicy:
         """The greedy policy of seed number `index`, as it is now."""

@@ -7,7 +7,7 @@ import typer
 
 from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
-ONLINE_OPTIONS = ("first_seed", "steps", "workers")
+ONLINE_OPTIONS = ("first_seed", "steps", "workers", "start", "recorded", "offline_share")
 OFFLINE_OPTIONS = (
     "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
 )  # fmt: skip
@@ -22,6 +22,12 @@ Reward = Annotated[
 Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
 FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
 Data = Annotated[str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")]
+Start = Annotated[Path | None, typer.Option(help="online: folder of an offline run to begin with")]
+Recorded = Annotated[
+    str | None,
+    typer.Option("--data", metavar="ID", help="online: dataset to mix into the batches"),
+]
+Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
 CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
@@ -35,6 +41,9 @@ def train(
     seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
     steps: Steps = None,
+    start: Start = None,
+    recorded: Recorded = None,
+    offline_share: Share = 0.5,
     updates: Annotated[int | None, typer.Option(min=1, help="offline: gradient updates")] = None,
     regulariser: Regulariser = None,
     config: Config = None,
@@ -53,7 +62,8 @@ def train(
 
     Offline training uses the train split; with --observation or --communication, the dataset is
     re-observed from its states, and with --reward, its rewards are computed from their terms. An
-    interrupted training resumes: run the same command again.
+    interrupted training resumes: run the same command again. Online training may begin with the
+    networks of an offline run (--start) and mix recorded data into its batches (--data).
     """
     from swarmdata.runtime.extras import require_extra
 
@@ -66,6 +76,7 @@ def train(
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
+        options |= {"start": start, "data": recorded, "offline_share": offline_share}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
@@ -90,7 +101,7 @@ def _check_arguments(
     for name in OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
-            option = f"--{name.replace('_', '-')}"
+            option = "--data" if name == "recorded" else f"--{name.replace('_', '-')}"
             place = "in a task" if is_online else "on a dataset"
             raise typer.BadParameter(f"{algorithm} has no such option {place}", param_hint=option)
 

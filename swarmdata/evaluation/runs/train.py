@@ -2,6 +2,7 @@
 
 import multiprocessing
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -9,12 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.errors import BuildError, SpecError, UnknownNameError
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
-from swarmdata.online_algos.runs.online_training import describe_run, train_run
+from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
+from swarmdata.online_algos.continuation.offline_start import check_task, read_start
+from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
 from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
@@ -133,6 +137,9 @@ def train_online(
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    start: Path | str | None = None,
+    data: str | None = None,
+    offline_share: float = 0.5,
     workers: int = 1,
     progress: bool = True,
 ) -> None:
@@ -146,29 +153,59 @@ def train_online(
         changes: settings of the algorithm as text.
         observation: observation model; None: that of the task.
         communication: communication model, likewise.
+        start: folder of an offline run for the task, to begin with: its policies, the frame and
+            statistics of their inputs, the sizes of its networks, and critics that fit. Settings
+            that are changed win.
+        data: id or folder of a dataset of the task, as `load` takes it, whose train split is mixed
+            into the batches of algorithms with a replay.
+        offline_share: part of each batch that `data` give, above 0 and below 1.
         workers: number of processes, each with an equal share of the seeds.
         progress: whether to show progress bars.
 
     Raises:
-        UnknownNameError: no such algorithm, task or setting.
+        UnknownNameError: no such algorithm, task, dataset or setting.
         BuildError: a folder holds another run.
-        SpecError: the task is of an older version of the world.
+        CheckpointError: `start` is no offline run for this task, or has other seeds or policies
+            than the algorithm can take.
+        SchemaError: the algorithm has no replay, or `data` are of another task.
+        SpecError: the task is of an older version of the world, or the share is out of its range.
     """
     kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
-    config = override(kind.Config(), changes or {})
     spec = with_models(find_spec(task), observation, communication)
     check_world(spec)  # here, and not once in each process
+    begin, settings = None, {}
+    if start is not None:
+        begin = read_start(start)
+        check_task(begin, spec)
+        settings = kind.settings_of(begin, features_of(make_task(spec)))
+    config = override(kind.Config(), {**settings, **(changes or {})})
+    view = {"observation": observation, "communication": communication, "progress": progress}
+    mixed = Mixed(data, view) if data is not None else None
+    recorded = None
+    if mixed is not None:
+        if not hasattr(kind, "mix_in"):
+            raise SchemaError(
+                f"{algorithm} learns from the steps of its present policies only, so that recorded "
+                "data cannot be mixed in. Leave out the data, or use maddpg, vdn or qmix."
+            )
+        episodes = mixed.load()
+        check_spec(episodes, spec)
+        recorded = RecordedSource.of(episodes, offline_share)
+    sources = {"start": begin, "recorded": recorded}
     if workers == 1:
-        train_run(describe_run(algorithm, config, spec, seeds), out, progress=progress)
+        run = describe_run(algorithm, config, spec, seeds, **sources)
+        train_run_with(run, out, mixed, progress=progress)
         return
     groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
     context = multiprocessing.get_context("spawn")  # torch threads do not survive a fork
     jobs = []
     for group in groups:
         folder = out / f"seeds-{'-'.join(map(str, group))}"
-        run = describe_run(algorithm, config, spec, group)
+        run = describe_run(algorithm, config, spec, group, **sources)
         options = {"progress": progress and group == groups[0]}
-        jobs.append(context.Process(target=train_run, args=(run, folder), kwargs=options))
+        jobs.append(
+            context.Process(target=train_run_with, args=(run, folder, mixed), kwargs=options)
+        )
         jobs[-1].start()
     for job in jobs:
         job.join()
@@ -177,6 +214,23 @@ def train_online(
             f"{sum(bool(job.exitcode) for job in jobs)} of {len(jobs)} processes failed; their "
             "errors are above. Run the same command again to resume from the last checkpoints."
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Mixed:
+    """Data that online training mixes in, which each process loads for itself."""
+
+    dataset_id: str
+    view: Mapping[str, Any]  # arguments of `load`
+
+    def load(self) -> Dataset:
+        """Opens the train split."""
+        return load(self.dataset_id, **self.view).split("train")
+
+
+def train_run_with(run: OnlineRun, folder: Path, mixed: Mixed | None, *, progress: bool) -> None:
+    """Trains a run in this process, which opens the data for itself."""
+    train_run(run, folder, data=None if mixed is None else mixed.load(), progress=progress)
 
 
 def read_settings(name: str) -> dict[str, str]:
