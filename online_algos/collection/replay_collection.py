@@ -82,6 +82,7 @@ class Collector:
         folder: of the replay.
 
     Attributes:
+        seeds: of the runs, [K].
         frames: joint steps that each seed has taken.
         moments: frozen input statistics; those of an offline run that training starts from.
         recorded: the part of each batch that a dataset gives; None: batches are from the replay.
@@ -104,7 +105,7 @@ class Collector:
         measuring = generators(seeds, "cpu", MEASURING_STREAM)
         self.moments = measure_moments(self.worlds, measuring, plan.n_measured)
         self.recorded: RecordedRows | None = None
-        self._seeds = tuple(seeds)
+        self.seeds = tuple(seeds)
 
     def mix_in(self, data: Data, share: float, stored: Stored | None = None) -> None:
         """Draws a part of each batch from a dataset from now on.
@@ -115,7 +116,7 @@ class Collector:
             stored: what the algorithm stores of actions in [-1, 1]; None: themselves.
         """
         size = self.plan.batch_size
-        self.recorded = RecordedRows(data, self.frame, self._seeds, size, share, stored)
+        self.recorded = RecordedRows(data, self.frame, self.seeds, size, share, stored)
 
     @property
     def sizes(self) -> Sizes:

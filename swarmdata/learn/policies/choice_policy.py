@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs
-from swarmdata.learn.choices.bins import by_dimension
+from swarmdata.learn.choices.bins import by_dimension, mean_utilities
 from swarmdata.learn.choices.choices import Choices, columns_of
-from swarmdata.learn.networks.perceptrons import Layer, present
+from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import Memoryless, outputs_of
 from swarmdata.perception.frames import Frame, in_world
@@ -74,13 +74,12 @@ class ChoicePolicy(Memoryless):
             observations: in the robots' frame, [E, N, O].
         """
         n_rows = 1 if self.parameters == "shared" else observations.shape[1]
-        n_critics = len(self.layers[0].weight) // n_rows
-        answers = []
-        for critic in range(n_critics):
-            rows = slice(critic * n_rows, (critic + 1) * n_rows)
-            layers = [Layer(*(weight[rows] for weight in present(each))) for each in self.layers]
-            answers.append(self._answer(layers, observations))
-        return by_dimension(torch.stack(answers).mean(0), self.choices.n_choices)
+        moments, n_critics = (
+            (self.observation_mean, self.observation_std),
+            len(self.layers[0].weight) // n_rows,
+        )
+        outputs = mean_utilities(self.layers, observations, moments, self.parameters, n_critics)
+        return by_dimension(outputs, self.choices.n_choices)
 
     def _choose(self, observations: Float, allowed: Tensor | None) -> Float:
         framed = observations if self.frame is None else self.frame.inputs(observations)
