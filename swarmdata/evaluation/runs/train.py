@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
@@ -24,6 +25,7 @@ from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import check_world, is_simulated
+from swarmdata.registry.reward_weights import RewardChoice
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.model_choice import Source, with_models
@@ -39,14 +41,15 @@ CURVE_METRICS = ("return", "success", "clean_success")
 
 def train(
     algorithm: str,
-    dataset_id: str,
+    dataset_id: str | Sequence[str],
     out: Path,
     *,
+    weights: Sequence[float] | None = None,
     n_seeds: int = 3,
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
-    rewards: Mapping[str, float | str] | None = None,
+    rewards: RewardChoice | None = None,
     frame: str = "auto",
     curve_every: int = 1000,
     keep: bool = False,
@@ -58,11 +61,12 @@ def train(
 
     Args:
         algorithm: registered offline algorithm.
-        dataset_id: id or folder of a dataset, as `load` takes it. On recordings of other
-            environments there is no learning curve; `swarmdata.evaluate_parallel` evaluates
-            with the environment afterwards. On data of an older version of the world there is none
-            either, since that world is not simulated.
+        dataset_id: id or folder of a dataset, as `load` takes it, or several to mix. On recordings
+            of other environments there is no learning curve; evaluate with
+            `swarmdata.evaluate_parallel` afterwards. On data of an older version of the world there
+            is none either, since that world is not simulated.
         out: run folder.
+        weights: of several datasets, as `load` takes them.
         n_seeds: number of seeds.
         changes: settings of the algorithm as text.
         observation: observation model for training and evaluation; None: as recorded.
@@ -86,7 +90,8 @@ def train(
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), changes or {})
     view: dict[str, Any] = {"observation": observation, "communication": communication}
-    dataset = load(dataset_id, **view, rewards=rewards, progress=progress)
+    view |= {"rewards": rewards, "progress": progress}
+    dataset = open_data(dataset_id, weights, view)
     spec = dataset.spec
     evaluation = None
     if spec.world is not None and is_simulated(spec.world):
@@ -105,6 +110,22 @@ def train(
         compile=compile,
         progress=progress,
     )
+
+
+def open_data(
+    dataset_id: str | Sequence[str], weights: Sequence[float] | None, view: Mapping[str, Any]
+) -> Dataset | Mixture:
+    """Opens one dataset, or several as a mixture.
+
+    Args:
+        dataset_id: id or folder; several are mixed.
+        weights: of several.
+        view: further arguments of `load`.
+    """
+    if isinstance(dataset_id, str) and weights is None:
+        return load(dataset_id, **view)
+    several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
+    return load(several, weights=weights, **view)
 
 
 def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
@@ -138,7 +159,8 @@ def train_online(
     observation: Source | None = None,
     communication: Source | None = None,
     start: Path | str | None = None,
-    data: str | None = None,
+    data: str | Sequence[str] | None = None,
+    weights: Sequence[float] | None = None,
     offline_share: float = 0.5,
     workers: int = 1,
     progress: bool = True,
@@ -157,7 +179,8 @@ def train_online(
             statistics of their inputs, the sizes of its networks, and critics that fit. Settings
             that are changed win.
         data: id or folder of a dataset of the task, as `load` takes it, whose train split is mixed
-            into the batches of algorithms with a replay.
+            into the batches of algorithms with a replay; or several datasets.
+        weights: of several datasets, as `load` takes them.
         offline_share: part of each batch that `data` give, above 0 and below 1.
         workers: number of processes, each with an equal share of the seeds.
         progress: whether to show progress bars.
@@ -180,7 +203,7 @@ def train_online(
         settings = kind.settings_of(begin, features_of(make_task(spec)))
     config = override(kind.Config(), {**settings, **(changes or {})})
     view = {"observation": observation, "communication": communication, "progress": progress}
-    mixed = Mixed(data, view) if data is not None else None
+    mixed = Mixed(data, weights, view) if data is not None else None
     recorded = None
     if mixed is not None:
         if not hasattr(kind, "mix_in"):
@@ -191,9 +214,9 @@ def train_online(
         episodes = mixed.load()
         check_spec(episodes, spec)
         recorded = RecordedSource.of(episodes, offline_share)
-    sources = {"start": begin, "recorded": recorded}
+    describe = partial(describe_run, algorithm, config, spec, start=begin, recorded=recorded)
     if workers == 1:
-        run = describe_run(algorithm, config, spec, seeds, **sources)
+        run = describe(seeds)
         train_run_with(run, out, mixed, progress=progress)
         return
     groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
@@ -201,7 +224,7 @@ def train_online(
     jobs = []
     for group in groups:
         folder = out / f"seeds-{'-'.join(map(str, group))}"
-        run = describe_run(algorithm, config, spec, group, **sources)
+        run = describe(group)
         options = {"progress": progress and group == groups[0]}
         jobs.append(
             context.Process(target=train_run_with, args=(run, folder, mixed), kwargs=options)
@@ -220,12 +243,13 @@ def train_online(
 class Mixed:
     """Data that online training mixes in, which each process loads for itself."""
 
-    dataset_id: str
+    dataset_id: str | Sequence[str]
+    weights: Sequence[float] | None
     view: Mapping[str, Any]  # arguments of `load`
 
-    def load(self) -> Dataset:
+    def load(self) -> Dataset | Mixture:
         """Opens the train split."""
-        return load(self.dataset_id, **self.view).split("train")
+        return open_data(self.dataset_id, self.weights, self.view).split("train")
 
 
 def train_run_with(run: OnlineRun, folder: Path, mixed: Mixed | None, *, progress: bool) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,20 @@ class Episodes(Protocol):
     def __iter__(self) -> Iterator[Episode]: ...
 
 
+@runtime_checkable
+class Weighted(Protocol):
+    """Episodes that may count more or less than others."""
+
+    def step_weights(self) -> Double | None:
+        """Returns the weight of each step of every episode, [n]; None: all count alike."""
+        ...
+
+
+def step_weights(episodes: Episodes) -> Double | None:
+    """Returns the weight of each step of every episode, [n]; None where all count alike."""
+    return episodes.step_weights() if isinstance(episodes, Weighted) else None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
     """Normalization of inputs, and the range of discounted team returns-to-go.
@@ -47,19 +61,20 @@ class Statistics:
         """Reads every state and reward of a dataset once, in float64.
 
         Args:
-            episodes: the dataset, usually its train split.
+            episodes: the dataset, usually its train split; steps of a mixture have weights.
             discount: factor per step of the returns-to-go.
 
         Raises:
             SchemaError: there are no episodes.
         """
         total = squares = np.zeros(1)
-        n_rows, returns = 0, []
-        for episode in episodes:
+        n_rows, returns, weights = 0.0, [], step_weights(episodes)
+        for index, episode in enumerate(episodes):
+            weight = 1.0 if weights is None else float(weights[index])
             states = episode.states.astype(np.float64)
-            total = total + states.sum(axis=0)
-            squares = squares + np.square(states).sum(axis=0)
-            n_rows += len(states)
+            total = total + weight * states.sum(axis=0)
+            squares = squares + weight * np.square(states).sum(axis=0)
+            n_rows += weight * len(states)
             returns.append(returns_to_go(episode.rewards.mean(axis=1, dtype=np.float64), discount))
         if not returns:
             raise SchemaError("there are no episodes to measure; widen the filter of the dataset")
@@ -70,9 +85,19 @@ class Statistics:
             observation_std=episodes.statistics.observation_std,
             state_mean=mean,
             state_std=np.sqrt(np.maximum(squares / n_rows - mean**2, 0.0)),
-            return_std=float(all_returns.std()) or 1.0,
+            return_std=_deviation(returns, weights) or 1.0,
             max_return=float(all_returns.max()),
         )
+
+
+def _deviation(returns: Sequence[Double], weights: Double | None) -> float:
+    """The standard deviation of all returns-to-go, by the weights of their episodes."""
+    values = np.concatenate(returns)
+    if weights is None:
+        return float(values.std())
+    each = np.repeat(weights, [len(episode) for episode in returns])
+    mean = np.average(values, weights=each)
+    return float(np.sqrt(np.average(np.square(values - mean), weights=each)))
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
