@@ -9,6 +9,14 @@ the critics' inputs x = (state, all observations):
     (2) L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
     (3) L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
 
+Training that starts from an offline run (`start_from`) adds to (3), while v falls linearly to 0,
+
+    (4) v s 1/N sum_i |pi(o_i) - pi_0(o_i)|^2
+
+with the actors pi_0 that it began with and the deviation s of Q_1i over the batch, so that the
+actors leave their teachers slowly (Schmitt et al., "Kickstarting deep reinforcement learning",
+2018, arXiv 1803.03835, with a cross-entropy in this place).
+
 `corrections` "none" is the original: one critic, no smoothing noise, no delay.
 
 Deviations:
