@@ -89,7 +89,7 @@ class FACMACBC:
     bc_loss = staticmethod(team_cloning_loss)
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor = delayed_actor(setup, config)
         sizes, seeds = setup.sizes, setup.seeds
         learned = MIXERS[config.mixer]

@@ -71,7 +71,7 @@ class ICQLQS:
     critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
 
     def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor, self.critics, self.generators, self.normalizer = joint_parts(
             setup, config, clip_target=config.clip_target
         )

@@ -1,31 +1,40 @@
-"""MADDPG+BC: a centralized critic improves actors that stay close to the dataset's actions.
+"""MADDPG+BC: critics of each robot's own reward improve actors that stay close to the data.
 
-The algorithm is TD3+BC (Fujimoto & Gu 2021, eq. 3-5) with the critic of MADDPG (Lowe et al. 2017,
-eq. 6), which sees x = (state, all observations) and all actions; with two critics it is
-MATD3 (Ackermann et al. 2019, section 4). With team reward r, the mean over agents:
+The first stage is TD3+BC (Fujimoto & Gu 2021, eq. 3-5) with the critics of MADDPG (Lowe et al.
+2017, eq. 6), one value for each robot i of its own reward r_i; with two critics it is MATD3
+(Ackermann et al. 2019, section 4). With `critic` "centralized", x_i = (o_i, i, s) and the critic
+sees all actions; "decentralized", it sees (o_i, i, a_i): the MA-TD3+BC of OMAR's tables (Pan et al.
+2022).
 
-    y      = r + gamma (1 - termination) min_j Q'_j(x', pi'(o') + clip(noise, -c, c))
-    L(Q_j) = (Q_j(x, a) - y)^2                                              every update
-    L(pi)  = -lambda Q_1(x, pi(o)) + sum_i 1/A |pi(o_i, i) - a_i|^2         every `policy_delay`-th
+    y_i    = r_i + gamma (1 - termination) min_j Q'_j(x'_i, pi'(o') + clip(noise, -c, c))
+    L(Q_j) = 1/N sum_i (Q_j(x_i, a) - y_i)^2                                every update
+    L(pi)  = 1/N sum_i 1/A |pi(o_i, i) - a_i|^2 - lambda Q_1(x_i, pi(o))    every `policy_delay`-th
     lambda = alpha / max(mean |Q_1(x, pi(o))|, 1), detached
 
+The second stage stops the critics, and extracts the policy from them again; `extraction.objectives`
+has its losses. By default it maximizes, with a behavior density beta that was learned meanwhile,
+
+    1/N sum_i min_j Q_j(x_i, pi(o)) + 1/eta log beta(pi(o_i, i) | o_i)
+
 Deviations:
-- Actors are one network for all agents, which sees the agent's number.
-- `joint_gradient` "all": Q sees every agent's action from its policy (the centralized gradient of
-  FACMAC, Peng et al. 2021, eq. 7). "own" is MADDPG's eq. 6: agent i's action from its policy and
+- Actors are one network for all robots, which sees the robot's number, and so are the critics.
+- `reward` "team" has the mean of all r_i in place of r_i: that spreads the signal of each robot
+  over the team, and the weight of Q on one robot's action falls with the team's size.
+- `joint_gradient` "all": Q sees every robot's action from its policy (the centralized gradient of
+  FACMAC, Peng et al. 2021, eq. 7). "own" is MADDPG's eq. 6: robot i's action from its policy and
   the others' from the data, which can fail to coordinate (Tilbury et al. 2024, arXiv 2407.01343).
-- mean |Q_1| is taken as at least 1, which is one standard deviation of the returns-to-go: team
-  returns cross 0, where the paper's lambda explodes (measured: 17 instead of 2.5, and policies that
-  push through obstacles).
-- The imitation error is summed over agents and averaged over action components, so that an agent
-  is held to the data as strongly in a team as alone.
+- Frames: a critic of robot i sees everything in robot i's frame (`networks.robot_views`).
+- mean |Q_1| is taken as at least 1, which is one standard deviation of the returns-to-go: returns
+  cross 0, where the paper's lambda explodes.
+- Value and imitation are both means over robots, so that a robot is held to the data, and pulled by
+  its value, as strongly in a team as alone.
 - The critics have LayerNorm. Observations and states are normalized with the dataset's statistics,
-  rewards are divided by the standard deviation of the returns-to-go.
+  rewards are divided by the standard deviation of a robot's returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset (the
   critic clipping of B3C, Kim et al. 2026, with a tighter bound).
 - Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update, so
   that they clone the data while critics are still noise.
-- Learning rates decay along a cosine, as that of behavior cloning does.
+- Learning rates decay along a cosine in each stage, as that of behavior cloning does.
 - The critics' learning rate is 1e-3; the paper's 3e-4 is for a million updates and does not decay.
   That of the actors is the one of `bc`, which has measured it.
 - The discount is 0.95 per control step, not the paper's 0.99: rewards for progress and contact are
@@ -38,16 +47,24 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.valuers import RobotValuer
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.objectives.in_sample import team_cloning_loss
-from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.robot_critics import RobotCritics
+from swarmdata.learn.networks.robot_views import Critic, RobotView
+from swarmdata.learn.objectives.in_sample import cloning_loss
+from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
+from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.training.actor_critic import (
-    DelayedConfig,
-    joint_parts,
+    TwoStageConfig,
+    delayed_actor,
+    extract,
+    follow,
     policy_of,
     restore_state,
+    second_stage,
+    stage_of,
     state_of,
 )
 from swarmdata.learn.training.exploration import normal_like
@@ -56,10 +73,12 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class MADDPGBCConfig(DelayedConfig):
-    """TD3+BC with a centralized critic; one setting for all datasets."""
+class MADDPGBCConfig(TwoStageConfig):
+    """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
 
     rl_weight: float = 2.5  # alpha; Fujimoto & Gu 2021, table 3
+    critic: Critic = "centralized"
+    reward: Reward = "own"
     joint_gradient: JointGradient = "all"
     clip_target: bool = True
 
@@ -68,48 +87,64 @@ class MADDPGBC:
     """K seeds of actors and two critics, trained at once."""
 
     Config = MADDPGBCConfig
-    LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
+    LOSSES = (
+        "critic_loss", "q", "bc_loss", "policy_q", "lambda",
+        "density_loss", "extraction_loss", "extracted_q",
+    )  # fmt: skip
 
     policy, state_dict, load_state_dict = policy_of, state_of, restore_state
 
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor, self.critics, self.generators, self.normalizer = joint_parts(
-            setup, config, clip_target=config.clip_target
-        )
+        self.actor, self.generators = delayed_actor(setup, config), setup.generators()
+        self.critics = RobotCritics(
+            setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
+            config.critic_hidden, learning_rate=config.critic_learning_rate,
+            max_norm=config.max_grad_norm, device=setup.device,
+        )  # fmt: skip
+        self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
 
         The loop is `delayed_update`, with gradients that can be compiled.
         """
-        config = self.config
-        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
-        noise = normal_like(self.generators, batch.actions)
-        x = self.normalizer.information(batch.states, batch.observations)
-        losses = self.critic_gradient(batch, x, noise)
-        self.critics.optimizer.descend(scale)
+        config, stage = self.config, self.second_stage
+        scale, is_second = stage_of(config, stage, self.n_updates)
+        x = self.critic_inputs(batch)
+        losses: dict[str, Tensor] = {}
+        if stage is None or not is_second or not stage.has_frozen_critics:
+            losses = self.critic_gradient(batch, x, normal_like(self.generators, batch.actions))
+            self.critics.optimizer.descend(scale)
         self.n_updates += 1
         is_warmup = self.n_updates <= config.bc_warmup_updates
-        if is_warmup or self.n_updates % config.policy_delay == 0:
+        if stage is not None and is_second:
+            losses |= extract(self, stage, batch, self.valuer(batch, x), scale)
+        elif is_warmup or self.n_updates % config.policy_delay == 0:
             losses |= self.actor_gradient(batch, x, 0.0 if is_warmup else config.rl_weight)
             self.actor.optimizer.descend(scale)
-            self.actor.follow(config.tau)
-            self.critics.follow(config.tau)
+            if stage is not None:
+                losses["density_loss"] = stage.learn_density(batch, scale)
+            follow(self)
         return losses
 
+    def critic_inputs(self, batch: Batch) -> RobotView:
+        """Returns what the critics see of a batch besides actions."""
+        return self.critics.view(batch.states, batch.observations)
+
     @compilable
-    def critic_gradient(self, batch: Batch, x: Tensor, noise: Tensor) -> dict[str, Tensor]:
+    def critic_gradient(self, batch: Batch, x: RobotView, noise: Tensor) -> dict[str, Tensor]:
         """Fills the critics' gradients with that of sum_j L(Q_j); returns losses, each [K]."""
-        y = self.targets(batch, noise)  # [K, B]
-        q = self.critics.q(x, batch.actions)[..., 0]  # [K, 2, B]
-        critic_loss = td_error(q, y)  # [K]
+        y = self.targets(batch, noise)  # [K, B, N]
+        q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
+        critic_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
         self.critics.online.backward(critic_loss.sum())
-        return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2))}
+        return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2, 3))}
 
     @torch.no_grad()
     def targets(self, batch: Batch, noise: Tensor) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards.
+        """Returns y_i, [K, B, N], in units of scaled rewards.
 
         Args:
             batch: tensors [K, B, ...].
@@ -117,38 +152,41 @@ class MADDPGBC:
         """
         o_next, config = batch.next_observations, self.config
         a_next = self.actor.smoothed_by(noise, o_next, config.smoothing, config.smoothing_clip)
-        x_next = self.normalizer.information(batch.next_states, o_next)
-        q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B], the smaller one
-        q_next = q_next.clamp(max=self.normalizer.max_value)
-        r = team_reward(batch.rewards) * self.normalizer.reward_scale
-        return td_target(r, batch.terminations, q_next, config.discount)
+        x_next = self.critics.view(batch.next_states, o_next)
+        q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
+        q_next = q_next.clamp(max=self.rewards.max_value)
+        ends = batch.terminations[..., None]
+        return td_target(self.rewards(batch.rewards), ends, q_next, config.discount)
 
     @torch.no_grad()
     def td_error(self, batch: Batch) -> Tensor:
-        """Returns the mean of (Q_j - y)^2, [K], over critics and rows; y without noise."""
-        y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B]
-        x = self.normalizer.information(batch.states, batch.observations)
-        q = self.critics.q(x, batch.actions)  # [K, 2, B, 1]
-        return (q[..., 0] - y[:, None]).square().mean((1, 2))
+        """Returns the mean of (Q_j - y)^2, [K], over critics, robots and rows; y without noise."""
+        y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B, N]
+        q = self.critics.q(self.critic_inputs(batch), batch.actions)  # [K, 2, B, N]
+        return (q - y[:, None]).square().mean((1, 2, 3))
 
     @compilable
-    def actor_gradient(self, batch: Batch, x: Tensor, rl_weight: float) -> dict[str, Tensor]:
+    def actor_gradient(self, batch: Batch, x: RobotView, rl_weight: float) -> dict[str, Tensor]:
         """Fills the actors' gradients with that of L(pi); returns losses, each [K].
 
         Args:
             batch: tensors [K, B, ...].
-            x: what the critics see, [K, B, S + N O].
+            x: what the critics see.
             rl_weight: alpha; 0 clones the data.
         """
         pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = team_cloning_loss(pi, batch.actions)  # [K]
+        bc_loss = cloning_loss(pi, batch.actions)  # [K]
         losses = {"bc_loss": bc_loss}
         actor_loss = bc_loss
         if rl_weight != 0:
-            # [K, B], or [K, B N] for "own"; the critics' parameters are constants here
-            q = self.critics.policy_values(x, pi, batch.actions, self.config.joint_gradient)[..., 0]
-            lam = rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
-            actor_loss = bc_loss - lam * q.mean(1)
-            losses |= {"policy_q": q.mean(1), "lambda": lam}
+            others = pi if self.config.joint_gradient == "all" else batch.actions
+            q = self.critics.first_q(x, pi, others)  # [K, B, N]; parameters are constants
+            lam = rl_weight / q.detach().abs().mean((1, 2)).clamp(min=1.0)  # [K]
+            actor_loss = bc_loss - lam * q.mean((1, 2))
+            losses |= {"policy_q": q.mean((1, 2)), "lambda": lam}
         self.actor.online.network.backward(actor_loss.sum())
         return {name: loss.detach() for name, loss in losses.items()}
+
+    def valuer(self, batch: Batch, x: RobotView) -> RobotValuer:
+        """Returns the critics' values of the batch's actions, for the second stage."""
+        return RobotValuer(self.critics, x, batch.actions, self.config.joint_gradient)

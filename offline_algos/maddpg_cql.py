@@ -82,7 +82,7 @@ class MADDPGCQL:
     critic_inputs, bc_loss = joint_inputs, staticmethod(team_cloning_loss)
 
     def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor, self.critics, self.generators, self.normalizer = joint_parts(
             setup, config, clip_target=config.clip_target
         )

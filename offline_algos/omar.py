@@ -85,7 +85,7 @@ class OMAR:
     state_dict, load_state_dict = state_of, restore_state
 
     def __init__(self, setup: Setup, config: OMARConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config, self.n_updates, self.second_stage = config, 0, None
         self.actor = delayed_actor(setup, config)
         n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
         self.critics = Critics(

@@ -74,7 +74,6 @@ from swarmdata.online_algos.continuation.offline_start import (
     frame_name,
     hidden_sizes,
 )
-from swarmdata.online_algos.continuation.started_critics import critics_of, start_critics
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
 
@@ -303,28 +302,23 @@ class MADDPG:
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings of the run's networks, and `WHEN_STARTED`.
+        """Returns the settings of the run's actors, and `WHEN_STARTED`.
 
         Raises:
             CheckpointError: the run's policies are no actors that pass through tanh.
         """
         actor = actor_of(start, squash=True)
-        settings = {
+        return {
             "actor_hidden": as_text(hidden_sizes(actor.layers)),
             "parameters": actor.parameters,
             "frame": frame_name(actor.frame, features),
+            **WHEN_STARTED,
         }
-        critics = critics_of(start)
-        if critics is not None:
-            settings |= {
-                "critic_hidden": as_text(critics.online.shape.hidden),
-                "discount": str(start.discount),
-                "reward_scale": str(start.reward_scale),
-            }
-        return settings | WHEN_STARTED
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors, their inputs' statistics, and critics of the same kind.
+        """Takes over actors and their inputs' statistics; the critics begin anew.
+
+        Offline critics see what these do not (`robot_views`), or have one value for the team.
 
         Raises:
             CheckpointError: the actors do not fit.
@@ -336,7 +330,7 @@ class MADDPG:
             actors.network.load_layers(rows, actor.layers)
         self.learner.begin_with(actors.network.flat)
         self.collector.moments = start.moments(len(self.seeds))
-        return start_critics(self.learner.critics, start, self.seeds, self.config)
+        return [f"The critics begin anew: {start.run.algorithm} has none of maddpg's kind."]
 
     def update(self) -> dict[str, Tensor]:
         """One round of acting and learning; returns losses, each [K], NaN before learning began."""

@@ -49,6 +49,10 @@ def statistics() -> Statistics:
         state_std=rng.uniform(0.5, 2, SIZES.state),
         return_std=2.0,
         max_return=5.0,
+        own_return_std=2.0,
+        own_max_return=5.0,
+        return_range=400.0,
+        own_return_range=400.0,
     )
 
 

@@ -9,9 +9,11 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
+from swarmdata.learn.objectives.in_sample import cloning_loss  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.bc import BC  # noqa: E402
-from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
+from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
@@ -26,19 +28,6 @@ from tests.offline_algos.toys import (  # noqa: E402
 )
 
 
-def seen_by(algorithm: MADDPGBC, batch: Batch) -> Tensor:
-    """What the critics see of a batch besides actions."""
-    return algorithm.normalizer.information(batch.states, batch.observations)
-
-
-def test_critics_see_state_and_every_observation() -> None:
-    algorithm, batch = made(MADDPGBC), random_batch()
-    x = seen_by(algorithm, batch)
-    assert x.shape == (1, batch.states.shape[1], 4 + 2 * 3)
-    torch.testing.assert_close(x[..., :4], batch.states)
-    torch.testing.assert_close(x[..., 4:], batch.observations.flatten(2))
-
-
 def noise_for(batch: Batch) -> Tensor:
     return torch.randn_like(batch.actions)
 
@@ -47,32 +36,43 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
     algorithm = made(MADDPGBC, discount=0.5)
 
-    def value(x: Tensor, actions: Tensor) -> Tensor:
-        v = 100 * x[..., :1] + 10 * x[..., 1:2]
+    def value(x: RobotView, actions: Tensor) -> Tensor:
+        state = x.features[..., -4:]  # seen by each robot, [K, B, N, S]
+        v = 100 * state[..., 0] + 10 * state[..., 1]
         return torch.stack([v, v + 1], 1)  # the smaller twin counts
 
     monkeypatch.setattr(algorithm.critics, "target_q", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
     y = algorithm.targets(batch, noise_for(batch))
     # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
-    torch.testing.assert_close(y, torch.tensor([[2 + 55.0, 6.0, 2 + 105.0, 6 + 110.0]]))
+    bootstrap = torch.tensor([[55.0, 0.0, 105.0, 110.0]])[..., None]
+    torch.testing.assert_close(y, batch.rewards + bootstrap)
 
 
 def test_targets_use_the_smaller_twin_the_reward_scale_and_the_bound() -> None:
     batch = random_batch()
-    team = batch.rewards.mean(-1)
-    algorithm = made(MADDPGBC, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9)
+    goes_on = ~batch.terminations[..., None]
+    changes = {"own_return_std": 2.0, "own_max_return": 3.0}
+    algorithm = made(MADDPGBC, changes=changes, discount=0.9)
     for low, bounded in ((1.0, 1.0), (2.0, 1.5)):  # R* / scale is 1.5
         set_bias(algorithm.critics.target, 0, low)
         set_bias(algorithm.critics.target, 1, 5.0)
-        expected = team / 2 + 0.9 * bounded * ~batch.terminations
+        expected = batch.rewards / 2 + 0.9 * bounded * goes_on
         torch.testing.assert_close(algorithm.targets(batch, noise_for(batch)), expected)
-    free = made(MADDPGBC, changes={"max_return": 3.0}, discount=0.9, clip_target=False)
+    free = made(MADDPGBC, changes={"own_max_return": 3.0}, discount=0.9, clip_target=False)
     for row in (0, 1):
         set_bias(free.critics.target, row, 8.0)
-    torch.testing.assert_close(
-        free.targets(batch, noise_for(batch)), team + 7.2 * ~batch.terminations
-    )
+    torch.testing.assert_close(free.targets(batch, noise_for(batch)), batch.rewards + 7.2 * goes_on)
+
+
+def test_the_reward_may_be_the_teams() -> None:
+    batch = random_batch()
+    algorithm = made(MADDPGBC, reward="team", changes={"return_std": 4.0}, discount=0.9)
+    for row in (0, 1):
+        set_bias(algorithm.critics.target, row, 1.0)
+    team = batch.rewards.mean(-1, keepdim=True).expand_as(batch.rewards)
+    expected = team / 4 + 0.9 * ~batch.terminations[..., None]
+    torch.testing.assert_close(algorithm.targets(batch, noise_for(batch)), expected)
 
 
 def test_target_actions_are_smoothed_clipped_and_stay_in_range(
@@ -81,9 +81,9 @@ def test_target_actions_are_smoothed_clipped_and_stay_in_range(
     algorithm = made(MADDPGBC, smoothing=1.0, smoothing_clip=0.1)
     seen: list[Tensor] = []
 
-    def record(x: Tensor, actions: Tensor) -> Tensor:
+    def record(x: RobotView, actions: Tensor) -> Tensor:
         seen.append(actions)
-        return torch.zeros(1, 2, actions.shape[1], 1)
+        return torch.zeros(1, 2, *actions.shape[1:3])
 
     monkeypatch.setattr(algorithm.critics, "target_q", record)
     batch = random_batch()
@@ -107,37 +107,65 @@ def test_twin_critics_differ_and_both_learn() -> None:
     assert not torch.equal(*algorithm.critics.online.gradient[:2])
 
 
+@pytest.mark.parametrize("critic", ["centralized", "decentralized"])
 @pytest.mark.parametrize("joint_gradient", ["all", "own"])
-def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str) -> None:
+def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str, critic: str) -> None:
     """Against autograd, with lambda a constant; critics whose values are far from 0."""
     alpha = 2.5
-    algorithm = made(MADDPGBC, joint_gradient=joint_gradient, rl_weight=alpha, max_grad_norm=None)
+    algorithm = made(
+        MADDPGBC, joint_gradient=joint_gradient, critic=critic, rl_weight=alpha, max_grad_norm=None
+    )
     with torch.no_grad():
         algorithm.critics.online.layers[-1].weight.mul_(50.0)
     batch = random_batch()
-    pi = algorithm.actor(batch.observations)[0]  # [B, N, A]
-    joint = pi if joint_gradient == "all" else None
+    x, n = algorithm.critic_inputs(batch), 2
+    pi = algorithm.actor(batch.observations)  # [1, B, N, A]
     rows = []
-    for agent in range(2):
-        mixed = batch.actions[0].clone()
-        mixed[:, agent] = pi[:, agent]
-        rows.append(mixed if joint is None else joint)
-    q = torch.stack([
-        algorithm.critics.online(
-            torch.cat([seen_by(algorithm, batch)[0], actions.flatten(1)], 1).expand(2, -1, -1)
-        )[0, :, 0]
-        for actions in rows
-    ])  # fmt: skip
+    for robot in range(n):
+        joint = pi.clone() if joint_gradient == "all" else batch.actions.clone()
+        joint[:, :, robot] = pi[:, :, robot]
+        rows.append(algorithm.critics.q(x, joint)[:, 0, :, robot])
+    q = torch.stack(rows, -1)
     assert q.abs().mean() > 2
     weight = alpha / q.abs().mean().item()
-    loss = -weight * q.mean() + (pi - batch.actions[0]).square().sum(1).mean()
+    loss = -weight * q.mean() + (pi - batch.actions).square().mean()
     algorithm.actor.online.network.backward(loss)
     expected = algorithm.actor.online.network.gradient.clone()
-    losses = algorithm.actor_gradient(batch, seen_by(algorithm, batch), 2.5)
+    losses = algorithm.actor_gradient(batch, x, alpha)
     torch.testing.assert_close(
         algorithm.actor.online.network.gradient, expected, rtol=1e-4, atol=1e-6
     )
     assert losses["lambda"].item() == pytest.approx(weight, rel=1e-5)
+
+
+@pytest.mark.parametrize("n_agents", [4, 8])
+def test_the_pull_of_value_and_data_does_not_change_with_more_independent_robots(
+    n_agents: int,
+) -> None:
+    """Both gradients at one robot's action, among one and among more others like it."""
+    few = made(MADDPGBC, critic="decentralized").critics.online.extract(0, torch.float32, 2)
+
+    def pulls(n: int) -> tuple[Tensor, Tensor]:
+        config = MADDPGBCConfig(critic="decentralized", critic_hidden=(16,), actor_hidden=(16,))
+        setup = Setup(replace(SIZES, n_agents=n), [0], statistics())
+        critics = MADDPGBC(setup, config).critics
+        weight = few[0].weight  # of observation, number, action: here it is blind to the number
+        blind = torch.cat([weight[:, :3], torch.zeros(2, n, 16), weight[:, 5:]], 1)
+        critics.online.load_layers(slice(0, 2), [few[0]._replace(weight=blind), *few[1:]])
+        generator = torch.Generator().manual_seed(0)
+        o, a = (torch.randn(1, 64, 1, k, generator=generator) for k in (3, 2))
+        o, a = o.expand(-1, -1, n, -1), a.clamp(-1, 1).expand(-1, -1, n, -1)
+        pi = torch.zeros(1, 64, n, 2, requires_grad=True)
+        q = critics.first_q(critics.view(torch.zeros(1, 64, 4), o), pi, pi)
+        lam = 2.5 / q.detach().abs().mean((1, 2)).clamp(min=1.0)
+        (of_value,) = torch.autograd.grad((lam * q.mean((1, 2))).sum(), pi)
+        (of_data,) = torch.autograd.grad(cloning_loss(pi, a).sum(), pi)
+        return n * of_value[:, :, 0], n * of_data[:, :, 0]
+
+    (value_2, data_2), (value_n, data_n) = pulls(2), pulls(n_agents)
+    assert value_2.abs().mean() > 1e-4
+    torch.testing.assert_close(value_n, value_2)
+    torch.testing.assert_close(data_n, data_2)
 
 
 def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
@@ -149,7 +177,7 @@ def test_the_policy_gradient_does_not_depend_on_the_critics_scale() -> None:
             head.weight.mul_(factor)
             head.bias.mul_(factor)
         batch = random_batch()
-        algorithm.actor_gradient(batch, seen_by(algorithm, batch), 2.5)
+        algorithm.actor_gradient(batch, algorithm.critic_inputs(batch), 2.5)
         gradients.append(algorithm.actor.online.network.gradient.clone())
     assert gradients[0].abs().sum() > 0
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-6)
@@ -159,7 +187,7 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
     algorithm, batch = made(MADDPGBC, rl_weight=2.5), random_batch()
     for row in (0, 1):
         set_bias(algorithm.critics.online, row, 1e-3)
-    losses = algorithm.actor_gradient(batch, seen_by(algorithm, batch), 2.5)
+    losses = algorithm.actor_gradient(batch, algorithm.critic_inputs(batch), 2.5)
     assert losses["lambda"].item() == pytest.approx(2.5)
 
 
@@ -170,7 +198,7 @@ def test_the_actors_step_leaves_the_critics_alone() -> None:
         algorithm.critics.online.flat.clone(),
         algorithm.critics.online.gradient.clone(),
     )
-    algorithm.actor_gradient(batch, seen_by(algorithm, batch), 2.5)
+    algorithm.actor_gradient(batch, algorithm.critic_inputs(batch), 2.5)
     assert torch.equal(algorithm.critics.online.flat, parameters)
     assert torch.equal(algorithm.critics.online.gradient, gradient)
 
@@ -194,7 +222,24 @@ def test_the_warmup_is_behavior_cloning() -> None:
     """Every update moves the actor, and only then does `policy_delay` count."""
     algorithm, batch = made(MADDPGBC, bc_warmup_updates=2, policy_delay=2), random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
-    assert keys == [{"bc_loss"}, {"bc_loss"}, set(), {"bc_loss", "policy_q", "lambda"}, set()]
+    warm, moved = {"bc_loss", "density_loss"}, {"bc_loss", "density_loss", "policy_q", "lambda"}
+    assert keys == [warm, warm, set(), moved, set()]
+
+
+@pytest.mark.parametrize("is_frozen", [True, False])
+def test_critics_stand_still_in_the_second_stage(is_frozen: bool) -> None:
+    algorithm = made(MADDPGBC, n_updates=10, extraction_share=0.5, frozen_critics=is_frozen)
+    batch = random_batch()
+    for _ in range(5):
+        assert "extraction_loss" not in algorithm.update(batch)
+    critics, actor = (
+        network.flat.clone()
+        for network in (algorithm.critics.online, algorithm.actor.online.network)
+    )
+    for _ in range(5):
+        assert "extraction_loss" in algorithm.update(batch)
+    assert torch.equal(algorithm.critics.online.flat, critics) == is_frozen
+    assert not torch.equal(algorithm.actor.online.network.flat, actor)
 
 
 def test_gradients_of_seeds_are_clipped_apart() -> None:
@@ -244,6 +289,7 @@ def test_it_beats_behavior_cloning_on_a_mixture(
         batch_size=256,
         bc_warmup_updates=300,
         rl_weight=2.5,  # the paper's: half of these data are worth leaving
+        extraction="joint",
         joint_gradient=joint_gradient,
     )
     clone, _ = trained(BC, mixture, 1000, seeds=seeds, batch_size=256)

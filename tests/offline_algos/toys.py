@@ -92,7 +92,9 @@ def batches(data: MemoryDataset, batch_size: int, seeds: Sequence[int]) -> Itera
 
 def statistics(**changes: float) -> Statistics:
     """Moments of 0 and 1 for data of `SIZES`, rewards that need no scale, no bound of values."""
-    values: dict[str, float] = {"return_std": 1.0, "max_return": 1e9, **changes}
+    values = dict.fromkeys(("return_std", "own_return_std"), 1.0)
+    values |= dict.fromkeys(("max_return", "own_max_return"), 1e9)
+    values |= {"return_range": 1000.0, "own_return_range": 1000.0, **changes}
     return Statistics(
         observation_mean=np.zeros(3),
         observation_std=np.ones(3),

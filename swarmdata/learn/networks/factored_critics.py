@@ -119,6 +119,49 @@ class FactoredCritics:
         mixer = None if known is None else partial(known.frozen, every=every)
         return self.mixer(values, information(states, observations), mixer)
 
+    def smallest_q(self, states: Tensor, observations: Tensor, pi: Tensor) -> Tensor:
+        """Returns the smallest of the J values, [K, B]; constants and arguments as above."""
+        x = information(states, observations).repeat_interleave(self.n_critics, 0)
+        values = self._frozen_values(observations, pi).flatten(0, 1)  # [K J, B, N]
+        return self._frozen_mix(values, x).view(-1, self.n_critics, x.shape[1]).amin(1)
+
+    @torch.no_grad()
+    def candidate_q(
+        self, states: Tensor, observations: Tensor, candidates: Tensor, actions: Tensor
+    ) -> Tensor:
+        """Returns the smallest value if one robot alone leaves the data, [K, B, N, M].
+
+        Args:
+            states: normalized, [K, B, S].
+            observations: normalized, [K, B, N, O].
+            candidates: M actions of each robot, of which it takes one, [K, B, N, M, A].
+            actions: of the data, [K, B, N, A].
+        """
+        n_agents, n_candidates = candidates.shape[2:4]
+        x = information(states, observations).repeat_interleave(self.n_critics, 0)
+        x = x.repeat_interleave(n_candidates, 1)  # [K J, B M, S + N O]
+        taken = self._frozen_values(observations, actions).flatten(0, 1)  # [K J, B, N]
+        taken = taken.repeat_interleave(n_candidates, 1)  # [K J, B M, N]
+        others = [self._frozen_values(observations, each) for each in candidates.unbind(3)]
+        varied = torch.stack(others, 3).flatten(0, 1).flatten(1, 2)  # [K J, B M, N]
+        results = []
+        for robot in range(n_agents):
+            mixed = taken.clone()
+            mixed[..., robot] = varied[..., robot]
+            values = self._frozen_mix(mixed, x)  # [K J, B M]
+            results.append(values.view(-1, self.n_critics, len(actions[0]), n_candidates).amin(1))
+        return torch.stack(results, 2)
+
+    def _frozen_values(self, observations: Tensor, actions: Tensor) -> Tensor:
+        """Q_i of every robot, [K, J, B, N], with parameters as constants."""
+        inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
+        return self.utilities.frozen(inputs).view(-1, self.n_critics, *actions.shape[1:3])
+
+    def _frozen_mix(self, values: Tensor, x: Tensor) -> Tensor:
+        """Q_tot of all critics, [K J, B], with parameters as constants."""
+        known = self.mixer.network
+        return self.mixer(values, x, None if known is None else known.frozen)
+
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Moves Q_i and the mixers down the sum over seeds of a loss [K].
 

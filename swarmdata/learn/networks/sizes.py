@@ -21,6 +21,8 @@ class Sizes:
     state: int  # S
     choices: tuple[tuple[range, ...], ...] = ()  # [N], by column; empty: actions are continuous
     frame: Frame | None = None  # that observations and actions are in; None: the world's
+    robot_columns: int = 0  # of a state for each robot, the first N times as many; 0: unknown
+    state_vectors: tuple[int, ...] = ()  # x components of a state's planar vectors; y follows each
 
     def __post_init__(self) -> None:
         """Checks that every size is positive."""

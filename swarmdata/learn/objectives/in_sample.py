@@ -28,6 +28,16 @@ def exponential_weights(exponents: Tensor, largest: float) -> Tensor:
     return exponents.detach().clamp(max=math.log(largest)).exp()
 
 
+def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
+    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
+
+    Args:
+        pi: actions of the policies, [K, B, N, A].
+        actions: of the data, [K, B, N, A].
+    """
+    return (pi - actions).square().mean((1, 2, 3))
+
+
 def team_cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
     """Returns sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
 

@@ -6,13 +6,14 @@ The losses are in the files of the algorithms. An algorithm takes these function
     state_dict, load_state_dict = state_of, restore_state
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import ExtractionConfig, SecondStage, Valuer
 from swarmdata.learn.networks.actor import DelayedActor, StackedActor
 from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
@@ -49,6 +50,11 @@ class DelayedConfig(ActorCriticConfig):
     bc_warmup_updates: int = 4_000  # in which the actors clone the data
 
 
+@dataclass(frozen=True)
+class TwoStageConfig(DelayedConfig, ExtractionConfig):
+    """The settings of TD3, of the warm-up, and of the second stage."""
+
+
 def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
     sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
@@ -76,6 +82,27 @@ def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
         learning_rate=config.critic_learning_rate,
         max_norm=config.max_grad_norm,
         device=setup.device,
+    )
+
+
+def second_stage(
+    setup: Setup,
+    config: TwoStageConfig,
+    actor: DelayedActor,
+    generators: Sequence[torch.Generator],
+) -> SecondStage | None:
+    """Makes what the second stage needs; None if the config has none."""
+    if config.extraction == "joint":
+        return None
+    return SecondStage(
+        actor,
+        setup.seeds,
+        generators,
+        config,
+        config.n_updates,
+        config.actor_hidden,
+        learning_rate=config.actor_learning_rate,
+        max_norm=config.max_grad_norm,
     )
 
 
@@ -129,6 +156,10 @@ class ActorCritic(Protocol):
     generators: list[torch.Generator]  # one per seed, [K]
 
     @property
+    def second_stage(self) -> SecondStage | None: ...  # None: there is one stage only
+    @property
+    def config(self) -> Any: ...
+    @property
     def critics(self) -> Trained: ...
 
 
@@ -137,6 +168,10 @@ class DelayedActorCritic(ActorCritic, Protocol):
 
     @property
     def config(self) -> DelayedConfig: ...
+
+    def valuer(self, batch: Batch, x: Any) -> Valuer:
+        """Returns the critics' values of a batch's actions, for a second stage."""
+        ...
 
     def critic_inputs(self, batch: Batch) -> Any:
         """Returns what the critics see of a batch besides actions; passed to both losses."""
@@ -159,25 +194,61 @@ def delayed_update(self: DelayedActorCritic, batch: Batch) -> dict[str, Any]:
     """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
 
     Critics move in every update. Actors and targets move in every update of the warm-up, and then
-    in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1).
+    in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1). In the second stage, only the
+    actors move.
     """
-    config = self.config
-    scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+    config, stage = self.config, self.second_stage
+    scale, is_second = stage_of(config, stage, self.n_updates)
     x = self.critic_inputs(batch)
-    total, reported = self.critic_loss(batch, x)
-    self.critics.step(total, scale)
+    reported: dict[str, Tensor] = {}
+    if stage is None or not is_second or not stage.has_frozen_critics:
+        total, reported = self.critic_loss(batch, x)
+        self.critics.step(total, scale)
     self.n_updates += 1
     is_warmup = self.n_updates <= config.bc_warmup_updates
-    if is_warmup or self.n_updates % config.policy_delay == 0:
+    if stage is not None and is_second:
+        reported |= extract(self, stage, batch, self.valuer(batch, x), scale)
+    elif is_warmup or self.n_updates % config.policy_delay == 0:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         reported["bc_loss"] = total = self.bc_loss(pi, batch.actions)
         if not is_warmup:
             total, reported_of_actor = self.actor_loss(batch, x, pi, total)
             reported |= reported_of_actor
         self.actor.step(total, scale)
-        self.actor.follow(config.tau)
-        self.critics.follow(config.tau)
+        if stage is not None:
+            reported["density_loss"] = stage.learn_density(batch, scale)
+        follow(self)
     return {name: loss.detach() for name, loss in reported.items()}
+
+
+def stage_of(
+    config: ActorCriticConfig, stage: SecondStage | None, n_updates: int
+) -> tuple[float, bool]:
+    """Returns the factor on learning rates after `n_updates`, and whether the second stage runs.
+
+    Each stage has a cosine of its own.
+    """
+    floor = config.final_learning_rate_factor
+    first = config.n_updates if stage is None else stage.begins_at
+    if stage is None or n_updates < first:
+        return cosine(n_updates, first, floor), False
+    return cosine(n_updates - first, config.n_updates - first, floor), True
+
+
+def extract(
+    self: ActorCritic, stage: SecondStage, batch: Batch, valuer: Valuer, scale: float
+) -> dict[str, Tensor]:
+    """One step of the second stage; returns its losses, each [K]."""
+    losses = stage.update(batch, valuer, scale)
+    if not stage.has_frozen_critics:
+        follow(self)
+    return losses
+
+
+def follow(self: ActorCritic) -> None:
+    """Moves the slow copies of actors and critics."""
+    self.actor.follow(self.config.tau)
+    self.critics.follow(self.config.tau)
 
 
 class HasNormalizer(Protocol):
@@ -191,7 +262,7 @@ def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
     return self.normalizer.information(batch.states, batch.observations)
 
 
-def smoothed_actions(self: DelayedActorCritic, observations: Tensor) -> Tensor:
+def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:
     """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
     config = self.config
     return self.actor.smoothed(
@@ -211,6 +282,7 @@ def state_of(self: ActorCritic) -> dict[str, Any]:
         "generators": generator_states(self.generators),
         **self.actor.state_dict(),
         **self.critics.state_dict(),
+        **({} if self.second_stage is None else self.second_stage.state_dict()),
     }
 
 
@@ -220,3 +292,5 @@ def restore_state(self: ActorCritic, state: Mapping[str, Any]) -> None:
     restore_generators(self.generators, state["generators"])
     self.actor.load_state_dict(state)
     self.critics.load_state_dict(state)
+    if self.second_stage is not None:
+        self.second_stage.load_state_dict(state)

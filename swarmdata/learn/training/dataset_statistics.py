@@ -43,10 +43,10 @@ def step_weights(episodes: Episodes) -> Double | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
-    """Normalization of inputs, and the range of discounted team returns-to-go.
+    """Normalization of inputs, and the range of discounted returns-to-go.
 
-    A return-to-go is the discounted sum of team rewards (mean over agents) from a step to the end
-    of its episode.
+    A return-to-go is the discounted sum of rewards from a step to the end of its episode: of the
+    team's (the mean over robots), or of one robot's own.
     """
 
     observation_mean: Double  # [O]
@@ -55,6 +55,10 @@ class Statistics:
     state_std: Double  # [S]
     return_std: float  # over all steps; 1 if all returns-to-go are equal
     max_return: float  # largest return-to-go of any step
+    own_return_std: float  # as `return_std`, of each robot's own rewards
+    own_max_return: float  # as `max_return`, of any robot
+    return_range: float  # of episodes' undiscounted returns: largest less smallest; 1 if all equal
+    own_return_range: float  # as `return_range`, of each robot's own rewards
 
     @classmethod
     def measure(cls, episodes: Episodes, discount: float) -> "Statistics":
@@ -68,42 +72,57 @@ class Statistics:
             SchemaError: there are no episodes.
         """
         total = squares = np.zeros(1)
-        n_rows, returns, weights = 0.0, [], step_weights(episodes)
+        n_rows, returns, totals, weights = 0.0, [], [], step_weights(episodes)
         for index, episode in enumerate(episodes):
             weight = 1.0 if weights is None else float(weights[index])
             states = episode.states.astype(np.float64)
             total = total + weight * states.sum(axis=0)
             squares = squares + weight * np.square(states).sum(axis=0)
             n_rows += weight * len(states)
-            returns.append(returns_to_go(episode.rewards.mean(axis=1, dtype=np.float64), discount))
+            rewards = episode.rewards.astype(np.float64)  # [T, N]
+            returns.append(returns_to_go(rewards, discount))
+            totals.append(rewards.sum(axis=0))
         if not returns:
             raise SchemaError("there are no episodes to measure; widen the filter of the dataset")
         mean = total / n_rows
-        all_returns = np.concatenate(returns)
+        own_returns, own_totals = (
+            np.concatenate(returns),
+            np.stack(totals),
+        )  # [steps or episodes, N]
+        team_returns = own_returns.mean(axis=1)
+        each = None if weights is None else np.repeat(weights, [len(g) for g in returns])
         return cls(
             observation_mean=episodes.statistics.observation_mean,
             observation_std=episodes.statistics.observation_std,
             state_mean=mean,
             state_std=np.sqrt(np.maximum(squares / n_rows - mean**2, 0.0)),
-            return_std=_deviation(returns, weights) or 1.0,
-            max_return=float(all_returns.max()),
+            return_std=_deviation(team_returns, each) or 1.0,
+            max_return=float(team_returns.max()),
+            own_return_std=_deviation(own_returns, each) or 1.0,
+            own_max_return=float(own_returns.max()),
+            return_range=float(np.ptp(own_totals.mean(axis=1))) or 1.0,
+            own_return_range=float(np.ptp(own_totals)) or 1.0,
         )
 
 
-def _deviation(returns: Sequence[Double], weights: Double | None) -> float:
-    """The standard deviation of all returns-to-go, by the weights of their episodes."""
-    values = np.concatenate(returns)
+def _deviation(values: Double, weights: Double | None) -> float:
+    """The standard deviation of returns, [n] or [n, N], by the weights of their steps, [n]."""
     if weights is None:
         return float(values.std())
-    each = np.repeat(weights, [len(episode) for episode in returns])
-    mean = np.average(values, weights=each)
-    return float(np.sqrt(np.average(np.square(values - mean), weights=each)))
+    mean = np.average(values, axis=0, weights=weights).mean()
+    squares = np.square(values - mean)
+    return float(np.sqrt(np.average(squares, axis=0, weights=weights).mean()))
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
-    """Returns G_t = r_t + discount * G_{t+1} of one episode, [T], with G = 0 after its end."""
-    result = np.empty(len(rewards))
-    following = 0.0
+    """Returns G_t = r_t + discount * G_{t+1} of one episode, with G = 0 after its end.
+
+    Args:
+        rewards: of the team, [T], or of each robot, [T, N]; the result has the same shape.
+        discount: factor per step.
+    """
+    result = np.empty(np.shape(rewards))
+    following: Double | float = 0.0
     for t in range(len(rewards) - 1, -1, -1):
         following = rewards[t] + discount * following
         result[t] = following

@@ -24,10 +24,12 @@ from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.store.arrays.column_meanings import planar_vectors, state_columns
 
 COMPACT = "is_compact"
 """In the metadata of a checkpoint that lacks what policies do not need."""
@@ -64,7 +66,9 @@ class Run(Frozen):
 
     @property
     def sizes(self) -> Sizes:
-        """Numbers of agents and features, and the choices of a recorded environment."""
+        """Numbers of agents and features, the choices of a recorded environment, frames."""
+        world = self.spec.world
+        columns = () if world is None else state_columns(make_task(world))
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
@@ -72,6 +76,8 @@ class Run(Frozen):
             state=self.state_size,
             choices=choices_of(self.spec),
             frame=self.frame,
+            robot_columns=0 if world is None else N_COLUMNS,
+            state_vectors=planar_vectors(columns),
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:

@@ -1,5 +1,7 @@
 """The meaning of each column of each array in a dataset of one of our tasks."""
 
+from itertools import pairwise
+
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS
 from swarmdata.perception.comms.payloads import PAYLOAD_COLUMNS
@@ -41,6 +43,16 @@ def state_columns(task: Task) -> tuple[Column, ...]:
         *(column for name in task.spec.agent_names for column in _of(name, robots)),
         *(column for name in bodies for column in _of(name, body_columns(half))),
         *task.extras,
+    )
+
+
+def planar_vectors(columns: tuple[Column, ...]) -> tuple[int, ...]:
+    """Indices of the x components of vectors in the world's frame; their y components follow."""
+    names = [column.name for column in columns]
+    return tuple(
+        k
+        for k, (column, following) in enumerate(pairwise(columns))
+        if column.frame == "world" and following.name == f"{names[k][:-1]}y"
     )
 
 

@@ -38,6 +38,10 @@ def made(
         state_std=np.ones(4),
         return_std=return_std,
         max_return=1.0,
+        own_return_std=return_std,
+        own_max_return=1.0,
+        return_range=10.0,
+        own_return_range=20.0,
     )
     small = {"hidden": (8,), "n_bins": 3, "regulariser": "none", "clip_target": False, **config}
     if is_monotonic:

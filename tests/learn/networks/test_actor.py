@@ -25,6 +25,10 @@ def statistics() -> Statistics:
         state_std=np.full(4, 0.5),
         return_std=1.0,
         max_return=1.0,
+        own_return_std=1.0,
+        own_max_return=1.0,
+        return_range=10.0,
+        own_return_range=20.0,
     )
 
 

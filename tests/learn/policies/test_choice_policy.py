@@ -27,6 +27,10 @@ def made(sizes: Sizes = SIZES, **config: Any) -> VDN:
         state_std=np.ones(5),
         return_std=1.0,
         max_return=1.0,
+        own_return_std=1.0,
+        own_max_return=1.0,
+        return_range=10.0,
+        own_return_range=20.0,
     )
     settings = VDNConfig(**{"hidden": (16,), **config})
     return VDN(Setup(sizes, (3, 8), statistics), settings)

@@ -1,7 +1,6 @@
 """Online training that starts from offline runs: equal actions, curves, and wrong combinations."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -182,32 +181,6 @@ def test_a_batch_has_its_share_of_recorded_rows(
     known = [bool((rows == reward.numpy()).all(-1).any()) for reward in batch.rewards[0]]
     assert known[-2:] == [True, True]
     assert not all(known[:-2])
-
-
-def test_critics_are_copied_where_they_fit(
-    runs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A run with a value for each robot's own reward; the others begin anew, and say so."""
-    from swarmdata.online_algos.maddpg import MADDPG
-
-    begin = read_start(runs["maddpg_bc"])
-    monkeypatch.setattr(begin.algorithm, "critics", None)
-    settings = MADDPG.settings_of(begin, features_of(make_task(TINY.spec)))
-    config = override(MADDPG.Config(), {**settings, **small("maddpg")})
-    run = MADDPG(make_env(TINY.spec, 2 * config.n_copies), SEEDS, config, tmp_path)
-    (sentence,) = run.start_from(begin)
-    assert sentence.startswith("The critics begin anew: ")
-    before = run.learner.critics.online.flat.clone()
-    donor = MADDPG(make_env(TINY.spec, 2 * config.n_copies), (5, 6), config, tmp_path / "b")
-    monkeypatch.setattr(begin.algorithm, "critics", donor.learner.critics, raising=False)
-    scaled = replace(config, discount=begin.discount, reward_scale=begin.reward_scale)
-    (sentence,) = run.start_from(begin)  # of another discount and scale of rewards
-    assert "has values of discount 0.95 " in sentence
-    run.config = scaled
-    assert run.start_from(begin) == []
-    assert not torch.equal(run.learner.critics.online.flat, before)
-    assert torch.equal(run.learner.critics.online.flat, donor.learner.critics.online.flat)
-    assert torch.equal(run.learner.critics.target.flat, donor.learner.critics.target.flat)
 
 
 WRONG = [

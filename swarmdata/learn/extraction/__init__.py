@@ -1,0 +1,1 @@
+"""From a behavior density and a critic to a policy."""

@@ -1,0 +1,142 @@
+"""What critics of robots see: everything in one frame, and each robot first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.learn.networks.normalizer import Normalizer  # noqa: E402
+from swarmdata.learn.networks.robot_critics import RobotCritics  # noqa: E402
+from swarmdata.learn.networks.robot_views import RobotViews  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.perception.frames import Frame  # noqa: E402
+from swarmdata.types import Float  # noqa: E402
+from tests.offline_algos.toys import statistics  # noqa: E402
+
+FRAME = Frame(anchor=0, vectors=(0, 2), closing=())
+RAW, N = 5, 3  # two vectors and a number; robots
+SIZES = Sizes(
+    N, RAW + FRAME.n_added, 3, state=N * 4 + 3,
+    frame=FRAME, robot_columns=4, state_vectors=(0, 2, 4, 6, 8, 10, 12),
+)  # fmt: skip
+MOMENTS = replace(
+    statistics(),
+    observation_mean=np.zeros(SIZES.observation),
+    observation_std=np.ones(SIZES.observation),
+    state_mean=np.zeros(SIZES.state),
+    state_std=np.ones(SIZES.state),
+)
+
+
+def turned(vectors: Float, angle: float) -> Float:
+    """Vectors [..., 2 V] turned by an angle."""
+    pairs = vectors.reshape(*vectors.shape[:-1], -1, 2)
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = pairs[..., 0], pairs[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], -1).reshape(vectors.shape)
+
+
+def world(angle: float = 0.0) -> tuple[Tensor, Tensor, Tensor]:
+    """States, observations and actions of the same rows with the world turned by an angle."""
+    rng = np.random.default_rng(0)
+    states, actions = rng.normal(size=(6, SIZES.state)), rng.uniform(-0.5, 0.5, (6, N, 3))
+    observations = rng.normal(size=(6, N, RAW))
+    states[:, :14] = turned(states[:, :14], angle)
+    observations[..., :4] = turned(observations[..., :4], angle)
+    actions[..., :2] = turned(actions[..., :2], angle)
+    seen = observations.astype(np.float32)
+    local = FRAME.to_local(seen, actions)
+    arrays = (states, FRAME.inputs(seen), local)
+    s, o, a = (torch.from_numpy(array.astype(np.float32))[None] for array in arrays)
+    return s, o, a
+
+
+def views(critic: str) -> RobotViews:
+    return RobotViews(SIZES, Normalizer(MOMENTS, "cpu"), critic, "cpu")  # type: ignore[arg-type]
+
+
+def seen(critic: str, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
+    made = views(critic)
+    view = made.view(states, observations)
+    assert view.features.shape[-1] == made.n_features
+    joint = made.actions(view, actions, actions)
+    assert joint.shape[-1] == made.n_actions
+    return torch.cat([view.rows, joint], -1)
+
+
+@pytest.mark.parametrize("critic", ["centralized", "decentralized"])
+@pytest.mark.parametrize("angle", [0.7, -2.0, np.pi])
+def test_nothing_changes_when_the_world_is_turned(critic: str, angle: float) -> None:
+    """But for the axis of the frame in the world, which policies see too."""
+    axis = slice(RAW, RAW + 2)
+    ours, theirs = seen(critic, *world()), seen(critic, *world(angle))
+    assert not torch.allclose(ours[..., axis], theirs[..., axis])
+    ours[..., axis] = theirs[..., axis] = 0
+    torch.testing.assert_close(ours, theirs, atol=2e-5, rtol=1e-5)
+
+
+def test_actions_of_others_are_in_the_robots_own_frame() -> None:
+    states, observations, local = world()
+    made = views("centralized")
+    view = made.view(states, observations)
+    joint = made.actions(view, local, local).view(1, 6, N, N, 3)
+    torch.testing.assert_close(joint[:, :, :, 0], local)  # slot 0 is the robot itself
+    ux, uy = observations[..., RAW], observations[..., RAW + 1]
+    for robot, slot in ((0, 1), (2, 1), (1, 2)):
+        other = (robot + slot) % N
+        x, y = local[:, :, other, 0], local[:, :, other, 1]
+        wx = ux[:, :, other] * x - uy[:, :, other] * y  # in the world
+        wy = uy[:, :, other] * x + ux[:, :, other] * y
+        ahead = ux[:, :, robot] * wx + uy[:, :, robot] * wy
+        torch.testing.assert_close(joint[:, :, robot, slot, 0], ahead, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(joint[:, :, robot, slot, 2], local[:, :, other, 2])
+
+
+def test_only_what_the_others_do_may_be_taken_from_elsewhere() -> None:
+    states, observations, local = world()
+    made = views("centralized")
+    view = made.view(states, observations)
+    mixed = made.actions(view, local, torch.zeros_like(local)).view(1, 6, N, N, 3)
+    torch.testing.assert_close(mixed[:, :, :, 0], local)
+    assert not mixed[:, :, :, 1:].any()
+
+
+def test_robots_of_the_state_come_in_the_order_of_the_actions() -> None:
+    still = replace(SIZES, frame=None, observation=RAW)
+    moments = replace(MOMENTS, observation_mean=np.zeros(RAW), observation_std=np.ones(RAW))
+    made = RobotViews(still, Normalizer(moments, "cpu"), "centralized", "cpu")
+    states = torch.arange(SIZES.state, dtype=torch.float32)[None, None]
+    view = made.view(states, torch.zeros(1, 1, N, RAW))
+    of_one = view.features[0, 0, 1, RAW + N :]
+    expected = [4, 5, 6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 12, 13, 14]
+    assert of_one.tolist() == [float(k) for k in expected]
+
+
+@pytest.mark.parametrize("critic", ["centralized", "decentralized"])
+def test_values_of_candidates_are_those_of_single_deviations(critic: str) -> None:
+    states, observations, local = world()
+    normalizer = Normalizer(MOMENTS, "cpu")
+    critics = RobotCritics(
+        SIZES,
+        normalizer,
+        critic,
+        [0],
+        (8,),
+        learning_rate=1e-3,
+        max_norm=None,  # type: ignore[arg-type]
+    )
+    view = critics.view(states, observations)
+    candidates = torch.stack([local, -local, local / 2], 3)
+    values = critics.candidate_q(view, candidates, local)
+    for m in range(3):
+        for robot in range(N):
+            joint = local.clone()
+            joint[:, :, robot] = candidates[:, :, robot, m]
+            expected = critics.q(view, joint).amin(1)[..., robot]
+            torch.testing.assert_close(values[..., robot, m], expected)
+    torch.testing.assert_close(critics.smallest_q(view, local, local), values[..., 0])
+    torch.testing.assert_close(critics.first_q(view, local, local), critics.q(view, local)[:, 0])
