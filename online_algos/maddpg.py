@@ -81,12 +81,14 @@ WHEN_STARTED = {
     "warmup_actions": "policy",
     "critic_warmup_updates": "2000",
     "noise": "0.2",
-    "anchor_weight": "0.5",
+    "anchor_weight": "2",
+    "actor_learning_rate": "1e-4",
 }
 """Settings of a training that starts from an offline run, where the user gives no others.
 
 Random actions would fill the replay with what the policy never meets, and the gradient of an
-untrained critic would undo it."""
+untrained critic would undo it. These settings slow that down and do not prevent it: figures are in
+docs/online-learning.md."""
 
 NOISE_STREAM = 2
 """Stream of a seed's smoothing noise; the networks have the streams before it."""
