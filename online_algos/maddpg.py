@@ -9,14 +9,6 @@ the critics' inputs x = (state, all observations):
     (2) L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
     (3) L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
 
-Training that starts from an offline run (`start_from`) adds to (3), while v falls linearly to 0,
-
-    (4) v s 1/N sum_i |pi(o_i) - pi_0(o_i)|^2
-
-with the actors pi_0 that it began with and the deviation s of Q_1i over the batch, so that the
-actors leave their teachers slowly (Schmitt et al., "Kickstarting deep reinforcement learning",
-2018, arXiv 1803.03835, with a cross-entropy in this place).
-
 `corrections` "none" is the original: one critic, no smoothing noise, no delay.
 
 Deviations:
@@ -81,7 +73,6 @@ WHEN_STARTED = {
     "warmup_actions": "policy",
     "critic_warmup_updates": "2000",
     "noise": "0.2",
-    "anchor_weight": "2",
     "actor_learning_rate": "1e-4",
 }
 """Settings of a training that starts from an offline run, where the user gives no others.
@@ -108,8 +99,6 @@ class MADDPGConfig:
     warmup_transitions: int = 8_192  # before the first gradient step
     warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
     critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
-    anchor_weight: float = 0.0  # v of (4), at the start
-    anchor_duration: float = 0.5  # part of training in which v falls to 0
     corrections: Literal["td3", "none"] = "td3"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
@@ -165,7 +154,6 @@ class Learner:
             n_critics=config.n_critics, n_values=sizes.n_agents,
         )  # fmt: skip
         self.target_actors = self.actors.network.clone()
-        self.first_actors: StackedMLP | None = None  # those of an offline run that it started from
         self.actor_optimizer = StackedAdam(
             self.actors.network, len(seeds), config.actor_learning_rate, config.max_grad_norm
         )
@@ -175,22 +163,19 @@ class Learner:
         """Returns actions, [K, B, N, A], of normalized observations [K, B, N, O]."""
         return self.actors(observations, network).tanh()
 
-    def update(
-        self, batch: Batch, scale: float = 1.0, anchor_weight: float = 0.0
-    ) -> dict[str, Tensor]:
+    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
         """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
 
         Args:
             batch: normalized observations and states.
             scale: factor on the learning rates.
-            anchor_weight: v of (4), if the actors started from others.
         """
         x = information(batch.states, batch.observations)
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
             if self.n_updates > self.config.critic_warmup_updates:
-                losses |= self._update_actors(batch, x, scale, anchor_weight)
+                losses |= self._update_actors(batch, x, scale)
                 move_target(self.target_actors, self.actors.network, self.config.tau)
             self.critics.follow(self.config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
@@ -216,15 +201,7 @@ class Learner:
         self.critics.step(loss, scale)
         return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
 
-    def begin_with(self, flat: Tensor) -> None:
-        """Gives actors and targets these parameters, and keeps them for (4)."""
-        for network in (self.actors.network, self.target_actors):
-            network.load(flat)
-        self.first_actors = self.actors.network.clone()
-
-    def _update_actors(
-        self, batch: Batch, x: Tensor, scale: float, anchor_weight: float = 0.0
-    ) -> dict[str, Tensor]:
+    def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
         logits = self.actors(batch.observations)
         # [K, B, N], or [K, B N, N] for "own"; the critics' parameters are constants here
         values = self.critics.policy_values(
@@ -232,25 +209,16 @@ class Learner:
         )
         q = values.mean(-1).mean(1)  # [K]
         penalty = self.config.logit_penalty * logits.square().mean((1, 2, 3))
-        loss = penalty - q  # (3)
-        if self.first_actors is not None and anchor_weight > 0:
-            with torch.no_grad():
-                first = self.actions(batch.observations, self.first_actors)
-            distance = (logits.tanh() - first).square().sum(-1).mean((1, 2))  # [K]
-            spread = values.detach().std(1).mean(-1)  # [K]
-            loss = loss + anchor_weight * spread * distance  # (4)
-        self.actor_optimizer.step(loss, scale)
+        self.actor_optimizer.step(penalty - q, scale)  # (3)
         return {"policy_q": q}
 
     def state_dict(self) -> dict[str, Tensor]:
         """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
-        first = self.first_actors
         return {
             "n_updates": torch.tensor(self.n_updates),
             "generators": generator_states(self.generators),
             "actors": self.actors.network.flat.clone(),
             "target_actors": self.target_actors.flat.clone(),
-            **({} if first is None else {"first_actors": first.flat.clone()}),
             **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
             **self.critics.state_dict(),
         }
@@ -259,8 +227,6 @@ class Learner:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
-        if "first_actors" in state:
-            self.begin_with(state["first_actors"])
         self.actors.network.load(state["actors"])
         self.target_actors.load(state["target_actors"])
         self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
@@ -287,7 +253,6 @@ class MADDPG:
         self.collector = Collector(env, seeds, Plan.of(config), folder)
         self.learner = Learner(self.collector.sizes, seeds, config)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
-        self.anchor = LinearSchedule(config.anchor_weight, 0.0, config.anchor_duration)
 
     @property
     def frames(self) -> int:
@@ -330,7 +295,7 @@ class MADDPG:
         for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
             rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
             actors.network.load_layers(rows, actor.layers)
-        self.learner.begin_with(actors.network.flat)
+        self.learner.target_actors.load(actors.network.flat)
         self.collector.moments = start.moments(len(self.seeds))
         return [f"The critics begin anew: {start.run.algorithm} has none of maddpg's kind."]
 
@@ -350,9 +315,8 @@ class MADDPG:
         return actions, actions
 
     def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        progress = self.collector.progress
-        factor = linear(progress, self.config.final_learning_rate_factor)
-        return self.learner.update(batch, factor, self.anchor.at(progress))
+        factor = linear(self.collector.progress, self.config.final_learning_rate_factor)
+        return self.learner.update(batch, factor)
 
     def policy(self, index: int) -> TorchPolicy:
         """The greedy policy of seed number `index`, as it is now."""

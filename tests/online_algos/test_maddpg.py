@@ -151,40 +151,6 @@ def test_actors_rest_while_the_critics_warm_up() -> None:
     assert not torch.equal(learner.actors.network.flat, actors)
 
 
-def test_the_anchor_by_hand() -> None:
-    """The gradient of (4), by the difference that it makes."""
-    batch, gradients = random_batch(), []
-    learner = made(logit_penalty=0.0)
-    learner.begin_with(learner.actors.network.flat.clone())
-    assert learner.first_actors is not None
-    learner.actors.network.flat.mul_(1.5)
-    x = information(batch.states, batch.observations)
-    now = learner.actors.network.flat.clone()
-    for weight in (0.0, 2.0):
-        learner.actors.network.load(now)
-        learner._update_actors(batch, x, 0.0, weight)
-        gradients.append(learner.actors.network.gradient.clone())
-    learner.actors.network.load(now)
-    pi = learner.actions(batch.observations)
-    first = learner.actions(batch.observations, learner.first_actors).detach()
-    values = learner.critics.policy_values(x, pi.detach(), batch.actions, "all")
-    loss = 2.0 * values.std(1).mean() * ((pi - first) ** 2).sum(-1).mean()
-    learner.actors.network.backward(loss)
-    torch.testing.assert_close(
-        learner.actors.network.gradient, gradients[1] - gradients[0], rtol=1e-3, atol=1e-6
-    )
-
-
-def test_the_anchor_survives_a_checkpoint() -> None:
-    learner, resumed, batch = made(), made(), random_batch()
-    learner.begin_with(learner.actors.network.flat * 0.5)
-    learner.update(batch, anchor_weight=1.0)
-    resumed.load_state_dict(learner.state_dict())
-    for each in (learner, resumed):
-        each.update(batch, anchor_weight=1.0)
-    assert torch.equal(learner.actors.network.flat, resumed.actors.network.flat)
-
-
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
 def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
     stack, batch = made(3, parameters=parameters), random_batch(3)
