@@ -1,17 +1,20 @@
-"""QMIX: the team's value is a monotonic function of its robots' values that depends on the state.
+"""QMIX: the team's value is a monotonic function of its robots' values.
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
 learning", ICML 2018, equations 5 and 6, over choices among bins of each action dimension
 (`learn.choices.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
 
-    Q_tot(s, o, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); s)      dQ_tot / dQ_i >= 0
+    Q_tot(x, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); x)         dQ_tot / dQ_i >= 0
     u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks
-    y     = r + gamma (1 - termination) Q'_tot(s', o', u')          valued by the targets
-    L     = Huber(Q_tot(s, o, u) - y)
+    y     = r + gamma (1 - termination) Q'_tot(x', u')              valued by the targets
+    L     = Huber(Q_tot(x, u) - y)
 
-Q_i is the mean over action dimensions, and f is `mixers.MonotonicMixer`.
+Q_i is the mean over action dimensions, f is `mixers.MonotonicMixer`, and x = (state, all
+observations). Without the mixing network it is `online_algos.vdn`.
 
 Deviations:
+- The hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here
+  (`network_inputs.information`).
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
 - Feed-forward networks, no recurrent ones: observations hold velocities.
@@ -30,6 +33,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
@@ -76,7 +80,7 @@ class QMIXLearner:
         self.config = config
         self.team = utility_team(sizes, seeds, config)
         self.mixer = MonotonicMixer(
-            sizes.n_agents, sizes.state, seeds, MIXER_STREAM,
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device="cpu",
             n_critics=config.n_critics,
         )  # fmt: skip
@@ -94,12 +98,13 @@ class QMIXLearner:
             places: `bins.places`; whole numbers are bins.
         """
         utilities = self.utilities(features)
-        return self._mix(bins.interpolated(utilities, by_critic(places, utilities)), states)
+        values = bins.interpolated(utilities, by_critic(places, utilities))  # [K, J, B, N]
+        return self._mix(values, information(states, features))
 
-    def _mix(self, values: Tensor, states: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns team values, [K, J, B], of robots' values [K, J, B, N]."""
+    def _mix(self, values: Tensor, x: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns team values, [K, J, B], of robots' values [K, J, B, N] and x, [K, B, X]."""
         k, n_critics = values.shape[:2]
-        mixed = self.mixer(values.flatten(0, 1), states.repeat_interleave(n_critics, 0), network)
+        mixed = self.mixer(values.flatten(0, 1), x.repeat_interleave(n_critics, 0), network)
         return mixed.view(k, n_critics, -1)
 
     @torch.no_grad()
@@ -109,7 +114,8 @@ class QMIXLearner:
         choices = greedy_choices(self.utilities(o_next))
         utilities = self.utilities(o_next, slow["team"])
         values = bins.chosen(utilities, by_critic(choices, utilities))  # [K, J, B, N]
-        q_next = self._mix(values, batch.next_states, slow["mixer"]).mean(1)  # [K, B]
+        x_next = information(batch.next_states, o_next)
+        q_next = self._mix(values, x_next, slow["mixer"]).mean(1)  # [K, B]
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 

@@ -6,17 +6,35 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from tests.offline_algos.toys import progress_of, trained  # noqa: E402
+from tests.offline_algos.toys import made, progress_of, random_batch, trained  # noqa: E402
 
 
-def test_the_state_weighs_the_robots(mixture: MemoryDataset) -> None:
+def test_states_and_observations_weigh_the_robots(mixture: MemoryDataset) -> None:
     algorithm, _ = trained(QMIX, mixture, 1, hidden=(8,))
-    values, states = torch.randn(2, 2, 5, 2), torch.randn(2, 5, 8)
-    mixed = algorithm.mix(values, states)
+    values, states, observations = (
+        torch.randn(2, 2, 5, 2),
+        torch.randn(2, 5, 8),
+        torch.randn(2, 5, 8),
+    )
+    mixed = algorithm.mix(values, torch.cat([states, observations], 2))
     assert mixed.shape == (2, 2, 5)
-    assert (algorithm.mix(values + 1, states) >= mixed).all()
-    assert not torch.allclose(algorithm.mix(values, states + 1), mixed)
+    for x in ((states + 1, observations), (states, observations + 1)):
+        assert not torch.allclose(algorithm.mix(values, torch.cat(x, 2)), mixed)
+    assert (algorithm.mix(values + 1, torch.cat([states, observations], 2)) >= mixed).all()
     assert {"networks.mixer", "networks.target_mixer"} <= algorithm.state_dict().keys()
+
+
+def test_the_mixer_learns_what_only_observations_say() -> None:
+    """As obstacles: rewards depend on what the robots observe, states and actions are constant."""
+    batch = random_batch(1, 64)
+    batch.states[...], batch.next_states[...], batch.actions[...] = 0.0, 0.0, 0.0
+    batch.terminations[...] = True
+    batch.rewards[...] = batch.observations[..., :1, 0].sign()
+    algorithm = made(QMIX, hidden=(4,), mixer_hidden=32, learning_rate=1e-2)
+    with torch.no_grad():  # the robots' own values are blind
+        algorithm.networks.team.network.flat[...] = 0.0
+    td_loss = [algorithm.update(batch)["td_loss"].item() for _ in range(150)]
+    assert td_loss[-1] < 0.2 * td_loss[0]
 
 
 @pytest.mark.learns

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +15,17 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.distributions import Normal
+from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
+from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.online_algos.mappo import (
     MAPPO,
     MAPPOConfig,
     clipped_losses,
     generalized_advantages,
     normalized,
+    value_losses,
 )
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import make_env
@@ -228,6 +232,70 @@ def test_the_policy_that_acted_has_no_divergence() -> None:
     losses, kl = clipped_losses(means, actions, own, advantages, std=STD, clip=CLIP)
     torch.testing.assert_close(losses, -advantages)
     torch.testing.assert_close(kl, torch.zeros_like(kl))
+
+
+def test_value_losses_are_the_larger_of_two() -> None:
+    g = torch.Generator().manual_seed(0)
+    values, returns, old = torch.randn(3, 2, 64, generator=g, dtype=torch.float64)
+    plain = value_losses(values, returns, old, None)
+    torch.testing.assert_close(plain, smooth_l1_loss(values, returns, reduction="none"))
+    near = old + (values - old).clamp(-CLIP, CLIP)
+    bounded = smooth_l1_loss(near, returns, reduction="none")
+    torch.testing.assert_close(
+        value_losses(values, returns, old, CLIP), torch.maximum(plain, bounded)
+    )
+
+
+def test_values_beyond_the_clip_move_only_back() -> None:
+    old, clip = torch.zeros(1, 4), 0.2
+    values = torch.tensor([[0.5, 0.5, -0.5, 0.1]], requires_grad=True)
+    returns = torch.tensor([[1.0, -1.0, -1.0, 1.0]])  # further away, back, further away, inside
+    (gradient,) = torch.autograd.grad(value_losses(values, returns, old, clip).sum(), [values])
+    assert (gradient != 0).tolist() == [[False, True, False, True]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "moved"),
+    [
+        ({"value_clip": 1e-4}, "critic"),
+        ({"learned_std": True}, "actor"),
+        ({"learned_std": True, "entropy_weight": 1.0}, "actor"),
+    ],
+)
+def test_options_change_what_is_learned(changes: dict[str, Any], moved: str) -> None:
+    # two updates: the first one trains the critic only
+    states = []
+    for config in (SMALL, replace(SMALL, **changes)):
+        run = build((0, 1), config)
+        for _ in range(2):
+            losses = run.update()
+        assert all(loss.isfinite().all() for loss in losses.values())
+        states.append(run.state_dict()[moved])
+    assert not torch.equal(*states)
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+def test_a_bonus_on_entropy_widens_the_actions(parameters: Parameters) -> None:
+    changes: dict[str, Any] = {"learned_std": True, "parameters": parameters, "n_epochs": 8}
+    config = replace(SMALL, learning_rate=1e-2, std=0.3, **changes)
+    spread = []
+    for weight in (0.0, 10.0):
+        run = build((0, 1), replace(config, entropy_weight=weight))
+        stds = [run.update()["std"] for _ in range(4)]
+        torch.testing.assert_close(stds[0], torch.full((2,), 0.3))
+        spread.append(stds[-1])
+        saved = run.state_dict()
+        other = build((0, 1), replace(config, entropy_weight=weight))
+        other.load_state_dict(saved)
+        restored = other.state_dict()
+        for name in ("actor", "deviation", "deviation_adam.exp_avg"):
+            assert torch.equal(restored[name], saved[name]), name
+    assert (spread[1] > 1.1 * spread[0]).all()
+
+
+def test_a_bonus_on_a_constant_entropy_is_refused() -> None:
+    with pytest.raises(SpecError, match="entropy is constant; set learned_std"):
+        replace(SMALL, entropy_weight=0.01)
 
 
 @pytest.mark.learns

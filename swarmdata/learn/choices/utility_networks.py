@@ -23,6 +23,7 @@ from swarmdata.learn.choices.behavior_heads import (
 )
 from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.descent import Descent
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP
@@ -123,6 +124,15 @@ class UtilityNetworks:
         outputs = self.team(features.repeat_interleave(N_CRITICS, 0), network)
         return by_critic(bins.by_dimension(outputs, self.choices.n_choices))
 
+    def information(self, states: Tensor, features: Tensor) -> Tensor:
+        """Returns x, normalized, [K, B, S + N O].
+
+        Args:
+            states: as recorded, [K, B, S].
+            features: normalized observations, [K, B, N, O].
+        """
+        return information(self.normalizer.states(states), features)
+
     def log_probs(self, features: Tensor) -> Tensor | None:
         """Returns log pi_b, [K, B, N, D, C], or [K, B, N, C ** D] of a joint head.
 
@@ -175,7 +185,7 @@ class Evaluated(NamedTuple):
     weights: Tensor  # the data's actions as weights of the choices, [K, B, N, D, C]
     utilities: Tensor  # [K, J, B, N, D, C]
     log_probs: Tensor | None  # of the behavior head
-    states: Tensor  # as recorded, [K, B, S]
+    information: Tensor  # x, normalized, [K, B, S + N O]
 
 
 class Decomposition(Protocol):
@@ -188,8 +198,8 @@ class Decomposition(Protocol):
         """Returns y, [K, B]."""
         ...
 
-    def value(self, utilities: Tensor, weights: Tensor, states: Tensor) -> Tensor:
-        """Returns Q of joint actions, [K, J, B]."""
+    def value(self, utilities: Tensor, weights: Tensor, x: Tensor) -> Tensor:
+        """Returns Q of joint actions, [K, J, B], with x as in `Evaluated.information`."""
         ...
 
     def loss(self, batch: Evaluated, y: Tensor) -> Loss:
@@ -206,13 +216,13 @@ def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
         networks.choices.weights(batch.actions),
         networks.utilities(features),
         networks.log_probs(features),
-        batch.states,
+        networks.information(batch.states, features),
     )
     total, reported = self.loss(evaluated, y)
     if self.n_updates % GREEDY_EVERY == 0:
         with torch.no_grad():
             greedy = networks.act(evaluated.utilities, evaluated.log_probs)
-            values = self.value(evaluated.utilities, greedy, batch.states)
+            values = self.value(evaluated.utilities, greedy, evaluated.information)
         reported["greedy_q"] = values.mean((1, 2))
     scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
     networks.descent.step(total, scale)

@@ -101,7 +101,8 @@ def test_the_online_networks_choose_and_the_targets_value(is_monotonic: bool) ->
     taken = torch.stack([bins.chosen(target[:, each], best) for each in range(2)], 1)
     if isinstance(learner, QMIX):
         slow = learner.networks.descent.targets["mixer"]
-        q_next = learner.mix(taken, batch.next_states, slow).mean(1)
+        x_next = networks.information(batch.next_states, features)
+        q_next = learner.mix(taken, x_next, slow).mean(1)
     else:
         q_next = taken.mean((1, 3))
     expected = batch.rewards.mean(-1) + 0.5 * ~batch.terminations * q_next
@@ -123,7 +124,7 @@ def test_mixing_raises_no_value_by_lowering_a_robots() -> None:
     learner = made(is_monotonic=True)
     assert isinstance(learner, QMIX)
     values = torch.randn(1, 2, 9, 2, requires_grad=True)
-    (slope,) = torch.autograd.grad(learner.mix(values, torch.randn(1, 9, 4)).sum(), values)
+    (slope,) = torch.autograd.grad(learner.mix(values, torch.randn(1, 9, 4 + 2 * 3)).sum(), values)
     assert (slope >= 0).all()
     assert not torch.equal(slope[:, 0], slope[:, 1])  # each network has its own mixer
 
