@@ -203,29 +203,29 @@ def train_online(
         settings = kind.settings_of(begin, features_of(make_task(spec)))
     config = override(kind.Config(), {**settings, **(changes or {})})
     view = {"observation": observation, "communication": communication, "progress": progress}
-    mixed = Mixed(data, weights, view) if data is not None else None
-    recorded = None
-    if mixed is not None:
-        if not hasattr(kind, "mix_in"):
-            raise SchemaError(
-                f"{algorithm} learns from the steps of its present policies only, so that recorded "
-                "data cannot be mixed in. Leave out the data, or use maddpg, vdn or qmix."
-            )
-        episodes = mixed.load()
-        check_spec(episodes, spec)
-        recorded = RecordedSource.of(episodes, offline_share)
+    mixed = None if data is None else Mixed(data, weights, view)
+    recorded = None if mixed is None else _checked(mixed, algorithm, spec, offline_share)
     describe = partial(describe_run, algorithm, config, spec, start=begin, recorded=recorded)
     if workers == 1:
-        run = describe(seeds)
-        train_run_with(run, out, mixed, progress=progress)
+        train_run_with(describe(seeds), out, mixed, progress=progress)
         return
     groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
+    _train_in_processes([describe(group) for group in groups], out, mixed, progress=progress)
+
+
+def _train_in_processes(
+    runs: Sequence[OnlineRun], out: Path, mixed: "Mixed | None", *, progress: bool
+) -> None:
+    """Trains each run in a process and a folder of its own.
+
+    Raises:
+        BuildError: one of them failed.
+    """
     context = multiprocessing.get_context("spawn")  # torch threads do not survive a fork
     jobs = []
-    for group in groups:
-        folder = out / f"seeds-{'-'.join(map(str, group))}"
-        run = describe(group)
-        options = {"progress": progress and group == groups[0]}
+    for run in runs:
+        folder = out / f"seeds-{'-'.join(map(str, run.seeds))}"
+        options = {"progress": progress and run is runs[0]}
         jobs.append(
             context.Process(target=train_run_with, args=(run, folder, mixed), kwargs=options)
         )
@@ -237,6 +237,23 @@ def train_online(
             f"{sum(bool(job.exitcode) for job in jobs)} of {len(jobs)} processes failed; their "
             "errors are above. Run the same command again to resume from the last checkpoints."
         )
+
+
+def _checked(mixed: "Mixed", algorithm: str, spec: TaskSpec, share: float) -> RecordedSource:
+    """Describes data that an algorithm can mix in.
+
+    Raises:
+        SchemaError: it has no replay, or the data are of another task.
+        SpecError: the share is out of its range.
+    """
+    if not hasattr(resolve("algorithm", ONLINE_ALGORITHMS, algorithm), "mix_in"):
+        raise SchemaError(
+            f"{algorithm} learns from the steps of its present policies only, so that recorded "
+            "data cannot be mixed in. Leave out the data, or use maddpg, vdn or qmix."
+        )
+    episodes = mixed.load()
+    check_spec(episodes, spec)
+    return RecordedSource.of(episodes, share)
 
 
 @dataclass(frozen=True, slots=True)
