@@ -56,8 +56,30 @@ from swarmdata.learn.training.exploration import (
     normal_like,
     uniform_like,
 )
+from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    actor_of,
+    as_text,
+    checked_actors,
+    frame_name,
+    hidden_sizes,
+)
+from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
+
+WHEN_STARTED = {
+    "warmup_actions": "policy",
+    "critic_warmup_updates": "2000",
+    "noise": "0.2",
+    "actor_learning_rate": "1e-4",
+}
+"""Settings of a training that starts from an offline run, where the user gives no others.
+
+Random actions would fill the replay with what the policy never meets, and the gradient of an
+untrained critic would undo it. These settings slow that down and do not prevent it: figures are in
+docs/online-learning.md."""
 
 NOISE_STREAM = 2
 """Stream of a seed's smoothing noise; the networks have the streams before it."""
@@ -74,7 +96,9 @@ class MADDPGConfig:
     batch_size: int = 256  # joint transitions
     capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
     margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # with random actions, before the first gradient step
+    warmup_transitions: int = 8_192  # before the first gradient step
+    warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
+    critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
     corrections: Literal["td3", "none"] = "td3"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
@@ -150,8 +174,9 @@ class Learner:
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
-            losses |= self._update_actors(batch, x, scale)
-            move_target(self.target_actors, self.actors.network, self.config.tau)
+            if self.n_updates > self.config.critic_warmup_updates:
+                losses |= self._update_actors(batch, x, scale)
+                move_target(self.target_actors, self.actors.network, self.config.tau)
             self.critics.follow(self.config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
 
@@ -224,7 +249,7 @@ class MADDPG:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
     ) -> None:
-        self.config = config
+        self.config, self.seeds = config, tuple(seeds)
         self.collector = Collector(env, seeds, Plan.of(config), folder)
         self.learner = Learner(self.collector.sizes, seeds, config)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
@@ -238,6 +263,42 @@ class MADDPG:
         """Does nothing: the first rounds fill the replay."""
         return False
 
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
+        self.collector.mix_in(data, share)
+
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """Returns the settings of the run's actors, and `WHEN_STARTED`.
+
+        Raises:
+            CheckpointError: the run's policies are no actors that pass through tanh.
+        """
+        actor = actor_of(start, squash=True)
+        return {
+            "actor_hidden": as_text(hidden_sizes(actor.layers)),
+            "parameters": actor.parameters,
+            "frame": frame_name(actor.frame, features),
+            **WHEN_STARTED,
+        }
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over actors and their inputs' statistics; the critics begin anew.
+
+        Offline critics see what these do not (`robot_views`), or have one value for the team.
+
+        Raises:
+            CheckpointError: the actors do not fit.
+        """
+        actor_of(start, squash=True)
+        actors = self.learner.actors
+        for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
+            rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
+            actors.network.load_layers(rows, actor.layers)
+        self.learner.target_actors.load(actors.network.flat)
+        self.collector.moments = start.moments(len(self.seeds))
+        return [f"The critics begin anew: {start.run.algorithm} has none of maddpg's kind."]
+
     def update(self) -> dict[str, Tensor]:
         """One round of acting and learning; returns losses, each [K], NaN before learning began."""
         return self.collector.round(self._act, self._learn, Learner.LOSSES)
@@ -245,7 +306,8 @@ class MADDPG:
     @torch.no_grad()
     def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         actions = self.learner.actions(observations)
-        if self.frames < self.config.warmup_transitions:
+        is_warm = self.frames >= self.config.warmup_transitions
+        if not is_warm and self.config.warmup_actions == "random":
             actions = 2 * uniform_like(self.collector.acting, actions) - 1
         else:
             deviation = self.schedule.at(self.collector.progress)

@@ -38,9 +38,9 @@ Deviations, each measured on `coop_nav` or required by it:
 - every robot is trained on its own reward, which `shaping` changes;
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
-- training may start from other policies or from a clone of a teacher (`start`); then only the
-  critic learns at first (`critic_warmup_fraction`), since the advantages of an untrained critic
-  would undo the clone;
+- training may start from other policies (`start`, or an offline run: `ppo.offline_actors`) or from
+  a clone of a teacher; then only the critic learns at first (`critic_warmup_fraction`), since the
+  advantages of an untrained critic would undo the clone;
 - the actor's and the critic's gradients are clipped separately.
 """
 
@@ -74,6 +74,7 @@ from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
 from swarmdata.online_algos.ppo.learned_deviation import LearnedDeviation
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights, Critic
+from swarmdata.online_algos.ppo.offline_actors import settings_of, start_from
 from swarmdata.online_algos.ppo.rollout_samples import (
     Rollout,
     critic_states,
@@ -175,6 +176,8 @@ class MAPPO:
 
     Config = MAPPOConfig
     LOSSES = ("policy", "value", "kl", "reward", "std")
+
+    settings_of, start_from = staticmethod(settings_of), start_from
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None

@@ -34,6 +34,7 @@ from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.network_inputs import information
+from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.training.exploration import LinearSchedule
@@ -43,10 +44,13 @@ from swarmdata.online_algos.collection.value_learning import (
     LOSSES,
     MIXER_STREAM,
     ValueLearningConfig,
+    by_critic,
+    greedy_choices,
     td_update,
     utilities_of,
     utility_team,
 )
+from swarmdata.online_algos.continuation.started_utilities import settings_of, start_from
 from swarmdata.types import Batch
 
 
@@ -78,24 +82,40 @@ class QMIXLearner:
         self.mixer = MonotonicMixer(
             sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device="cpu",
+            n_critics=config.n_critics,
         )  # fmt: skip
         networks = {"team": self.team.network, "mixer": self.mixer.network}
         self.descent = Descent(
             networks, len(seeds), config.learning_rate, config.max_grad_norm, followed=networks
         )
 
-    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
-        """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are normalized, [K, B, S]."""
-        values = bins.chosen(self.utilities(features), choices)  # [K, B, N]
-        return self.mixer(values, information(states, features))
+    def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor:
+        """Returns Q_tot of each critic, [K, J, B], of places among bins [K, B, N, D].
+
+        Args:
+            features: normalized observations, [K, B, N, O].
+            states: normalized, [K, B, S].
+            places: `bins.places`; whole numbers are bins.
+        """
+        utilities = self.utilities(features)
+        values = bins.interpolated(utilities, by_critic(places, utilities))  # [K, J, B, N]
+        return self._mix(values, information(states, features))
+
+    def _mix(self, values: Tensor, x: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns team values, [K, J, B], of robots' values [K, J, B, N] and x, [K, B, X]."""
+        k, n_critics = values.shape[:2]
+        mixed = self.mixer(values.flatten(0, 1), x.repeat_interleave(n_critics, 0), network)
+        return mixed.view(k, n_critics, -1)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         o_next, slow = batch.next_observations, self.descent.targets
-        choices = bins.greedy(self.utilities(o_next))
-        values = bins.chosen(self.utilities(o_next, slow["team"]), choices)  # [K, B, N]
-        q_next = self.mixer(values, information(batch.next_states, o_next), slow["mixer"])  # [K, B]
+        choices = greedy_choices(self.utilities(o_next))
+        utilities = self.utilities(o_next, slow["team"])
+        values = bins.chosen(utilities, by_critic(choices, utilities))  # [K, J, B, N]
+        x_next = information(batch.next_states, o_next)
+        q_next = self._mix(values, x_next, slow["mixer"]).mean(1)  # [K, B]
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
@@ -109,6 +129,8 @@ class QMIX:
     update = value_learning.update_round
     policy = value_learning.policy_of
     prepare = value_learning.skip_preparation
+    mix_in = value_learning.mix_in
+    settings_of, start_from = staticmethod(settings_of), start_from
     restart_worlds = value_learning.restart_worlds
     state_dict = value_learning.state_of
     load_state_dict = value_learning.restore_state

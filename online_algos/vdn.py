@@ -35,10 +35,13 @@ from swarmdata.online_algos.collection.replay_collection import Collector, Plan
 from swarmdata.online_algos.collection.value_learning import (
     LOSSES,
     ValueLearningConfig,
+    by_critic,
+    greedy_choices,
     td_update,
     utilities_of,
     utility_team,
 )
+from swarmdata.online_algos.continuation.started_utilities import settings_of, start_from
 from swarmdata.types import Batch
 
 
@@ -69,16 +72,18 @@ class VDNLearner:
             followed=("team",),
         )  # fmt: skip
 
-    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
-        """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are unused."""
-        return bins.chosen(self.utilities(features), choices).mean(-1)
+    def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor:
+        """Returns Q_tot of each critic, [K, J, B], of places among bins [K, B, N, D]."""
+        utilities = self.utilities(features)
+        return bins.interpolated(utilities, by_critic(places, utilities)).mean(-1)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         o_next, target = batch.next_observations, self.descent.targets["team"]
-        choices = bins.greedy(self.utilities(o_next))
-        q_next = bins.chosen(self.utilities(o_next, target), choices).mean(-1)  # [K, B]
+        choices = greedy_choices(self.utilities(o_next))
+        utilities = self.utilities(o_next, target)
+        q_next = bins.chosen(utilities, by_critic(choices, utilities)).mean(-1).mean(1)  # [K, B]
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
@@ -92,6 +97,8 @@ class VDN:
     update = value_learning.update_round
     policy = value_learning.policy_of
     prepare = value_learning.skip_preparation
+    mix_in = value_learning.mix_in
+    settings_of, start_from = staticmethod(settings_of), start_from
     restart_worlds = value_learning.restart_worlds
     state_dict = value_learning.state_of
     load_state_dict = value_learning.restore_state

@@ -18,12 +18,16 @@ MIN_STD = 0.05
 
 
 class Moments(NamedTuple):
-    """Mean and standard deviation of every feature, by seed; that of constant features is 1."""
+    """Mean and standard deviation of every feature, by seed.
 
-    observation_mean: Float  # [K, O]
-    observation_std: Float  # [K, O]
-    state_mean: Float  # [K, S]
-    state_std: Float  # [K, S]
+    Those that are measured here are float32, and the deviation of constant features is 1; those of
+    an offline run are float64, as its policies have them (`continuation.offline_start`).
+    """
+
+    observation_mean: Float | Double  # [K, O]
+    observation_std: Float | Double  # [K, O]
+    state_mean: Float | Double  # [K, S]
+    state_std: Float | Double  # [K, S]
 
 
 def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:

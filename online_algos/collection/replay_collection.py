@@ -20,7 +20,9 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
+from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, measure_moments
+from swarmdata.online_algos.collection.recorded_rows import RecordedRows, Stored, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Batch
@@ -80,8 +82,10 @@ class Collector:
         folder: of the replay.
 
     Attributes:
+        seeds: of the runs, [K].
         frames: joint steps that each seed has taken.
-        moments: frozen input statistics, each a tensor [K, 1, ...].
+        moments: frozen input statistics; those of an offline run that training starts from.
+        recorded: the part of each batch that a dataset gives; None: batches are from the replay.
     """
 
     def __init__(self, env: VecEnv, seeds: Sequence[int], plan: Plan, folder: Path | str) -> None:
@@ -100,6 +104,19 @@ class Collector:
         self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
         measuring = generators(seeds, "cpu", MEASURING_STREAM)
         self.moments = measure_moments(self.worlds, measuring, plan.n_measured)
+        self.recorded: RecordedRows | None = None
+        self.seeds = tuple(seeds)
+
+    def mix_in(self, data: Data, share: float, stored: Stored | None = None) -> None:
+        """Draws a part of each batch from a dataset from now on.
+
+        Args:
+            data: recorded in the same task.
+            share: of each batch, above 0 and below 1.
+            stored: what the algorithm stores of actions in [-1, 1]; None: themselves.
+        """
+        size = self.plan.batch_size
+        self.recorded = RecordedRows(data, self.frame, self.seeds, size, share, stored)
 
     @property
     def sizes(self) -> Sizes:
@@ -165,7 +182,10 @@ class Collector:
 
     def _draw(self) -> Batch:
         """A batch with normalized observations and states."""
-        batch = self.replay.sample(self._sampling, self.plan.batch_size)
+        n_recorded = 0 if self.recorded is None else self.recorded.n_rows
+        batch = self.replay.sample(self._sampling, self.plan.batch_size - n_recorded)
+        if self.recorded is not None:
+            batch = joined(batch, self.recorded.draw())
         return replace(
             batch,
             observations=self.normal_observations(batch.observations),
@@ -176,11 +196,11 @@ class Collector:
 
     def normal_observations(self, observations: Tensor) -> Tensor:
         """Normalizes observations [K, B, N, O] with the statistics of their seed."""
-        mean, std = (torch.from_numpy(m)[:, None, None] for m in self.moments[:2])
+        mean, std = (torch.from_numpy(m).float()[:, None, None] for m in self.moments[:2])
         return standardize(observations, mean, std)
 
     def _normal_states(self, states: Tensor) -> Tensor:
-        mean, std = (torch.from_numpy(m)[:, None] for m in self.moments[2:])
+        mean, std = (torch.from_numpy(m).float()[:, None] for m in self.moments[2:])
         return standardize(states, mean, std)
 
     def inputs_of(self, index: int) -> tuple[Tensor, Tensor]:
@@ -190,8 +210,10 @@ class Collector:
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes and the rows of the replay, as copies."""
+        recorded = {} if self.recorded is None else self.recorded.state_dict()
         return {
             "frames": torch.tensor(self.frames),
+            **{f"recorded.{k}": v for k, v in recorded.items()},
             "generators": generator_states([*self.acting, *self._sampling]),
             **{f"moments.{k}": torch.tensor(v) for k, v in self.moments._asdict().items()},
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
@@ -205,3 +227,5 @@ class Collector:
         restore_generators([*self.acting, *self._sampling], state["generators"])
         self.moments = Moments(**{k: v.numpy().copy() for k, v in part(state, "moments").items()})
         self.worlds.load_state_dict(part(state, "worlds"))
+        if self.recorded is not None:
+            self.recorded.load_state_dict(part(state, "recorded"))

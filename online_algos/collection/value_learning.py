@@ -20,6 +20,7 @@ from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.value_losses import huber_error
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
+from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.replay_collection import Collector
 from swarmdata.types import Batch
 
@@ -43,6 +44,8 @@ class ValueLearningConfig:
     warmup_transitions: int = 8_192  # joint steps before the first gradient step
     n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
+    n_critics: int = 1  # utility networks of a seed, J, whose mean chooses
+    layer_norm: bool = False  # in the utility networks
     parameters: Parameters = "shared"
     frame: str = "target"  # in which robots see and act, `frames.find_frame`
     learning_rate: float = 1e-3
@@ -65,7 +68,7 @@ class Learner(Protocol):
     @property
     def config(self) -> ValueLearningConfig: ...
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor: ...
-    def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor: ...
+    def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor: ...
     def targets(self, batch: Batch) -> Tensor: ...
     def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]: ...
 
@@ -81,14 +84,27 @@ class ValueLearning(Protocol):
 
 
 def utilities_of(self: Learner, features: Tensor, network: StackedMLP | None = None) -> Tensor:
-    """Returns the utility of every bin, [K, B, N, D, C].
+    """Returns the utility of every bin, [K, J, B, N, D, C].
 
     Args:
         self: whose networks.
         features: normalized observations, [K, B, N, F].
         network: other parameters to use, those of the targets.
     """
-    return bins.by_dimension(self.team(features, network), self.config.n_bins)
+    n_critics = self.config.n_critics
+    outputs = self.team(features.repeat_interleave(n_critics, 0), network)
+    utilities = bins.by_dimension(outputs, self.config.n_bins)
+    return utilities.view(-1, n_critics, *utilities.shape[1:])
+
+
+def by_critic(values: Tensor, utilities: Tensor) -> Tensor:
+    """Returns values [K, B, N, D] once for each critic of utilities, [K, J, B, N, D]."""
+    return values[:, None].expand(*utilities.shape[:-1])
+
+
+def greedy_choices(utilities: Tensor) -> Tensor:
+    """Returns the best bins, [K, B, N, D], of utilities [K, J, B, N, D, C]."""
+    return bins.greedy(utilities.mean(1))
 
 
 def td_update(self: Learner, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
@@ -100,11 +116,11 @@ def td_update(self: Learner, batch: Batch, scale: float = 1.0) -> dict[str, Tens
         scale: factor on the learning rate.
     """
     y = self.targets(batch)  # [K, B], without a gradient
-    q = self.value(batch.observations, batch.states, batch.actions.long())  # [K, B]
-    td_loss = huber_error(q[:, None], y)  # [K]
+    q = self.value(batch.observations, batch.states, batch.actions)  # [K, J, B]
+    td_loss = huber_error(q, y)  # [K]
     self.descent.step(td_loss, scale)
     self.descent.follow(self.config.tau)
-    return {"td_loss": td_loss.detach(), "q": q.detach().mean(1), "target": y.mean(1)}
+    return {"td_loss": td_loss.detach(), "q": q.detach().mean((1, 2)), "target": y.mean(1)}
 
 
 def update_round(self: ValueLearning) -> dict[str, Tensor]:
@@ -126,7 +142,7 @@ def explore(self: ValueLearning, observations: Tensor) -> tuple[Tensor, Tensor]:
         observations: normalized, [K, E, N, O].
     """
     n_bins, epsilon = self.learner.config.n_bins, self.schedule.at(self.collector.progress)
-    best = bins.greedy(self.learner.utilities(observations))
+    best = greedy_choices(self.learner.utilities(observations))
     chosen = epsilon_greedy(self.collector.acting, best, n_bins, epsilon)
     return bins.to_actions(chosen, n_bins), chosen.float()
 
@@ -135,30 +151,38 @@ def policy_of(self: ValueLearning, index: int) -> BinPolicy:
     """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
     mean, std = self.collector.inputs_of(index)
     return BinPolicy(
-        layers=self.learner.team.extract(index),
+        layers=self.learner.team.extract(index, self.learner.config.n_critics),
         observation_mean=mean,
         observation_std=std,
         n_bins=self.learner.config.n_bins,
         frame=self.collector.frame,
         parameters=self.learner.config.parameters,
+        n_critics=self.learner.config.n_critics,
     )
 
 
 def utility_team(sizes: Sizes, seeds: Sequence[int], config: ValueLearningConfig) -> Team:
     """Makes the utility networks of K seeds, whose outputs are D C utilities."""
     return Team(
-        MLPShape(sizes.observation, config.hidden, sizes.action * config.n_bins),
+        MLPShape(sizes.observation, config.hidden, sizes.action * config.n_bins, config.layer_norm),
         sizes.n_agents,
         seeds,
         UTILITY_STREAM,
         parameters=config.parameters,
         device="cpu",
+        n_critics=config.n_critics,
     )
 
 
 def skip_preparation(self: ValueLearning) -> bool:
     """Does nothing: the first rounds fill the replay."""
     return False
+
+
+def mix_in(self: ValueLearning, data: Data, share: float) -> None:
+    """Draws a share of each batch from recorded data, whose actions lie between two bins."""
+    n_bins = self.learner.config.n_bins
+    self.collector.mix_in(data, share, lambda actions: bins.places(actions, n_bins))
 
 
 def restart_worlds(self: ValueLearning) -> None:

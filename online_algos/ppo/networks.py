@@ -24,7 +24,7 @@ from swarmdata.online_algos.collection.input_moments import Moments
 from swarmdata.online_algos.ppo.rollout_samples import Rollout, sample_rows, sample_segments
 from swarmdata.online_algos.ppo.value_scale import ValueScale
 from swarmdata.perception.frames import Frame
-from swarmdata.types import Float
+from swarmdata.types import Double, Float
 
 ACTOR_STREAM, CRITIC_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
@@ -34,8 +34,8 @@ class ActorWeights(NamedTuple):
     """All that decides the mean actions of K seeds."""
 
     parameters: Tensor  # [K, P] of shared actors, [K N, P] of separate ones
-    input_mean: Float  # [K, O]
-    input_std: Float  # [K, O]
+    input_mean: Float | Double  # [K, O]
+    input_std: Float | Double  # [K, O]
 
 
 class Actors:
@@ -95,7 +95,8 @@ class Actors:
 
     def inputs(self, observations: Float) -> Tensor:
         """Normalized observations, [K, E, N, I]; with the robot's number if they share an actor."""
-        mean, std = (torch.from_numpy(m)[:, None, None] for m in (self.input_mean, self.input_std))
+        moments = (self.input_mean, self.input_std)  # float64 of an offline run
+        mean, std = (torch.from_numpy(m).float()[:, None, None] for m in moments)
         features = standardize(torch.from_numpy(observations), mean, std)
         return with_agent_id(features) if self.parameters == "shared" else features
 

@@ -8,9 +8,11 @@ tensorboard/seed-K/     the curve as TensorBoard event files
 checkpoint.safetensors  the complete state, to continue from
 replay/                 transitions, of algorithms with a replay buffer
 
-Frames are joint steps of one seed. A run is a pure function of its `config.json`: killed at any
-moment and started again, it ends with the same curve and the same policies, bit for bit, on the
-same machine.
+Frames are joint steps of one seed. A run is a pure function of its `config.json`, of the offline
+run that it starts from and of the data that it mixes in, if it does: killed at any moment and
+started again, it ends with the same curve and the same policies, bit for bit, on the same machine.
+A run that starts from an offline run has a row of its curve at 0 frames, with the scores of that
+run's policies.
 """
 
 import dataclasses
@@ -18,10 +20,11 @@ import json
 import math
 import resource
 import shutil
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import torch
@@ -29,7 +32,7 @@ from pydantic import Field
 from tensorboardX import SummaryWriter
 from tqdm import tqdm
 
-from swarmdata.errors import BuildError, SpecError, SwarmdataError
+from swarmdata.errors import BuildError, CheckpointError, SpecError, SwarmdataError
 from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
@@ -37,7 +40,14 @@ from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, SPEED
 from swarmdata.learn.training.run_folder import Table, versions
+from swarmdata.learn.training.training_data import Data
 from swarmdata.numerics.random import validation_seeds
+from swarmdata.online_algos.collection.recorded_rows import RecordedSource
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    StartSource,
+    read_start,
+)
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.metrics import episode_metrics
@@ -76,6 +86,8 @@ class OnlineRun(Frozen):
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint
+    start: StartSource | None = None  # offline run that it begins with
+    recorded: RecordedSource | None = None  # data that are mixed into its batches
     versions: dict[str, str]
 
     @property
@@ -83,25 +95,51 @@ class OnlineRun(Frozen):
         """Joint steps that each seed takes; runs of earlier versions call it `n_frames`."""
         return int(self.config.get("n_frames", self.config["n_steps"]))
 
-    def build(self, folder: Path) -> OnlineAlgorithm:
-        """Makes the algorithm as it is before its first update."""
+    def build(self, folder: Path, data: Data | None = None) -> OnlineAlgorithm:
+        """Makes the algorithm as it is before its first update, and before it takes over a start.
+
+        Args:
+            folder: of the replay.
+            data: those that `recorded` describes.
+        """
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
         env = make_env(self.spec, config.n_copies * len(self.seeds))
-        algorithm: OnlineAlgorithm = kind(env, self.seeds, config, folder)
-        return algorithm
+        algorithm: Any = kind(env, self.seeds, config, folder)
+        if self.recorded is not None and data is not None:
+            algorithm.mix_in(data, self.recorded.share)
+        return cast("OnlineAlgorithm", algorithm)
 
 
 def describe_run(
-    algorithm: str, config: Any, spec: TaskSpec, seeds: Sequence[int], **options: int
+    algorithm: str,
+    config: Any,
+    spec: TaskSpec,
+    seeds: Sequence[int],
+    *,
+    start: OfflineStart | None = None,
+    recorded: RecordedSource | None = None,
+    **options: int,
 ) -> OnlineRun:
-    """Returns the run of an algorithm with one of its configs."""
+    """Returns the run of an algorithm with one of its configs.
+
+    Args:
+        algorithm: registered name.
+        config: of the algorithm.
+        spec: of the task.
+        seeds: of the policies.
+        start: offline run to begin with.
+        recorded: data to mix in.
+        **options: numbers of checkpoints and of episodes.
+    """
     return OnlineRun.parse(
         {
             "algorithm": algorithm,
             "config": json.loads(json.dumps(dataclasses.asdict(config))),  # lists for tuples
             "spec": spec.model_dump(mode="json"),
             "seeds": list(seeds),
+            "start": None if start is None else start.source.model_dump(mode="json"),
+            "recorded": None if recorded is None else recorded.model_dump(mode="json"),
             "versions": versions(),
             **options,
         },
@@ -117,7 +155,9 @@ def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]
     return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED_METRICS}
 
 
-def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
+def train_run(
+    run: OnlineRun, folder: Path, *, data: Data | None = None, progress: bool = True
+) -> Path:
     """Trains a run, or continues it where it stopped; returns its folder.
 
     If another process trains in the folder, this one waits for it.
@@ -125,15 +165,20 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
     Args:
         run: what to train.
         folder: of the run; made if absent.
+        data: those that the run mixes in.
         progress: whether to show a bar (on standard error, if that is a terminal).
 
     Raises:
         BuildError: the folder holds another run.
+        CheckpointError: the offline run to start from does not fit, or is not the one described.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
+        SchemaError: the data are not those described.
         SpecError: the run is shorter than one rollout, the replay buffer is too small to resume
             from checkpoints, or a setting of the algorithm is wrong.
     """
     _check_lengths(run)
+    if run.recorded is not None:
+        run.recorded.check(data)
     before = torch.get_num_threads()
     torch.set_num_threads(1)  # the networks are too small to gain from more
     try:
@@ -141,7 +186,7 @@ def train_run(run: OnlineRun, folder: Path, *, progress: bool = True) -> Path:
             _claim(folder, run)
             path = folder / CHECKPOINT
             if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
-                _begin(run, folder).finish(progress)
+                _begin(run, folder, data).finish(progress)
             if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
                 shutil.rmtree(folder / REPLAY_FOLDER)
     finally:
@@ -200,10 +245,10 @@ def _claim(folder: Path, run: OnlineRun) -> None:
         )
 
 
-def _begin(run: OnlineRun, folder: Path) -> "_Training":
+def _begin(run: OnlineRun, folder: Path, data: Data | None) -> "_Training":
     """Builds or loads a run; empties its folder if that fails before the first checkpoint."""
     try:
-        return _Training(run, folder)
+        return _Training(run, folder, data)
     except SwarmdataError:
         if not (folder / CHECKPOINT).exists():
             if (folder / REPLAY_FOLDER).exists():  # `_claim` made sure that it is this run's
@@ -215,17 +260,21 @@ def _begin(run: OnlineRun, folder: Path) -> "_Training":
 class _Training:
     """The training loop: it updates, measures, logs and saves."""
 
-    def __init__(self, run: OnlineRun, folder: Path) -> None:
+    def __init__(self, run: OnlineRun, folder: Path, data: Data | None) -> None:
         self.run, self.folder = run, folder
-        self.algorithm = run.build(folder / REPLAY_FOLDER)
-        if (folder / CHECKPOINT).exists():
+        self.algorithm = run.build(folder / REPLAY_FOLDER, data)
+        is_new = not (folder / CHECKPOINT).exists()
+        if not is_new:
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
+        elif run.start is not None:
+            _take_over(run.start, self.algorithm)
         elif self.algorithm.prepare():
             self._keep_state()
         self.first = self.algorithm.frames
         losses = resolve("algorithm", ONLINE_ALGORITHMS, run.algorithm).LOSSES
         columns = (*MEASURED_METRICS, *losses)
-        self.curve = Table(folder / CURVE, columns, self.first, ("frames", "seed"))
+        last = -1 if is_new else self.first  # rows of a start that a crash cut short are dropped
+        self.curve = Table(folder / CURVE, columns, last, ("frames", "seed"))
         self.speed = Table(
             folder / SPEED, ("seconds", "frames_per_second", "memory_mb"), self.first,
             ("frames", "n_seeds"),
@@ -234,6 +283,8 @@ class _Training:
             SummaryWriter(str(folder / "tensorboard" / f"seed-{seed}"), purge_step=self.first + 1)
             for seed in run.seeds
         ]
+        if is_new and run.start is not None:
+            self._checkpoint({})
 
     def finish(self, progress: bool) -> None:
         n_steps, algorithm = self.run.n_steps, self.algorithm
@@ -304,6 +355,18 @@ class _Training:
             "memory_mb": memory,
         }
         self.speed.append(self.algorithm.frames, len(self.run.seeds), figures)
+
+
+def _take_over(source: StartSource, algorithm: Any) -> None:
+    """Gives an untrained algorithm what fits of the offline run; tells what does not."""
+    start = read_start(source.folder)
+    if start.source != source:
+        raise CheckpointError(
+            f"{source.folder} has changed since this training was described. Train again in "
+            "another folder."
+        )
+    for sentence in algorithm.start_from(start):
+        tqdm.write(sentence, file=sys.stderr)
 
 
 def _crosses(every: float, before: int, after: int) -> bool:

@@ -7,7 +7,7 @@ import typer
 
 from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
-ONLINE_OPTIONS = ("first_seed", "steps", "workers")
+ONLINE_OPTIONS = ("first_seed", "steps", "workers", "start", "recorded", "offline_share")
 OFFLINE_OPTIONS = (
     "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
 )  # fmt: skip
@@ -17,11 +17,22 @@ Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of
 Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
 Reward = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME=WEIGHT", help="offline: weight of a reward term; may be repeated"),
+    typer.Option(
+        metavar="NAME=WEIGHT", help="offline: weight of a reward term, may be repeated; or safe"
+    ),
 ]
 Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
 FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
-Data = Annotated[str | None, typer.Argument(metavar="[ID]", help="offline: dataset id or folder")]
+Data = Annotated[
+    str | None,
+    typer.Argument(metavar="[ID]", help="offline: dataset id or folder; ID=0.8,ID=0.2 mixes"),
+]
+Start = Annotated[Path | None, typer.Option(help="online: folder of an offline run to begin with")]
+Recorded = Annotated[
+    str | None,
+    typer.Option("--data", metavar="ID", help="online: dataset to mix into the batches"),
+]
+Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
 CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
@@ -35,6 +46,9 @@ def train(
     seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
     steps: Steps = None,
+    start: Start = None,
+    recorded: Recorded = None,
+    offline_share: Share = 0.5,
     updates: Annotated[int | None, typer.Option(min=1, help="offline: gradient updates")] = None,
     regulariser: Regulariser = None,
     config: Config = None,
@@ -53,7 +67,8 @@ def train(
 
     Offline training uses the train split; with --observation or --communication, the dataset is
     re-observed from its states, and with --reward, its rewards are computed from their terms. An
-    interrupted training resumes: run the same command again.
+    interrupted training resumes: run the same command again. Online training may begin with the
+    networks of an offline run (--start) and mix recorded data into its batches (--data).
     """
     from swarmdata.runtime.extras import require_extra
 
@@ -62,15 +77,19 @@ def train(
 
     _check_arguments(context, algorithm, data, task)
     changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
-    folder = out or Path("runs") / f"{algorithm}-{Path(task or data or '').stem}"
+    ids, weights = _datasets(recorded if data is None else data)
+    sources = [task] if task else [ids] if isinstance(ids, str) else ids or []
+    folder = out or Path("runs") / f"{algorithm}-{'+'.join(Path(each).stem for each in sources)}"
     options: dict[str, Any] = {"observation": observation, "communication": communication}
     if task is not None:
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
+        options |= {"start": start, "data": ids, "weights": weights, "offline_share": offline_share}
         train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
-        options |= {"compile": compile, "rewards": parse_settings(reward, "--reward")}
-        train(algorithm, data, folder, n_seeds=seeds, changes=changes, **options)
+        options |= {"compile": compile, "rewards": _rewards(reward)}
+        options["weights"] = weights
+        train(algorithm, ids or data, folder, n_seeds=seeds, changes=changes, **options)
     typer.echo(folder)
 
 
@@ -90,9 +109,32 @@ def _check_arguments(
     for name in OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
-            option = f"--{name.replace('_', '-')}"
+            option = "--data" if name == "recorded" else f"--{name.replace('_', '-')}"
             place = "in a task" if is_online else "on a dataset"
             raise typer.BadParameter(f"{algorithm} has no such option {place}", param_hint=option)
+
+
+def _datasets(text: str | None) -> tuple[str | list[str] | None, list[float] | None]:
+    """Reads an id, or a mixture, `ID,ID,...` or `ID=WEIGHT,ID=WEIGHT,...`: ids and weights."""
+    if text is None or "," not in text:
+        return text, None
+    parts = [each.partition("=") for each in text.split(",")]
+    ids = [name for name, _, _ in parts]
+    if not any(equals for _, equals, _ in parts):
+        return ids, None
+    try:
+        return ids, [float(weight) for _, _, weight in parts]
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"{text!r} has no number for each dataset; expected ID=WEIGHT,ID=WEIGHT,..."
+        ) from error
+
+
+def _rewards(texts: list[str] | None) -> dict[str, str] | str:
+    """Reads the rewards to learn from: `safe`, or NAME=WEIGHT, ..."""
+    if texts == ["safe"]:
+        return "safe"
+    return parse_settings(texts, "--reward")
 
 
 def ship(

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.online_algos.continuation.offline_start import StartsOffline
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.specs.task_spec import TaskSpec
@@ -75,6 +76,11 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
 
 def test_every_online_algorithm_is_tried() -> None:
     assert {name for name, _ in VARIANTS.values()} == set(ONLINE_ALGORITHMS)
+
+
+@pytest.mark.parametrize("name", ONLINE_ALGORITHMS)
+def test_every_online_algorithm_can_start_from_an_offline_run(name: str) -> None:
+    assert issubclass(resolve("algorithm", ONLINE_ALGORITHMS, name), StartsOffline)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -137,6 +137,20 @@ def test_actors_and_targets_move_every_other_update() -> None:
     torch.testing.assert_close(learner.critics.target.flat, halfway)
 
 
+def test_actors_rest_while_the_critics_warm_up() -> None:
+    learner, batch = made(critic_warmup_updates=2), random_batch()
+    actors, targets = (
+        learner.actors.network.flat.clone(),
+        learner.critics.target.flat.clone(),
+    )
+    for _ in range(2):
+        assert set(learner.update(batch)) == {"critic_loss", "q"}
+    assert torch.equal(learner.actors.network.flat, actors)
+    assert not torch.equal(learner.critics.target.flat, targets)
+    assert "policy_q" in learner.update(batch)
+    assert not torch.equal(learner.actors.network.flat, actors)
+
+
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
 def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
     stack, batch = made(3, parameters=parameters), random_batch(3)

@@ -64,7 +64,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
         run.update()
     collector = run.collector
     batch = collector._draw()
-    q = run.learner.value(batch.observations, batch.states, batch.actions.long()).detach()
+    q = run.learner.value(batch.observations, batch.states, batch.actions).detach()[:, 0]
     mean, std = (torch.from_numpy(m[0]) for m in collector.moments[2:])
     raw = (batch.states * std + mean).round()
     time, even = raw[..., 1], raw[..., 2]

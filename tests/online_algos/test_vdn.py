@@ -13,7 +13,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.online_algos.collection.value_learning import explore  # noqa: E402
+from swarmdata.online_algos.collection.value_learning import explore, greedy_choices  # noqa: E402
 from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
@@ -49,7 +49,7 @@ def test_robots_take_bins_and_the_replay_keeps_them(two_episodes: Any, tmp_path:
 def test_exploration_falls_with_the_frames(two_episodes: Any, tmp_path: Path) -> None:
     run = made(two_episodes, tmp_path, final_epsilon=0.0, exploration=0.5)
     seen = torch.randn(1, 4, 2, 3)
-    best = bins.greedy(run.learner.utilities(seen)).float()
+    best = greedy_choices(run.learner.utilities(seen)).float()
     early = torch.stack([explore(run, seen)[1] for _ in range(200)])
     run.collector.frames = 200  # half of the training
     late = torch.stack([explore(run, seen)[1] for _ in range(20)])
@@ -69,7 +69,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     for _ in range(8):
         run.update()
     batch = run.collector._draw()
-    q = run.learner.value(batch.observations, batch.states, batch.actions.long()).detach()
+    q = run.learner.value(batch.observations, batch.states, batch.actions).detach()[:, 0]
     moments = run.collector.moments
     raw = batch.states * torch.from_numpy(moments.state_std[0]) + torch.from_numpy(
         moments.state_mean[0]
@@ -91,8 +91,8 @@ def test_discrete_actions_are_one_dimension_of_choices() -> None:
         choices = torch.randint(4, (2, 64, 2, 1), generator=generator)
         rewards = (choices[..., 0] == torch.arange(2)).float()
         learner.update(one_step(seen, choices, rewards))
-    assert learner.utilities(seen).shape == (2, 64, 2, 1, 4)
-    assert (bins.greedy(learner.utilities(seen))[..., 0] == torch.arange(2)).all()
+    assert learner.utilities(seen).shape == (2, 1, 64, 2, 1, 4)
+    assert (greedy_choices(learner.utilities(seen))[..., 0] == torch.arange(2)).all()
 
 
 def one_step(seen: Tensor, choices: Tensor, rewards: Tensor) -> Batch:
@@ -107,7 +107,7 @@ def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
     policy = run.policy(0)
     seen = np.random.default_rng(0).normal(size=(4, 2, 3)).astype(np.float32)
     normal = run.collector.normal_observations(torch.from_numpy(seen)[None])
-    best = bins.greedy(run.learner.utilities(normal))[0]
+    best = greedy_choices(run.learner.utilities(normal))[0]
     np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
 
 

@@ -139,6 +139,11 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
                 "compared."
             )
     models: dict[str, Any] = {} if first.view is None else parse_json(first.view, "the view")
+    if "mixture" in models:
+        raise SchemaError(
+            f"{folders[0]} was trained on a mixture, {first.dataset}, expected a dataset: "
+            "values of policies are estimated on one recording."
+        )
     dataset = load(dataset_id or first.dataset, **models, progress=progress)
     if dataset.digest != first.digest:
         raise SchemaError(

@@ -5,16 +5,19 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.datasets.reobservation import check_messages
+from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import is_offline, parse_request
 from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
@@ -24,6 +27,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
+from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
@@ -85,19 +89,46 @@ def _info(recipe: Recipe) -> DatasetInfo:
     )
 
 
+@overload
 def load(
     dataset_id: str | Path,
     *,
     observation: Source | None = None,
     communication: Source | None = None,
-    rewards: Mapping[str, float | str] | None = None,
+    rewards: RewardChoice | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Dataset:
-    """Opens a dataset: from the cache, else from a remote, else built from its recipe.
+) -> Dataset: ...
+@overload
+def load(
+    dataset_id: list[str] | list[Path] | tuple[str | Path, ...],
+    *,
+    weights: Sequence[float] | None = None,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    rewards: RewardChoice | None = None,
+    verify: Verify = "fast",
+    offline: bool | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Mixture: ...
+def load(
+    dataset_id: str | Path | list[str] | list[Path] | tuple[str | Path, ...],
+    *,
+    weights: Sequence[float] | None = None,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    rewards: RewardChoice | None = None,
+    path: Path | str | None = None,
+    verify: Verify = "fast",
+    offline: bool | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Dataset | Mixture:
+    """Opens a dataset, or a mixture of several: from the cache, a remote, or built from its recipe.
 
     The remotes that are configured are asked in order (`swarmdata remote list`); one that fails, or
     has another dataset than the published one, is skipped with a warning. `source` of the result
@@ -108,12 +139,15 @@ def load(
     Args:
         dataset_id: such as `coop_nav-medium` (the newest version) or `coop_nav-medium-v1`; an
             address such as `hf://org/coop_nav-medium@v1` or `s3://bucket/coop_nav-medium-v1`; or
-            the folder of a dataset.
+            the folder of a dataset. A list of them is a mixture: their specs have to be equal.
+        weights: of a mixture: in proportion to which rows of batches come from each dataset; None:
+            its number of steps, so that all transitions are equally likely.
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
-        rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`; see
-            `Dataset.with_rewards`. None: the recorded rewards.
+        rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`, or `"safe"`
+            for those of the task's kind in `registry.reward_weights`; see `Dataset.with_rewards`.
+            None: the recorded rewards.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         offline: whether no remote is asked; None: whether SWARMDATA_OFFLINE or HF_HUB_OFFLINE is
@@ -124,19 +158,57 @@ def load(
     Raises:
         UnknownNameError: no such dataset, model or reward weight; the message has the nearest name.
         AddressError: a malformed address.
-        SpecError: a malformed model, or learned messages that were not recorded.
-        SchemaError: the dataset has no terms of rewards, which `rewards` needs.
+        SpecError: a malformed model, learned messages that were not recorded, wrong weights of a
+            mixture, or `"safe"` rewards of a task without them.
+        SchemaError: the dataset has no terms of rewards, which `rewards` needs; or the specs of a
+            mixture differ.
         BuildError: it could not be built.
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
+    open_one = partial(
+        _open,
+        observation=observation,
+        communication=communication,
+        rewards=rewards,
+        verify=verify,
+        offline=offline,
+        workers=workers,
+        progress=progress,
+    )
+    if isinstance(dataset_id, str | Path):
+        if weights is not None:
+            raise SpecError(
+                f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
+                "list of datasets to mix with them"
+            )
+        return open_one(dataset_id, path)
+    if path is not None:
+        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
+    return mix([open_one(each, None) for each in dataset_id], weights)
+
+
+def _open(
+    dataset_id: str | Path,
+    path: Path | str | None,
+    *,
+    observation: Source | None,
+    communication: Source | None,
+    rewards: RewardChoice | None,
+    verify: Verify,
+    offline: bool | None,
+    workers: int | None,
+    progress: bool,
+) -> Dataset:
+    """Opens one dataset, as `load` does."""
     request = parse_request(dataset_id, path)
     is_as_recorded = observation is None and communication is None
     if request.recipe is not None and not is_as_recorded:  # before building, which takes minutes
         spec = request.recipe.spec
         check_messages(with_models(spec, observation, communication), spec)
     if request.recipe is not None and rewards:
-        changed_weights(request.recipe.spec.rules.rewards, rewards)
+        rules = request.recipe.spec.rules
+        changed_weights(rules.rewards, chosen_weights(rewards, rules))
     remotes = Remotes(offline=is_offline(offline), progress=progress)
     found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
@@ -147,9 +219,9 @@ def load(
         check_widths(stored)
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
-        warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=2)
+        warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=3)
     if rewards:
-        dataset = dataset.with_rewards(**rewards)
+        dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)
 
 

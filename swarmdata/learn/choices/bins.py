@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.networks.perceptrons import Layer
-from swarmdata.learn.networks.team_networks import Parameters
-from swarmdata.learn.policies.torch_policy import Memoryless, outputs_of
+from swarmdata.learn.networks.perceptrons import Layer, present
+from swarmdata.learn.networks.team_networks import Parameters, answer
+from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.types import Float
 
@@ -56,6 +56,32 @@ def chosen(utilities: Tensor, choices: Tensor) -> Tensor:
     return utilities.gather(-1, choices[..., None])[..., 0].mean(-1)
 
 
+def places(actions: Tensor, n_bins: int) -> Tensor:
+    """Returns where actions lie among the bins, from 0 to C - 1, [...]; whole numbers are bins.
+
+    Args:
+        actions: in [-1, 1], beyond which they count as the ends.
+        n_bins: of each dimension, C.
+    """
+    return (actions.clamp(-1, 1) + 1) * ((n_bins - 1) / 2)
+
+
+def interpolated(utilities: Tensor, between: Tensor) -> Tensor:
+    """Returns Q_i, the mean over dimensions of the utilities at some places, [...].
+
+    Between two bins a utility is linear, as with the weights of `two_hot`.
+
+    Args:
+        utilities: [..., D, C].
+        between: `places`, [..., D].
+    """
+    below = between.floor().clamp(max=utilities.shape[-1] - 2)
+    first = below.long()[..., None]
+    weight = between - below
+    ends = utilities.gather(-1, torch.cat([first, first + 1], -1))  # [..., D, 2]
+    return torch.lerp(ends[..., 0], ends[..., 1], weight.to(ends.dtype)).mean(-1)
+
+
 def two_hot(actions: Tensor, n_bins: int) -> Tensor:
     """Returns actions as weights of their two nearest bins, [..., D, C], which sum to 1.
 
@@ -67,7 +93,7 @@ def two_hot(actions: Tensor, n_bins: int) -> Tensor:
         actions: in [-1, 1], beyond which they count as the ends, [..., D].
         n_bins: of each dimension, C.
     """
-    place = (actions.clamp(-1, 1) + 1) * ((n_bins - 1) / 2)
+    place = places(actions, n_bins)
     below = place.detach().floor().clamp(max=n_bins - 2).long()
     weight = place - below  # how far an action is on the way to the next bin
     weights = actions.new_zeros(*actions.shape, n_bins)
@@ -75,12 +101,37 @@ def two_hot(actions: Tensor, n_bins: int) -> Tensor:
     return weights.scatter_(-1, below[..., None] + 1, weight[..., None])
 
 
+def mean_utilities(
+    layers: Sequence[Layer], features: Tensor, parameters: Parameters, n_critics: int
+) -> Tensor:
+    """Returns the mean of what the critics of one seed answer, float64 [E, N, D C].
+
+    Args:
+        layers: weights, critic after critic.
+        features: what they see, float64 [E, N, F].
+        parameters: whether the robots share one network.
+        n_critics: how many.
+    """
+    n_rows = len(layers[0].weight) // n_critics
+    answers = []
+    for critic in range(n_critics):
+        own = rows_of(layers, slice(critic * n_rows, (critic + 1) * n_rows))
+        answers.append(answer(own, features, parameters))
+    return torch.stack(answers).mean(0)
+
+
+def rows_of(layers: Sequence[Layer], rows: slice) -> list[Layer]:
+    """Returns the weights of some networks."""
+    return [Layer(*(weight[rows] for weight in present(each))) for each in layers]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BinPolicy(Memoryless):
     """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does.
 
     Attributes:
-        layers: weights of the utility networks, float64; R = 1 if they are shared, else N.
+        layers: weights of the utility networks, float64, critic after critic; each has one network
+            if robots share it, else N.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
         n_bins: of each dimension, C.
@@ -94,6 +145,7 @@ class BinPolicy(Memoryless):
     n_bins: int
     frame: Frame | None = None
     parameters: Parameters = "shared"
+    n_critics: int = 1  # whose mean utility decides
     uses_state: bool = False
 
     def actions(self, observations: Float) -> Float:
@@ -108,7 +160,8 @@ class BinPolicy(Memoryless):
     def choices(self, observations: Float) -> Tensor:
         """Returns the best choices, whole numbers [E, N, D], for observations [E, N, O]."""
         framed = observations if self.frame is None else self.frame.inputs(observations)
-        outputs = outputs_of(
-            self.layers, framed, self.observation_mean, self.observation_std, self.parameters
-        )
-        return greedy(by_dimension(outputs, self.n_bins))
+        mean, std = self.observation_mean, self.observation_std
+        (first,) = rows_of(self.layers[:1], slice(len(self.layers[0].weight) // self.n_critics))
+        features = standard_features(first, framed, mean, std, self.parameters)
+        utilities = mean_utilities(self.layers, features, self.parameters, self.n_critics)
+        return greedy(by_dimension(utilities, self.n_bins))

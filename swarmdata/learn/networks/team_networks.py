@@ -57,9 +57,15 @@ class Team:
         outputs = (network or self.network)(to_rows(features, self.parameters))
         return from_rows(outputs, features.shape, self.parameters)
 
-    def extract(self, index: int) -> list[Layer]:
-        """Returns a copy of the networks of seed number `index`, float64, on the CPU."""
-        return self.network.extract(index * self.n_rows, torch.float64, self.n_rows)
+    def extract(self, index: int, n_critics: int = 1) -> list[Layer]:
+        """Returns a copy of the networks of seed number `index`, float64, on the CPU.
+
+        Args:
+            index: of the seed.
+            n_critics: teams of each seed, J.
+        """
+        n_rows = n_critics * self.n_rows
+        return self.network.extract(index * n_rows, torch.float64, n_rows)
 
 
 def answer(layers: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:

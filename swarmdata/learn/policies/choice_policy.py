@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs
-from swarmdata.learn.choices.bins import by_dimension
+from swarmdata.learn.choices.bins import by_dimension, mean_utilities, rows_of
 from swarmdata.learn.choices.choices import Choices, columns_of
-from swarmdata.learn.networks.perceptrons import Layer, present
+from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, answer
 from swarmdata.learn.policies.recurrent_policy import RunningMemory
 from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
@@ -76,12 +76,8 @@ class ChoicePolicy(Memoryless):
         """
         n_rows = 1 if self.parameters == "shared" else features.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
-        answers = []
-        for critic in range(n_critics):
-            rows = slice(critic * n_rows, (critic + 1) * n_rows)
-            layers = [Layer(*(weight[rows] for weight in present(each))) for each in self.layers]
-            answers.append(answer(layers, features, self.parameters))
-        return by_dimension(torch.stack(answers).mean(0), self.choices.n_choices)
+        outputs = mean_utilities(self.layers, features, self.parameters, n_critics)
+        return by_dimension(outputs, self.choices.n_choices)
 
     @torch.no_grad()
     def choose(self, features: Tensor, observations: Float, allowed: Bool | None = None) -> Float:
@@ -119,7 +115,7 @@ class ChoicePolicy(Memoryless):
 
     def _features(self, observations: Float) -> Tensor:
         rows = slice(1 if self.parameters == "shared" else observations.shape[1])  # of one critic
-        first = Layer(*(weight[rows] for weight in present(self.layers[0])))
+        (first,) = rows_of(self.layers[:1], rows)
         return self.features(first, observations)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,20 @@ class Episodes(Protocol):
     @property
     def statistics(self) -> ObservationStatistics: ...
     def __iter__(self) -> Iterator[Episode]: ...
+
+
+@runtime_checkable
+class Weighted(Protocol):
+    """Episodes that may count more or less than others."""
+
+    def step_weights(self) -> Double | None:
+        """Returns the weight of each step of every episode, [n]; None: all count alike."""
+        ...
+
+
+def step_weights(episodes: Episodes) -> Double | None:
+    """Returns the weight of each step of every episode, [n]; None where all count alike."""
+    return episodes.step_weights() if isinstance(episodes, Weighted) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,19 +65,20 @@ class Statistics:
         """Reads every state and reward of a dataset once, in float64.
 
         Args:
-            episodes: the dataset, usually its train split.
+            episodes: the dataset, usually its train split; steps of a mixture have weights.
             discount: factor per step of the returns-to-go.
 
         Raises:
             SchemaError: there are no episodes.
         """
         total = squares = np.zeros(1)
-        n_rows, returns, totals = 0, [], []
-        for episode in episodes:
+        n_rows, returns, totals, weights = 0.0, [], [], step_weights(episodes)
+        for index, episode in enumerate(episodes):
+            weight = 1.0 if weights is None else float(weights[index])
             states = episode.states.astype(np.float64)
-            total = total + states.sum(axis=0)
-            squares = squares + np.square(states).sum(axis=0)
-            n_rows += len(states)
+            total = total + weight * states.sum(axis=0)
+            squares = squares + weight * np.square(states).sum(axis=0)
+            n_rows += weight * len(states)
             rewards = episode.rewards.astype(np.float64)  # [T, N]
             returns.append(returns_to_go(rewards, discount))
             totals.append(rewards.sum(axis=0))
@@ -75,18 +90,28 @@ class Statistics:
             np.stack(totals),
         )  # [steps or episodes, N]
         team_returns = own_returns.mean(axis=1)
+        each = None if weights is None else np.repeat(weights, [len(g) for g in returns])
         return cls(
             observation_mean=episodes.statistics.observation_mean,
             observation_std=episodes.statistics.observation_std,
             state_mean=mean,
             state_std=np.sqrt(np.maximum(squares / n_rows - mean**2, 0.0)),
-            return_std=float(team_returns.std()) or 1.0,
+            return_std=_deviation(team_returns, each) or 1.0,
             max_return=float(team_returns.max()),
-            own_return_std=float(own_returns.std()) or 1.0,
+            own_return_std=_deviation(own_returns, each) or 1.0,
             own_max_return=float(own_returns.max()),
             return_range=float(np.ptp(own_totals.mean(axis=1))) or 1.0,
             own_return_range=float(np.ptp(own_totals)) or 1.0,
         )
+
+
+def _deviation(values: Double, weights: Double | None) -> float:
+    """The standard deviation of returns, [n] or [n, N], by the weights of their steps, [n]."""
+    if weights is None:
+        return float(values.std())
+    mean = np.average(values, axis=0, weights=weights).mean()
+    squares = np.square(values - mean)
+    return float(np.sqrt(np.average(squares, axis=0, weights=weights).mean()))
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swarmdata.learn.training.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
@@ -52,6 +53,9 @@ class _FramedData:
 
     def __len__(self) -> int:
         return len(self._data)
+
+    def step_weights(self) -> Double | None:
+        return step_weights(self._data)
 
     def __iter__(self) -> Iterator[Episode]:
         return iter(self._data)

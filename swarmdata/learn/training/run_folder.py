@@ -131,7 +131,16 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
-    return _load(Path(folder), CHECKPOINT, device)[0].policies
+    return load_last(folder, device).policies
+
+
+def load_last(folder: Path | str, device: torch.device | str = "cpu") -> "Loaded":
+    """Loads the algorithm of a run folder as of its last checkpoint, a compact one too.
+
+    Raises:
+        CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
+    """
+    return _load(Path(folder), CHECKPOINT, device)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +151,7 @@ class Loaded:
     algorithm: Algorithm
     statistics: Statistics
     update: int
+    is_compact: bool  # nothing but the policies was kept, `training.compact`
 
     @property
     def policies(self) -> list[Policy]:
@@ -164,8 +174,8 @@ def load_algorithm(
             only what policies need (`training.compact`).
     """
     path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
-    loaded, is_compact = _load(Path(folder), path.relative_to(folder), device)
-    if is_compact:
+    loaded = _load(Path(folder), path.relative_to(folder), device)
+    if loaded.is_compact:
         raise CheckpointError(
             f"{path} was made small: it has the policies and no critics. Train the run again, or "
             "use what needs policies only."
@@ -173,14 +183,14 @@ def load_algorithm(
     return loaded
 
 
-def _load(folder: Path, name: Path | str, device: torch.device | str) -> tuple[Loaded, bool]:
-    """What a checkpoint of a run holds, and whether it is a compact one."""
+def _load(folder: Path, name: Path | str, device: torch.device | str) -> Loaded:
+    """What a checkpoint of a run holds."""
     run = read_run(folder)
     tensors, metadata = checkpoint.load_checkpoint(folder / name)
     statistics, is_compact = statistics_of(tensors), bool(metadata.get(COMPACT))
     algorithm = run.build(statistics, device)
     restore(algorithm, checkpoint.part(tensors, "algorithm"), is_compact=is_compact)
-    return Loaded(run, algorithm, statistics, int(metadata["update"])), is_compact
+    return Loaded(run, algorithm, statistics, int(metadata["update"]), is_compact)
 
 
 def kept_path(folder: Path, update: int) -> Path:

@@ -1,5 +1,6 @@
 """Training as the command line does it: settings, folders, processes, and wrong usage."""
 
+import json
 import shutil
 import sys
 from importlib.resources import files
@@ -21,6 +22,7 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.train import read_settings, train_online
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.run_files import run_hash
+from swarmdata.learn.training.run_folder import read_run
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy
@@ -29,6 +31,8 @@ from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, make_tiny
 
 CONFIGS = sorted(
     Path(file.name).stem for file in (files("swarmdata.online_algos") / "configs").iterdir()
@@ -48,8 +52,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     from swarmdata.evaluation.runs import train
     from swarmdata.online_algos.runs.online_training import describe_run
 
-    def describe(*arguments: Any) -> Any:
-        return describe_run(*arguments, n_checkpoints=1, n_episodes=2)
+    def describe(*arguments: Any, **options: Any) -> Any:
+        return describe_run(*arguments, n_checkpoints=1, n_episodes=2, **options)
 
     monkeypatch.setattr(train, "describe_run", describe)
 
@@ -244,3 +248,56 @@ def test_processes_share_the_seeds_and_their_failures_are_told(
     with pytest.raises(BuildError, match="1 of 2 processes failed"):
         train(hidden="16")
     assert "holds another run, which differs in config" in capfd.readouterr().err
+
+
+def test_a_mixture_is_trained_on_and_evaluated(tmp_path: Path) -> None:
+    """The run's description says what was mixed; a killed run goes on with it."""
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        first = make_tiny(tmp_path / "first")
+        second = make_tiny(tmp_path / "second", id="coop_nav-other-v0", seed=6)
+    out = tmp_path / "run"
+    command: tuple[str | Path, ...] = (
+        "train", "bc", f"{first}=0.8,{second}=0.2", "--updates", "4", "--seeds", "1", "--out", out,
+        "--set", "hidden=8", "--set", "batch_size=8", "--reward", "safe",
+    )  # fmt: skip
+    run(*command)
+    described = read_run(out)
+    assert described.dataset == "coop_nav-tiny-v0+coop_nav-other-v0"
+    assert described.view is not None
+    mixed = json.loads(described.view)["mixture"]
+    assert [part["weight"] for part in mixed] == [0.8, 0.2]
+    assert all("obstacle_collision" in part["view"] for part in mixed)
+    checkpoint = (out / "checkpoint.safetensors").read_bytes()
+    run(*command)
+    assert (out / "checkpoint.safetensors").read_bytes() == checkpoint
+    run("evaluate", out, "--episodes", "2", "--out", tmp_path / "results")
+    (file,) = (tmp_path / "results").iterdir()
+    provenance = load_result(file).provenance
+    assert (provenance.dataset, provenance.digest) == (described.dataset, described.digest)
+    output = run("train", "bc", f"{first}=0.8,{second}", code=2)
+    assert "has no number for each dataset" in " ".join(output.replace("\u2502", " ").split())
+
+
+def test_online_training_begins_with_an_offline_run_and_mixes_data(tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        data = make_tiny(tmp_path / "data")
+    task, offline, out = tmp_path / "tiny.yaml", tmp_path / "offline", tmp_path / "run"
+    task.write_text(TINY.spec.to_yaml())
+    small = ("--set", "hidden=8", "--set", "batch_size=8")
+    run("train", "bc", data, "--updates", "4", "--seeds", "2", "--out", offline, *small)
+    replay = {"n_copies": 4, "rollout_steps": 4, "batch_size": 8, "capacity": 64, "margin": 64}
+    changes = [word for key, value in replay.items() for word in ("--set", f"{key}={value}")]
+    run(
+        "train", "maddpg", "--task", task, "--start", offline, "--data", data, "--offline-share",
+        "0.25", "--seeds", "2", "--workers", "2", "--steps", "16", "--out", out, *changes,
+        "--set", "warmup_transitions=8",
+    )  # fmt: skip
+    for seed in (0, 1):
+        description = read_online_run(out / f"seeds-{seed}")
+        assert description.start is not None
+        assert description.start.folder == str(offline)
+        assert description.recorded is not None
+        assert description.recorded.share == 0.25
+        assert description.config["actor_hidden"] == [8]

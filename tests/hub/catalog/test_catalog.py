@@ -10,6 +10,7 @@ from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.registry.published import Interval, Published, TaskReferences
+from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
@@ -96,6 +97,29 @@ def test_load_with_other_rewards(cache_folder: Path) -> None:
     assert view.view == '{"rewards":{"time":0.5}}'
     assert view.digest == recorded.digest
     assert (view.episodes.team_return < recorded.episodes.team_return).all()
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_with_safe_rewards(cache_folder: Path) -> None:
+    recorded = load("coop_nav-tiny", workers=1, progress=False)
+    safe = load("coop_nav-tiny", rewards="safe")
+    weights = chosen_weights("safe", recorded.task.rules)
+    assert safe.view == recorded.with_rewards(**weights).view is not None
+    with pytest.raises(UnknownNameError, match="unknown set of reward weights 'save'"):
+        load("coop_nav-tiny", rewards="save")
+
+
+@pytest.mark.usefixtures("tiny")
+def test_load_mixes_a_list(cache_folder: Path) -> None:
+    alone = load("coop_nav-tiny", workers=1, progress=False, rewards={"time": 0.5})
+    mixture = load(["coop_nav-tiny", str(alone.path)], weights=[3, 1], rewards={"time": 0.5})
+    assert mixture.weights == (0.75, 0.25)
+    assert [part.view for part in mixture.parts] == [alone.view] * 2
+    assert load(["coop_nav-tiny"]).id == TINY.id
+    with pytest.raises(SpecError, match="expected a list of datasets"):
+        load("coop_nav-tiny", weights=[1])  # type: ignore[call-overload]
+    with pytest.raises(SpecError, match="path is of one dataset"):
+        load(["coop_nav-tiny"], path=alone.path)  # type: ignore[call-overload]
 
 
 @pytest.mark.usefixtures("tiny")

@@ -116,3 +116,15 @@ def test_other_observations_are_refused() -> None:
         made().actions(np.zeros((2, 3, 5), np.float32))
     with pytest.raises(SchemaError, match="expected 4 features of 3 agents"):
         made("separate").actions(np.zeros((2, 4, 4), np.float32))
+
+
+def test_utilities_are_linear_between_bins() -> None:
+    """At bins they are those of the bins, exactly; elsewhere as the weights of `two_hot` give."""
+    generator = torch.Generator().manual_seed(0)
+    utilities = torch.randn(50, 2, 5, generator=generator)
+    choices = torch.randint(5, (50, 2), generator=generator)
+    assert torch.equal(bins.interpolated(utilities, choices), bins.chosen(utilities, choices))
+    assert torch.equal(bins.places(bins.to_actions(choices, 5), 5), choices.float())
+    actions = torch.rand(50, 2, generator=generator) * 2.4 - 1.2
+    expected = (utilities * bins.two_hot(actions, 5)).sum(-1).mean(-1)
+    torch.testing.assert_close(bins.interpolated(utilities, bins.places(actions, 5)), expected)

@@ -1,0 +1,140 @@
+"""RecordedRows: the part of each batch that comes from a dataset, not from the replay.
+
+Ball et al., "Efficient online reinforcement learning with offline data", ICML 2023, section 4.1:
+symmetric sampling draws half of every batch from the data and half from the replay, for as long as
+training lasts. Here the part is `share`.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.training_data import Data
+from swarmdata.perception.frames import Frame
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Batch
+
+
+class RecordedSource(Frozen):
+    """Which data a run mixes in, as its `config.json` keeps it."""
+
+    id: str
+    digest: str
+    view: str | None = None  # changed models and weights, JSON
+    n_episodes: Annotated[int, Field(ge=1)]  # of the part that is drawn from
+    share: Annotated[float, Field(gt=0, lt=1)]  # of each batch
+
+    @classmethod
+    def of(cls, data: Data, share: float) -> "RecordedSource":
+        """Describes data, of which batches are to have a share.
+
+        Raises:
+            SpecError: the share is not between 0 and 1.
+        """
+        if not 0 < share < 1:
+            raise SpecError(
+                f"the offline share is {share:g}, expected above 0 and below 1: the part of each "
+                "batch that is recorded. Leave out the data for none, and train offline for all."
+            )
+        return cls(
+            id=data.id, digest=data.digest, view=data.view, n_episodes=len(data), share=share
+        )
+
+    def check(self, data: Data | None) -> None:
+        """Checks that data are those described.
+
+        Raises:
+            SchemaError: they are others.
+        """
+        if data is None or RecordedSource.of(data, self.share) != self:
+            got = "none" if data is None else repr(data)
+            raise SchemaError(f"got the data {got}, expected {self.id} with digest {self.digest}")
+
+
+def check_spec(data: Data, spec: TaskSpec) -> None:
+    """Checks that data were recorded in a task, with its rewards.
+
+    Raises:
+        SchemaError: they were recorded in another one.
+    """
+    if data.spec.hash() != spec.hash():
+        ours, theirs = spec.model_dump(mode="json"), data.spec.model_dump(mode="json")
+        names = ", ".join(name for name in ours if ours[name] != theirs.get(name))
+        raise SchemaError(
+            f"{data.id} was recorded in {data.spec.task} with another spec: it differs in {names}. "
+            "Mix in data of the task that is trained in."
+        )
+
+
+Stored = Callable[[Tensor], Tensor]
+"""What an algorithm stores of actions in [-1, 1]."""
+
+
+class RecordedRows:
+    """Endless seeded streams of recorded transitions, one for each seed.
+
+    Args:
+        data: to draw from.
+        frame: in which the robots see and act; None for the world's.
+        seeds: of the runs, [K].
+        batch_size: rows of a whole batch.
+        share: the part of them that is recorded; at least one row of each kind is drawn.
+        stored: what the algorithm stores of actions; None: themselves.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        frame: Frame | None,
+        seeds: Sequence[int],
+        batch_size: int,
+        share: float,
+        stored: Stored | None = None,
+    ) -> None:
+        self._stored = stored
+        self.n_rows = min(max(round(share * batch_size), 1), batch_size - 1)
+        source = framed(data, frame)
+        self._samplers = [source.sampler(self.n_rows, seed=seed) for seed in seeds]
+
+    def draw(self) -> Batch:
+        """Returns the next rows, tensors [K, n_rows, ...], not normalized."""
+        index = np.stack([sampler.draw() for sampler in self._samplers])
+        batch = self._samplers[0].gather(index).to_torch()
+        if self._stored is None:
+            return batch
+        return replace(batch, actions=self._stored(batch.actions))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Places in the streams, as bytes."""
+        text = json.dumps([sampler.state_dict() for sampler in self._samplers])
+        return {"samplers": torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Restores what `state_dict` returned."""
+        places = json.loads(state["samplers"].numpy().tobytes())
+        for sampler, place in zip(self._samplers, places, strict=True):
+            sampler.load_state_dict(place)
+
+
+def joined(drawn: Batch, recorded: Batch) -> Batch:
+    """Returns the rows of two batches [K, B, ...] as one; fields of one of them only are left out.
+
+    Args:
+        drawn: from the replay.
+        recorded: from a dataset.
+    """
+    names = (
+        "observations", "actions", "rewards", "next_observations", "states", "next_states",
+        "terminations", "truncations", "mask",
+    )  # fmt: skip
+    fields = {n: torch.cat([getattr(drawn, n), getattr(recorded, n)], 1) for n in names}
+    return Batch(**fields)

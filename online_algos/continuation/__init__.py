@@ -1,0 +1,1 @@
+"""Online training that goes on from offline runs and with recorded data."""

@@ -1,0 +1,220 @@
+"""OfflineStart: an offline run whose networks online training begins with.
+
+The networks of an offline run see observations in its frame, normalized with the statistics of its
+dataset. Online training that starts from it takes over both, and the sizes of the networks
+(`settings_of` of each online algorithm), so that its first policies act as those of the run do, bit
+for bit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, cast, runtime_checkable
+
+import numpy as np
+
+from swarmdata.errors import CheckpointError
+from swarmdata.interfaces import Algorithm, Policy
+from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
+from swarmdata.learn.training.run_folder import Run, load_last
+from swarmdata.online_algos.collection.input_moments import Moments
+from swarmdata.perception.frames import Frame
+from swarmdata.specs.features import Feature
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.plain_names import Sha256
+from swarmdata.specs.task_spec import TaskSpec
+
+
+class StartSource(Frozen):
+    """Which run another one starts from, as its `config.json` keeps it."""
+
+    folder: str  # as it was given
+    content: Sha256  # of the run's files, `run_files.run_hash`
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfflineStart:
+    """An offline run as of its last checkpoint."""
+
+    source: StartSource
+    run: Run
+    algorithm: Algorithm
+    statistics: Statistics
+    is_compact: bool  # it has no critics any more
+
+    @property
+    def name(self) -> str:
+        """The run's folder, for messages."""
+        return self.source.folder
+
+    @property
+    def reward_scale(self) -> float:
+        """Factor on rewards in the run's values: 1 / standard deviation of the returns-to-go."""
+        return 1 / self.statistics.return_std
+
+    @property
+    def discount(self) -> float:
+        """Discount of the run's values."""
+        return float(self.run.config["discount"])
+
+    def policy(self, seed: int) -> Policy:
+        """Returns the policy of a seed.
+
+        Raises:
+            CheckpointError: the run has no such seed.
+        """
+        return self.algorithm.policy(self.index(seed))
+
+    def index(self, seed: int) -> int:
+        """Returns the number of a seed among those of the run.
+
+        Raises:
+            CheckpointError: the run has no such seed.
+        """
+        if seed not in self.run.seeds:
+            raise CheckpointError(
+                f"{self.name} has the seeds {', '.join(map(str, self.run.seeds))}, expected seed "
+                f"{seed} among them, whose policy this seed starts from. Train the seeds of that "
+                "run with --seeds and --first-seed."
+            )
+        return self.run.seeds.index(seed)
+
+    def moments(self, n_seeds: int) -> Moments:
+        """Returns the statistics that normalize the run's inputs, alike for all seeds, float64."""
+        s = self.statistics
+        parts = (s.observation_mean, s.observation_std, s.state_mean, s.state_std)
+        return Moments(*(np.tile(np.asarray(part, np.float64), (n_seeds, 1)) for part in parts))
+
+
+@runtime_checkable
+class StartsOffline(Protocol):
+    """An online algorithm that can begin with the networks of an offline run."""
+
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """Returns the settings to start with, as text; those that a user gives win.
+
+        Args:
+            start: the run.
+            features: of the task's observations.
+
+        Raises:
+            CheckpointError: the run's policies are of another kind.
+        """
+        ...
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over what fits; returns a sentence about each thing that does not.
+
+        Raises:
+            CheckpointError: the policies do not fit.
+        """
+        ...
+
+
+def read_start(folder: Path | str) -> OfflineStart:
+    """Reads the run to start from.
+
+    Raises:
+        CheckpointError: the folder holds no offline run, or its checkpoint is absent or damaged.
+    """
+    path = Path(folder)
+    if is_online((run_folders(path) or (path,))[0]):
+        raise CheckpointError(
+            f"{folder} is a run of online training, expected an offline run to start from. mappo "
+            "starts from runs of mappo with --set start.policies=RUN."
+        )
+    loaded = load_last(path)
+    source = StartSource(folder=str(folder), content=run_hash(path, 0))
+    return OfflineStart(source, loaded.run, loaded.algorithm, loaded.statistics, loaded.is_compact)
+
+
+def check_task(start: OfflineStart, spec: TaskSpec) -> None:
+    """Checks that a run was trained for a task.
+
+    Raises:
+        CheckpointError: it was trained for another one.
+    """
+    if start.run.spec_hash == spec.hash():
+        return
+    ours, theirs = spec.model_dump(mode="json"), start.run.spec.model_dump(mode="json")
+    names = [name for name in ours if ours[name] != theirs.get(name)]
+    raise CheckpointError(
+        f"{start.name} was trained for {start.run.spec.task} on {start.run.dataset}, which differs "
+        f"from this task in: {', '.join(names)}. Train in the task of that run, or start from a "
+        "run for this one."
+    )
+
+
+def frame_name(frame: Frame | None, features: Sequence[Feature]) -> str:
+    """Returns the name by which `frames.find_frame` finds a frame."""
+    if frame is None:
+        return "world"
+    name = features[frame.anchor].name
+    return "target" if name == "own.goal_dx" else name.removesuffix("_x")
+
+
+def hidden_sizes(layers: Sequence[Layer]) -> tuple[int, ...]:
+    """Returns the widths of the hidden layers of networks."""
+    return tuple(layer.weight.shape[-1] for layer in layers[:-1])
+
+
+def as_text(sizes: Sequence[int]) -> str:
+    """Returns sizes of layers as settings have them."""
+    return ",".join(map(str, sizes))
+
+
+def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
+    """Returns the run's first policy if it is an actor of this kind.
+
+    Args:
+        start: the run.
+        squash: whether actions have to pass through tanh, or to be clipped.
+
+    Raises:
+        CheckpointError: it is another kind of policy.
+    """
+    policy = start.algorithm.policy(0)
+    if isinstance(policy, TorchPolicy) and policy.squash == squash:
+        return policy
+    cure = (
+        "an actor-critic, or bc with its default output" if squash else "bc with --set output=clip"
+    )
+    raise CheckpointError(
+        f"{start.name} holds policies of {start.run.algorithm}, expected actors whose actions "
+        f"{'pass through tanh' if squash else 'are clipped'}. Start from a run of {cure}."
+    )
+
+
+def checked_actors(
+    start: OfflineStart, seeds: Sequence[int], fitting: TorchPolicy
+) -> list[TorchPolicy]:
+    """Returns the actors of some seeds, to be copied.
+
+    Args:
+        start: the run.
+        seeds: whose actors they are, [K].
+        fitting: a policy of the algorithm that is to begin with them.
+
+    Raises:
+        CheckpointError: the run lacks a seed, or its actors have another frame or other sizes.
+    """
+    actors = [cast("TorchPolicy", start.policy(seed)) for seed in seeds]  # `actor_of` has looked
+    for what, ours, theirs in (
+        ("the frame", fitting.frame, actors[0].frame),
+        ("parameters", fitting.parameters, actors[0].parameters),
+        ("weights of shapes", _shapes(fitting), _shapes(actors[0])),
+    ):
+        if ours != theirs:
+            raise CheckpointError(
+                f"the actors of {start.name} have {what} {theirs}, expected {ours}. Leave out the "
+                "settings of the frame and of the actors: they are taken over from that run."
+            )
+    return actors
+
+
+def _shapes(policy: TorchPolicy) -> list[tuple[int, ...]]:
+    return [tuple(layer.weight.shape) for layer in policy.layers]

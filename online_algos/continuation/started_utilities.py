@@ -1,0 +1,113 @@
+"""VDN and QMIX that begin with the utility networks of an offline run, and its mixers if they fit.
+
+Offline, each seed has two utility networks with LayerNorm, and so has the training that starts from
+them. Runs with a behavior head (`--regulariser bc` and `bcq`) act by it and by the utilities, of
+which nothing is left without it: they are refused.
+"""
+
+from collections.abc import Sequence
+
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.networks.perceptrons import Layer, StackedMLP, present
+from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.online_algos.collection.value_learning import ValueLearning, policy_of
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    as_text,
+    frame_name,
+    hidden_sizes,
+)
+from swarmdata.specs.features import Feature
+
+WHEN_STARTED = {"epsilon": "0.1"}
+"""Settings of a training that starts from an offline run, where the user gives no others: random
+choices would hide what the policies can do."""
+
+
+def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns the settings of the run's networks and values, and `WHEN_STARTED`.
+
+    Args:
+        start: the run.
+        features: of the task's observations.
+
+    Raises:
+        CheckpointError: the run's policies do not act by the utilities of bins alone.
+    """
+    policy = _policy_of(start, start.run.seeds[0])
+    return {
+        "hidden": as_text(hidden_sizes(policy.layers)),
+        "n_critics": str(len(policy.layers[0].weight) // _n_rows(policy, start)),
+        "layer_norm": str(policy.layers[0].scale is not None).lower(),
+        "parameters": policy.parameters,
+        "n_bins": str(policy.choices.n_choices),
+        "frame": frame_name(policy.frame, features),
+        "discount": str(start.discount),
+        "reward_scale": str(start.reward_scale),
+        **WHEN_STARTED,
+    }
+
+
+def start_from(self: ValueLearning, start: OfflineStart) -> list[str]:
+    """Takes over utility networks, their targets, the statistics of inputs, and mixers that fit.
+
+    Raises:
+        CheckpointError: the utility networks do not fit.
+    """
+    seeds, team, fitting = self.collector.seeds, self.learner.team, policy_of(self, 0)
+    policies = [_policy_of(start, seed) for seed in seeds]
+    first = policies[0]
+    for what, ours, theirs in (
+        ("the frame", fitting.frame, first.frame),
+        ("parameters", fitting.parameters, first.parameters),
+        ("weights of shapes", _shapes(fitting.layers), _shapes(first.layers)),
+    ):
+        if ours != theirs:
+            raise CheckpointError(
+                f"the utility networks of {start.name} have {what} {theirs}, expected {ours}. "
+                "Leave out the settings of the frame, the networks and the bins: they are taken "
+                "over from that run."
+            )
+    n_rows = len(first.layers[0].weight)
+    for k, policy in enumerate(policies):
+        team.network.load_layers(slice(k * n_rows, (k + 1) * n_rows), policy.layers)
+    self.learner.descent.targets["team"].load(team.network.flat)
+    self.collector.moments = start.moments(len(seeds))
+    return _start_mixer(self, start)
+
+
+def _start_mixer(self: ValueLearning, start: OfflineStart) -> list[str]:
+    """Copies the mixers of the run if they fit; otherwise says that they do not."""
+    descent, seeds = self.learner.descent, self.collector.seeds
+    if "mixer" not in descent.networks:
+        return []
+    mine = descent.networks["mixer"]
+    theirs = getattr(getattr(start.algorithm, "mixer", None), "network", None)
+    if start.is_compact or not isinstance(theirs, StackedMLP) or theirs.shape != mine.shape:
+        return [f"The mixer begins anew: {start.name} has none of the same sizes."]
+    per_seed = len(mine.flat) // len(seeds)
+    for k, seed in enumerate(seeds):
+        first = per_seed * start.index(seed)
+        mine.flat[k * per_seed : (k + 1) * per_seed] = theirs.flat[first : first + per_seed]
+    descent.targets["mixer"].load(mine.flat)
+    return []
+
+
+def _policy_of(start: OfflineStart, seed: int) -> ChoicePolicy:
+    """The policy of a seed, if it acts by the utilities of bins alone."""
+    policy = start.policy(seed)
+    if not isinstance(policy, ChoicePolicy) or policy.behavior or policy.ranges:
+        raise CheckpointError(
+            f"{start.name} holds policies of {start.run.algorithm} that do not act by the "
+            "utilities of bins alone. Start from a run of offline vdn or qmix on continuous "
+            "actions with --regulariser none or cql."
+        )
+    return policy
+
+
+def _n_rows(policy: ChoicePolicy, start: OfflineStart) -> int:
+    return 1 if policy.parameters == "shared" else start.run.n_agents
+
+
+def _shapes(layers: Sequence[Layer]) -> list[list[tuple[int, ...]]]:
+    return [[tuple(weight.shape) for weight in present(layer)] for layer in layers]

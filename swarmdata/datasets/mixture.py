@@ -1,0 +1,313 @@
+"""Mixture: several datasets of one spec as one, of which batches hold chosen parts."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from swarmdata.datasets.dataset import Dataset, Statistics
+from swarmdata.datasets.sampling import Sampler
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.interfaces import VecEnv
+from swarmdata.numerics.random import derive, uniform
+from swarmdata.registry.published import Reference
+from swarmdata.specs.origins import Spec
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Batch, Double, Episode, Int
+
+LONGEST_ID = 96
+"""Characters of a mixture's id, which is part of the names of result files."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Mixture:
+    """Datasets of one spec, each with the probability that a row of a batch comes from it.
+
+    It has what training needs of a `Dataset`: `statistics` are those of rows that are drawn so, and
+    `id`, `digest` and `view` say what was mixed, and how.
+
+    Attributes:
+        parts: the datasets; none is empty.
+        weights: probabilities of the parts, which sum to 1.
+    """
+
+    parts: tuple[Dataset, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def id(self) -> str:
+        """The ids of the parts, such as `coop_nav-medium-v1+coop_nav-expert-v1`."""
+        return "+".join(part.id for part in self.parts)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the parts' digests and weights, hex."""
+        return hashlib.sha256(self.view.encode()).hexdigest()
+
+    @property
+    def view(self) -> str:
+        """Canonical JSON of the weights, digests and views of the parts."""
+        parts = [
+            {"id": part.id, "digest": part.digest, "view": part.view, "weight": weight}
+            for part, weight in zip(self.parts, self.weights, strict=True)
+        ]
+        return json.dumps({"mixture": parts}, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def spec(self) -> Spec:
+        """What was recorded in all parts."""
+        return self.parts[0].spec
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task that was recorded, one of this library.
+
+        Raises:
+            SpecError: the datasets were recorded in another environment.
+        """
+        return self.parts[0].task
+
+    @property
+    def references(self) -> Reference | None:
+        """Anchors of the normalized score, if known."""
+        return self.parts[0].references
+
+    @property
+    def n_episodes(self) -> int:
+        """Episodes of all parts."""
+        return len(self)
+
+    @property
+    def n_steps(self) -> int:
+        """Joint steps of all parts."""
+        return sum(part.n_steps for part in self.parts)
+
+    @property
+    def statistics(self) -> Statistics:
+        """Moments of observations and rewards over rows that are drawn with the weights."""
+        found = [part.statistics for part in self.parts]
+        means = np.stack([s.observation_mean for s in found])
+        stds = np.stack([s.observation_std for s in found])
+        observation_mean, observation_std = _mixed(means, stds, self.weights)
+        rewards = (
+            np.array([[s.reward_mean] for s in found]),
+            np.array([[s.reward_std] for s in found]),
+        )
+        (reward_mean,), (reward_std,) = _mixed(*rewards, self.weights)
+        return Statistics(observation_mean, observation_std, float(reward_mean), float(reward_std))
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return sum(map(len, self.parts))
+
+    def __iter__(self) -> Iterator[Episode]:
+        """Yields the episodes of the parts, one part after the other."""
+        return (episode for part in self.parts for episode in part)
+
+    def __repr__(self) -> str:
+        """Shows the parts with their weights."""
+        named = zip(self.weights, self.parts, strict=True)
+        return f"<Mixture of {', '.join(f'{weight:.3g} {part!r}' for weight, part in named)}>"
+
+    def step_weights(self) -> Double:
+        """Returns how much a step of each episode counts, [n]: on average 1."""
+        shares = [
+            w * self.n_steps / p.n_steps for w, p in zip(self.weights, self.parts, strict=True)
+        ]
+        return np.repeat(shares, [len(part) for part in self.parts])
+
+    def split(self, name: Literal["train", "validation", "test"]) -> "Mixture":
+        """Returns the mixture of one stored split of each part.
+
+        Raises:
+            UnknownNameError: another name.
+            SchemaError: no part has an episode of it.
+        """
+        return self.filter(split=name)
+
+    def filter(self, **conditions: Any) -> "Mixture":
+        """Returns the mixture of the episodes that meet conditions, as `Dataset.filter` takes them.
+
+        A part without such episodes is left out; the other weights keep their proportions.
+
+        Raises:
+            SchemaError: no part has any.
+        """
+        found = [part.filter(**conditions) for part in self.parts]
+        kept = [(p, w) for p, w in zip(found, self.weights, strict=True) if len(p)]
+        if not kept:
+            raise SchemaError(f"no episode of {self.id} is left; widen the filter")
+        return Mixture(tuple(p for p, _ in kept), _normalized([w for _, w in kept]))
+
+    def sampler(
+        self, batch_size: int = 256, *, horizon: int | None = None, seed: int = 0
+    ) -> "MixtureSampler":
+        """Returns an endless stream of batches, each of whose rows is drawn with the weights.
+
+        Args:
+            batch_size: transitions or windows in a batch, B.
+            horizon: steps of masked windows, as `Dataset.sampler` takes it.
+            seed: of the stream.
+
+        Raises:
+            SchemaError: a size is below 1, or continuous actions have no bounds.
+        """
+        samplers = [part.sampler(batch_size, horizon=horizon, seed=seed) for part in self.parts]
+        return MixtureSampler(samplers, self.weights)
+
+    def make_env(self, n_copies: int = 1) -> VecEnv:
+        """Builds copies of the world that was recorded."""
+        env: VecEnv = self.parts[0].make_env(n_copies)
+        return env
+
+    def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
+        """Returns the score of team returns, as `Dataset.normalized_score` does."""
+        return self.parts[0].normalized_score(returns)
+
+
+class MixtureSampler:
+    """Draws rows of several samplers; a batch is a pure function of the seed and its number.
+
+    An index counts the rows of all parts, one after the other.
+
+    Args:
+        samplers: of the parts, with one seed and batch size.
+        weights: probabilities of the parts.
+    """
+
+    def __init__(self, samplers: Sequence[Sampler], weights: Sequence[float]) -> None:
+        self._samplers, self._n_drawn = tuple(samplers), 0
+        self._bounds = np.cumsum(weights)[:-1]
+        self._starts = np.cumsum([0, *(len(s.rows.episode) for s in samplers)])
+        self.batch_size, self.seed = samplers[0].batch_size, samplers[0].seed
+
+    def __iter__(self) -> "MixtureSampler":
+        """Returns the sampler itself; it never ends."""
+        return self
+
+    def __next__(self) -> Batch:
+        """Draws and gathers the next batch."""
+        return self.gather(self.draw())
+
+    def draw(self) -> Int:
+        """Returns the rows of the next batch, int64 [B], without reading any data."""
+        first = self._n_drawn * self.batch_size
+        numbers = np.arange(first, first + self.batch_size, dtype=np.uint64)
+        self._n_drawn += 1
+        parts = np.searchsorted(self._bounds, uniform(derive(self.seed, 1, numbers)), side="right")
+        places = uniform(derive(self.seed, 0, numbers))
+        index = np.empty(self.batch_size, np.int64)
+        for part, sampler in enumerate(self._samplers):
+            own, n = parts == part, len(sampler.rows.valid)
+            # the product rounds up to n in rare cases
+            picks = np.minimum(places[own] * n, n - 1).astype(np.int64)
+            index[own] = self._starts[part] + sampler.rows.valid.take(picks)
+        return index
+
+    def gather(self, index: Int) -> Batch:
+        """Returns the transitions or windows that start at `index`, any shape.
+
+        Fields that a part has not recorded are None.
+
+        Raises:
+            IndexError: an index outside the mixture.
+        """
+        if index.size and not 0 <= index.min() <= index.max() < self._starts[-1]:
+            raise IndexError(
+                f"index {index.min()} to {index.max()}, expected 0 to {self._starts[-1] - 1}"
+            )
+        parts = np.searchsorted(self._starts, index, side="right") - 1
+        present = [part for part in range(len(self._samplers)) if (parts == part).any()]
+        owns = [parts == part for part in present]
+        batches = [
+            self._samplers[part].gather(index[own] - self._starts[part])
+            for part, own in zip(present, owns, strict=True)
+        ]
+        values: dict[str, Any] = {}
+        for field in fields(Batch):
+            found = [getattr(batch, field.name) for batch in batches]
+            if any(each is None for each in found):
+                values[field.name] = None
+                continue
+            whole = np.empty((*index.shape, *found[0].shape[1:]), found[0].dtype)
+            for own, each in zip(owns, found, strict=True):
+                whole[own] = each
+            values[field.name] = whole
+        return Batch(**values)
+
+    def state_dict(self) -> dict[str, int]:
+        """Everything needed to resume the stream: plain integers."""
+        return {**self._identity(), "n_drawn": self._n_drawn}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Continues where the sampler that returned `state` was.
+
+        Raises:
+            SchemaError: the state is of a sampler with other settings or other data.
+        """
+        settings = {name: value for name, value in state.items() if name != "n_drawn"}
+        if settings != self._identity() or state.get("n_drawn", -1) < 0:
+            raise SchemaError(
+                f"sampler state is {dict(state)}, expected n_drawn and {self._identity()}: resume "
+                "with the settings and the mixture that the state was saved with"
+            )
+        self._n_drawn = state["n_drawn"]
+
+    def _identity(self) -> dict[str, int]:
+        counts = {f"n_transitions_{k}": len(s.rows.valid) for k, s in enumerate(self._samplers)}
+        horizon = self._samplers[0].horizon or 0
+        return {"seed": self.seed, "batch_size": self.batch_size, "horizon": horizon, **counts}
+
+
+def mix(parts: Sequence[Dataset], weights: Sequence[float] | None = None) -> Mixture:
+    """Mixes datasets of one spec.
+
+    Args:
+        parts: the datasets.
+        weights: in proportion to which rows come from each; None: its number of transitions, so
+            that all transitions are equally likely.
+
+    Raises:
+        SchemaError: the datasets were recorded with different specs, or there are none.
+        SpecError: there is not one positive weight for each dataset, or the ids are too long.
+    """
+    if not parts:
+        raise SchemaError("there are no datasets to mix, expected at least one")
+    first = parts[0]
+    for other in parts[1:]:
+        if other.spec != first.spec:
+            ours, theirs = (each.spec.model_dump(mode="json") for each in (first, other))
+            names = [n for n in {**ours, **theirs} if ours.get(n) != theirs.get(n)]
+            raise SchemaError(
+                f"{other.id} cannot be mixed with {first.id}: their specs differ in "
+                f"{', '.join(names)}, expected equal ones; load both with the same observation and "
+                "communication models."
+            )
+    found = [part.n_steps for part in parts] if weights is None else weights
+    if len(found) != len(parts) or not all(0 < weight < np.inf for weight in found):
+        raise SpecError(
+            f"the weights of a mixture are {list(found)}, expected a positive number for each of "
+            f"its {len(parts)} datasets"
+        )
+    mixture = Mixture(tuple(parts), _normalized(found))
+    if len(mixture.id) > LONGEST_ID:
+        raise SpecError(
+            f"the ids of the mixture {mixture.id!r} have {len(mixture.id)} characters together, "
+            f"expected at most {LONGEST_ID}; mix fewer datasets"
+        )
+    return mixture
+
+
+def _normalized(weights: Sequence[float]) -> tuple[float, ...]:
+    total = sum(weights)
+    return tuple(weight / total for weight in weights)
+
+
+def _mixed(means: Double, stds: Double, weights: Sequence[float]) -> tuple[Double, Double]:
+    """Mean and deviation of a mixture, [F], of those of its parts, [P, F]."""
+    mean = np.average(means, axis=0, weights=weights)
+    square = np.average(np.square(stds) + np.square(means - mean), axis=0, weights=weights)
+    return mean, np.sqrt(square)

@@ -1,0 +1,161 @@
+"""Mixtures of datasets: batches, statistics, identity, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture, mix
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.perception.frames import find_frame
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import make_task
+from tests.support.one_process import use_one_process
+from tests.support.tiny import TINY, make_tiny
+
+WEIGHTS = (0.8, 0.2)
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, Dataset]:
+    """The same task, other episodes and policies, another number of steps."""
+    folder = tmp_path_factory.mktemp("parts")
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        other = {"id": "coop_nav-other-v0", "seed": 6, "n_steps": 900}
+        paths = make_tiny(folder / TINY.id), make_tiny(folder / "other", **other)
+    return Dataset.open(paths[0]), Dataset.open(paths[1])
+
+
+@pytest.fixture(scope="module")
+def mixture(parts: tuple[Dataset, Dataset]) -> Mixture:
+    return mix(parts, [8, 2])
+
+
+def shares(mixture: Mixture, n_batches: int = 60) -> float:
+    """The part of drawn rows whose rewards are of the first dataset."""
+    sampler = mixture.sampler(100, seed=3)
+    drawn = np.concatenate([sampler.draw() for _ in range(n_batches)])
+    return float((drawn < mixture.parts[0].n_steps).mean())
+
+
+def test_rows_are_drawn_with_the_weights(mixture: Mixture) -> None:
+    assert mixture.weights == WEIGHTS
+    assert shares(mixture) == pytest.approx(0.8, abs=0.02)
+
+
+def test_without_weights_every_transition_is_equally_likely(
+    parts: tuple[Dataset, Dataset],
+) -> None:
+    whole = mix(parts)
+    n_steps = [part.n_steps for part in parts]
+    assert whole.weights == pytest.approx(np.array(n_steps) / sum(n_steps))
+    assert shares(whole) == pytest.approx(n_steps[0] / sum(n_steps), abs=0.02)
+    np.testing.assert_allclose(whole.step_weights(), 1.0)
+
+
+def test_batches_hold_the_rows_of_the_parts(
+    mixture: Mixture, parts: tuple[Dataset, Dataset]
+) -> None:
+    index = np.stack([mixture.sampler(20, seed=seed).draw() for seed in (0, 1)])  # [K, B]
+    batch = mixture.sampler(20, seed=0).gather(index)
+    assert batch.observations.shape[:2] == (2, 20)
+    tables = [part.transitions() for part in parts]
+    for place in np.ndindex(*index.shape):
+        row = int(index[place])
+        part = int(row >= parts[0].n_steps)
+        expected = tables[part]
+        own = row - part * parts[0].n_steps
+        for name in ("observations", "actions", "rewards", "next_states", "terminations"):
+            np.testing.assert_array_equal(getattr(batch, name)[place], expected[name][own])
+
+
+def test_windows_are_mixed_too(mixture: Mixture) -> None:
+    batch = next(mixture.sampler(30, horizon=4, seed=1))
+    assert batch.rewards.shape[:2] == batch.mask.shape == (30, 4)
+    with pytest.raises(IndexError, match="index -1 to -1"):
+        mixture.sampler(4).gather(np.array([-1]))
+
+
+def test_a_stream_resumes(mixture: Mixture, parts: tuple[Dataset, Dataset]) -> None:
+    ours, theirs = (mixture.sampler(16, seed=2) for _ in range(2))
+    for _ in range(3):
+        ours.draw()
+    theirs.load_state_dict(ours.state_dict())
+    np.testing.assert_array_equal(ours.draw(), theirs.draw())
+    with pytest.raises(SchemaError, match="resume with the settings and the mixture"):
+        mix(parts[::-1]).sampler(16, seed=2).load_state_dict(ours.state_dict())
+
+
+def test_statistics_are_those_of_what_is_drawn(mixture: Mixture) -> None:
+    """As many rows as they take."""
+    train = mixture.split("train")
+    sampler = train.sampler(40_000, seed=0)
+    batch = next(sampler)
+    std = np.maximum(train.statistics.observation_std, 0.05)
+    error = batch.observations.mean((0, 1)) - train.statistics.observation_mean
+    assert np.abs(error / std).max() < 0.05
+    np.testing.assert_allclose(
+        batch.observations.std((0, 1)), train.statistics.observation_std, atol=0.05
+    )
+    measured = Statistics.measure(train, 0.9)
+    np.testing.assert_allclose(batch.states.mean(0), measured.state_mean, atol=0.06)
+    np.testing.assert_allclose(batch.states.std(0), measured.state_std, atol=0.06)
+
+
+def test_the_return_to_go_deviates_by_the_weights(parts: tuple[Dataset, Dataset]) -> None:
+    """A mixture of nearly nothing but one dataset has its deviation."""
+    alone = [Statistics.measure(part, 0.9) for part in parts]
+    nearly = Statistics.measure(mix(parts, [1e9, 1]), 0.9)
+    assert nearly.return_std == pytest.approx(alone[0].return_std, rel=1e-4)
+    assert nearly.max_return == max(each.max_return for each in alone)
+    assert alone[0].return_std != pytest.approx(alone[1].return_std, rel=1e-3)
+
+
+def test_frames_keep_the_weights(mixture: Mixture) -> None:
+    frame = find_frame(features_of(make_task(TINY.spec)), "target")
+    data = framed(mixture, frame)
+    ours, theirs = (Statistics.measure(each, 0.9) for each in (data, mixture))
+    assert ours.return_std == theirs.return_std
+    assert len(ours.observation_mean) > len(theirs.observation_mean)
+
+
+def test_identity_says_what_was_mixed(mixture: Mixture, parts: tuple[Dataset, Dataset]) -> None:
+    assert mixture.id == "coop_nav-tiny-v0+coop_nav-other-v0"
+    found = json.loads(mixture.view)["mixture"]
+    assert [(each["id"], each["digest"], each["weight"]) for each in found] == [
+        (part.id, part.digest, weight) for part, weight in zip(parts, WEIGHTS, strict=True)
+    ]
+    assert mixture.digest != mix(parts, [7, 3]).digest
+    assert len(mixture.digest) == 64
+
+
+def test_a_part_without_episodes_is_left_out(mixture: Mixture) -> None:
+    best = max(episode.team_return for episode in mixture.parts[0])
+    kept = mixture.filter(min_return=best)
+    expected = [part for part in mixture.parts if (part.episodes.team_return >= best).any()]
+    assert len(kept.parts) == len(expected)
+    assert sum(kept.weights) == pytest.approx(1.0)
+    with pytest.raises(SchemaError, match="widen the filter"):
+        mixture.filter(min_return=1e9)
+
+
+def test_wrong_mixtures_are_refused(
+    parts: tuple[Dataset, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use_one_process(monkeypatch)
+    spec = TINY.spec.with_updates(horizon=20)
+    shorter = Dataset.open(make_tiny(tmp_path / "short", id="coop_nav-short-v0", spec=spec))
+    with pytest.raises(SchemaError, match="their specs differ in horizon"):
+        mix([parts[0], shorter])
+    for weights in ([1], [1, 0], [1, float("inf")]):
+        with pytest.raises(SpecError, match="a positive number for each of its 2 datasets"):
+            mix(parts, weights)
+    with pytest.raises(SchemaError, match="there are no datasets"):
+        mix([])
+    with pytest.raises(SpecError, match="expected at most 96"):
+        mix([parts[0]] * 6)

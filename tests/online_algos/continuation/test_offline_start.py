@@ -1,0 +1,233 @@
+"""Online training that starts from offline runs: equal actions, curves, and wrong combinations."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
+
+from swarmdata.datasets.dataset import Dataset  # noqa: E402
+from swarmdata.errors import CheckpointError, SchemaError, SpecError  # noqa: E402
+from swarmdata.evaluation.runs import train as training  # noqa: E402
+from swarmdata.evaluation.runs.train import frame_of, train_online  # noqa: E402
+from swarmdata.learn.training.overrides import override  # noqa: E402
+from swarmdata.learn.training.run_files import CHECKPOINT  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run, read_table  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
+from swarmdata.online_algos.continuation.offline_start import read_start  # noqa: E402
+from swarmdata.online_algos.runs import online_training  # noqa: E402
+from swarmdata.online_algos.runs.online_training import measure, read_online_run  # noqa: E402
+from swarmdata.perception.observer import features_of  # noqa: E402
+from swarmdata.registry.components import (  # noqa: E402
+    OFFLINE_ALGORITHMS,
+    ONLINE_ALGORITHMS,
+    make_env,
+    make_task,
+    resolve,
+)
+from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
+from tests.support.one_process import use_one_process  # noqa: E402
+from tests.support.tiny import TINY, make_tiny  # noqa: E402
+
+SEEDS = (0, 1)
+OFFLINE: dict[str, dict[str, str]] = {
+    "bc": {"hidden": "12,12"},
+    "maddpg_bc": {"actor_hidden": "12", "critic_hidden": "8"},
+    "vdn": {"hidden": "12,12", "regulariser": "cql", "n_bins": "5"},
+    "qmix": {"hidden": "12,12", "regulariser": "none", "n_bins": "5"},
+    "bc-clip": {"hidden": "12,12", "output": "clip"},
+    "vdn-bc": {"hidden": "12,12"},
+}
+PAIRS = (
+    ("maddpg", "bc"),
+    ("maddpg", "maddpg_bc"),
+    ("mappo", "bc-clip"),
+    ("vdn", "vdn"),
+    ("vdn", "qmix"),
+    ("qmix", "qmix"),
+)
+SMALL = {"n_steps": "160", "n_copies": "4", "rollout_steps": "8"}
+REPLAY = {"batch_size": "8", "capacity": "200", "margin": "200", "warmup_transitions": "16"}
+
+
+def small(algorithm: str) -> dict[str, str]:
+    own = {"minibatch": "64"} if algorithm == "mappo" else REPLAY
+    return {**SMALL, **own, **({"critic_hidden": "8"} if algorithm == "maddpg" else {})}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        yield make_tiny(tmp_path_factory.mktemp("data") / TINY.id)
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("task") / "tiny.yaml"
+    file.write_text(TINY.spec.to_yaml())
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def runs(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A run of each offline algorithm, of a few updates."""
+    data, folders = Dataset.open(dataset), {}
+    for name, changes in OFFLINE.items():
+        algorithm = name.split("-")[0]
+        kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+        config = override(kind.Config(), {"n_updates": "6", "batch_size": "16", **changes})
+        folders[name] = tmp_path_factory.mktemp("runs") / name
+        train_seeds(
+            algorithm, data, folders[name], seeds=SEEDS, config=config,
+            frame=frame_of(data.spec), progress=False,
+        )  # fmt: skip
+    return folders
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two checkpoints of two episodes."""
+    describe = online_training.describe_run
+
+    def shorter(*arguments: Any, **options: Any) -> Any:
+        return describe(*arguments, n_checkpoints=2, n_episodes=2, **options)
+
+    monkeypatch.setattr(training, "describe_run", shorter)
+
+
+def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> None:
+    changes = {**small(algorithm), **options.pop("changes", {})}
+    train_online(
+        algorithm, task, out, seeds=SEEDS, changes=changes, start=run, progress=False, **options
+    )
+
+
+@pytest.mark.parametrize(("algorithm", "offline"), PAIRS)
+def test_the_first_policies_are_those_of_the_offline_run(
+    algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
+) -> None:
+    start(algorithm, task, tmp_path / "run", runs[offline])
+    rows = read_table(tmp_path / "run" / "curve.csv")
+    assert [row["frames"] for row in rows[:3]] == [0, 0, 96]
+    for policy, row in zip(load_run(runs[offline]), rows, strict=False):
+        for name, value in measure(policy, TINY.spec, 2).items():
+            assert row[name] == pytest.approx(value, rel=1e-5), name
+
+
+@pytest.mark.parametrize(("algorithm", "offline"), PAIRS)
+def test_they_act_alike_bit_for_bit(
+    algorithm: str, offline: str, runs: dict[str, Path], tmp_path: Path
+) -> None:
+    """For seeds in another order, too."""
+    kind, begin = resolve("algorithm", ONLINE_ALGORITHMS, algorithm), read_start(runs[offline])
+    settings = kind.settings_of(begin, features_of(make_task(TINY.spec)))
+    config = override(kind.Config(), {**settings, **small(algorithm)})
+    run = kind(make_env(TINY.spec, 2 * config.n_copies), SEEDS[::-1], config, tmp_path)
+    run.start_from(begin)
+    step = make_env(TINY.spec, 16).reset(np.arange(16, dtype=np.uint64))
+    expected = load_run(runs[offline])
+    for index, seed in enumerate(SEEDS[::-1]):
+        np.testing.assert_array_equal(run.policy(index).act(step), expected[seed].act(step))
+    ours, theirs = (p.act(step) for p in (expected[0], expected[1]))
+    assert not np.array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("algorithm", ["maddpg", "qmix"])
+def test_a_killed_run_that_started_and_mixes_data_ends_as_a_whole_one(
+    algorithm: str, runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    offline = runs["bc" if algorithm == "maddpg" else "qmix"]
+    options = {"data": str(dataset), "offline_share": 0.25}
+    start(algorithm, task, tmp_path / "whole", offline, **options)
+    calls = []
+
+    def interrupt(*arguments: Any) -> dict[str, float]:
+        calls.append(arguments)
+        if len(calls) in (2, 6):  # while it measures the start, and in the last checkpoint
+            raise KeyboardInterrupt
+        return measure(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(online_training, "measure", interrupt)
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                start(algorithm, task, tmp_path / "cut", offline, **options)
+    start(algorithm, task, tmp_path / "cut", offline, **options)
+    for name in ("config.json", "curve.csv", CHECKPOINT):
+        whole, cut = (tmp_path / each / name for each in ("whole", "cut"))
+        assert whole.read_bytes() == cut.read_bytes(), name
+    recorded = read_online_run(tmp_path / "whole").recorded
+    assert recorded is not None
+    assert (recorded.share, recorded.id) == (0.25, TINY.id)
+
+
+def test_a_batch_has_its_share_of_recorded_rows(
+    runs: dict[str, Path], dataset: Path, tmp_path: Path
+) -> None:
+    kind = resolve("algorithm", ONLINE_ALGORITHMS, "maddpg")
+    config = override(kind.Config(), small("maddpg"))
+    run = kind(make_env(TINY.spec, config.n_copies), (0,), config, tmp_path)
+    data = Dataset.open(dataset)
+    run.mix_in(data, 0.25)
+    run.update()
+    batch = run.collector._draw()
+    assert len(batch.actions[0]) == 8
+    rows = data.transitions()["rewards"]
+    known = [bool((rows == reward.numpy()).all(-1).any()) for reward in batch.rewards[0]]
+    assert known[-2:] == [True, True]
+    assert not all(known[:-2])
+
+
+WRONG = [
+    ("maddpg", "vdn", {}, "expected actors whose actions pass through tanh"),
+    ("maddpg", "bc-clip", {}, "expected actors whose actions pass through tanh"),
+    ("mappo", "bc", {}, "bc with --set output=clip"),
+    ("vdn", "bc", {}, "--regulariser none or cql"),
+    ("vdn", "vdn-bc", {}, "--regulariser none or cql"),
+    ("maddpg", "bc", {"frame": "world"}, "have the frame Frame"),
+    ("maddpg", "bc", {"actor_hidden": "9"}, "have weights of shapes"),
+    ("vdn", "vdn", {"n_bins": "7"}, "have weights of shapes"),
+]
+
+
+@pytest.mark.parametrize(("algorithm", "offline", "changes", "message"), WRONG)
+def test_what_does_not_fit_is_refused(
+    algorithm: str, offline: str, changes: dict[str, str], message: str,
+    runs: dict[str, Path], task: str, tmp_path: Path,
+) -> None:  # fmt: skip
+    with pytest.raises(CheckpointError, match=message):
+        start(algorithm, task, tmp_path / "run", runs[offline], changes=changes)
+
+
+def test_another_task_and_other_seeds_are_refused(
+    runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(TaskSpec(horizon=30).to_yaml())
+    with pytest.raises(CheckpointError, match="differs from this task in: horizon"):
+        start("maddpg", str(other), tmp_path / "run", runs["bc"])
+    with pytest.raises(SchemaError, match="with another spec: it differs in horizon"):
+        train_online("maddpg", str(other), tmp_path / "run", data=str(dataset))
+    with pytest.raises(CheckpointError, match="has the seeds 0, 1, expected seed 2"):
+        train_online(
+            "maddpg", task, tmp_path / "run", seeds=(1, 2), changes=small("maddpg"),
+            start=runs["bc"], progress=False,
+        )  # fmt: skip
+
+
+def test_data_need_a_replay_and_a_share(task: str, dataset: Path, tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="mappo learns from the steps of its present policies"):
+        train_online("mappo", task, tmp_path / "run", data=str(dataset))
+    with pytest.raises(SpecError, match="the offline share is 1, expected above 0 and below 1"):
+        train_online("vdn", task, tmp_path / "run", data=str(dataset), offline_share=1.0)
+
+
+def test_online_runs_are_no_offline_runs(runs: dict[str, Path], task: str, tmp_path: Path) -> None:
+    start("maddpg", task, tmp_path / "run", runs["bc"])
+    with pytest.raises(CheckpointError, match="is a run of online training"):
+        read_start(tmp_path / "run")
