@@ -1,19 +1,22 @@
-"""Offline QMIX: the team's value is a monotonic function of its robots' values and of the state.
+"""Offline QMIX: the team's value is a monotonic function of its robots' values.
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
 learning", ICML 2018, equations 4 and 5, over choices: recorded ones, or bins of each column of
 continuous actions. `offline_algos.vdn` explains the symbols, the rule and the `regulariser`, and
 names the sources:
 
-    Q_j(s, o, a) = f_j(Q_j(o_1, a_1), ..., Q_j(o_N, a_N); s)      df_j / dQ_j(o_i, a_i) >= 0
+    Q_j(x, a) = f_j(Q_j(o_1, a_1), ..., Q_j(o_N, a_N); x)         df_j / dQ_j(o_i, a_i) >= 0
     a'_i  = rule(1/2 sum_j U_j(o'_i), pi_b(. | o'_i))             chosen by the online networks
-    y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(s', o', a'), R*)   valued by the targets
-    L_td  = sum_j Huber(Q_j(s, o, a) - y),                        plus L_b or L_cql of `vdn`
+    y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(x', a'), R*)       valued by the targets
+    L_td  = sum_j Huber(Q_j(x, a) - y),                           plus L_b or L_cql of `vdn`
 
-f is `mixers.MonotonicMixer` on the normalized state.
+f is `mixers.MonotonicMixer`, and x = (state, all observations), normalized. The algorithm without
+what it is named after, the mixing network, is `vdn`.
 
 Deviations: those of `offline_algos.vdn` but the first, and
-- one hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
+- the hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here
+  (`network_inputs.information`).
+- One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
 - Each of the two utility networks has a mixing network of its own.
 """
@@ -29,6 +32,7 @@ from swarmdata.learn.choices.utility_networks import (
     N_CRITICS,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     by_critic,
     policy_of,
@@ -42,7 +46,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -65,45 +68,45 @@ class QMIX:
     def __init__(self, setup: Setup, config: QMIXConfig) -> None:
         self.config, self.n_updates = config, 0
         self.mixer = MonotonicMixer(
-            setup.sizes.n_agents, setup.sizes.state, setup.seeds, MIXER_STREAM,
+            setup.sizes.n_agents, setup.sizes.information, setup.seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
             n_critics=N_CRITICS,
         )  # fmt: skip
         self.networks = UtilityNetworks(setup, config, self.mixer.network)
 
     def value(
-        self, utilities: Tensor, weights: Tensor, states: Tensor, mixer: StackedMLP | None = None
+        self, utilities: Tensor, weights: Tensor, x: Tensor, mixer: StackedMLP | None = None
     ) -> Tensor:
-        """Returns Q_j(s, o, a), [K, J, B].
+        """Returns Q_j(x, a), [K, J, B].
 
         Args:
             utilities: [K, J, B, N, D, C].
             weights: the actions as weights of the choices, [K, B, N, D, C].
-            states: as recorded, [K, B, S].
+            x: normalized, [K, B, S + N O].
             mixer: other parameters to use, those of the targets.
         """
-        return self.mix(robot_values(utilities, weights), states, mixer)
+        return self.mix(robot_values(utilities, weights), x, mixer)
 
-    def mix(self, values: Tensor, states: Tensor, mixer: StackedMLP | None = None) -> Tensor:
+    def mix(self, values: Tensor, x: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns f_j of robots' values, [K, J, B] of [K, J, B, N], equations 4 and 5."""
-        s = self.networks.normalizer.states(states).repeat_interleave(N_CRITICS, 0)
-        return by_critic(self.mixer(values.flatten(0, 1), s, mixer))
+        return by_critic(self.mixer(values.flatten(0, 1), x.repeat_interleave(N_CRITICS, 0), mixer))
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks, slow = self.networks, self.networks.descent.targets
-        features = networks.normalizer.observations(batch.next_observations)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, slow["team"])
-        q_next = self.value(utilities, a_next, batch.next_states, slow["mixer"]).mean(1)  # [K, B]
+        utilities = networks.utilities(seen.slow_next_features, slow["team"])
+        x_next = networks.information(batch.next_states, features)
+        q_next = self.value(utilities, a_next, x_next, slow["mixer"]).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def loss(self, batch: Evaluated, y: Tensor) -> Loss:
         """Returns L_td with L_b or L_cql of the regulariser; y is a constant."""
-        q = self.value(batch.utilities, batch.weights, batch.states)  # [K, J, B]
+        q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
         td_loss = huber_error(q, y)  # [K]
         near_data = self.networks.regulariser_loss(batch)
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}

@@ -33,18 +33,17 @@ Without it the weights of QMIX's mixer and its values drive each other up: on ra
 than the data. With it they earn more (tests/record/test_playing_choices.py).
 
 `temperature` and `cql_weight` (alpha) are in units of scaled rewards; Beeson et al. have 1 and 0.25
-in raw ones. On `coop_nav` (3,500 updates of 128 rows, hidden sizes 64, 2 seeds, 100 episodes) `vdn`
-with `bc` scored 48 on medium-replay and 94 on expert with temperature 1, and 60 and 87 with 0.3;
-the default is between. With `cql`, in the world's frame (4,000 updates), alpha 0.1 scored 39 on
-medium-replay and 0.25 22.
+in raw ones. A smaller temperature gains on mixed data and loses on expert data; the default is a
+compromise, chosen on version 0 of `coop_nav`, and so is alpha.
 
 Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
 - Recorded continuous actions are interpolated between bins, not moved to the nearest one.
-- Feed-forward networks, no recurrent ones: observations hold velocities. Slowly moving targets,
-  Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations are
-  normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
+- Feed-forward networks, as observations hold velocities; with `memory` gru, one gated unit of a
+  seed remembers for all its networks, and the targets have a slow copy of it. Slowly moving
+  targets, Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations
+  are normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
 - Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """
@@ -58,6 +57,7 @@ from swarmdata.learn.choices.utility_networks import (
     LOSSES,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     policy_of,
     regularised_update,
@@ -68,7 +68,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -89,31 +88,32 @@ class VDN:
         self.config, self.n_updates = config, 0
         self.networks = UtilityNetworks(setup, config)
 
-    def value(self, utilities: Tensor, weights: Tensor, states: Tensor) -> Tensor:
-        """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for states.
+    def value(self, utilities: Tensor, weights: Tensor, x: Tensor) -> Tensor:
+        """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for x.
 
         Args:
             utilities: [K, J, B, N, D, C].
             weights: the actions as weights of the choices, [K, B, N, D, C].
-            states: as recorded, [K, B, S].
+            x: state and all observations, [K, B, S + N O].
         """
         return robot_values(utilities, weights).mean(-1)
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks = self.networks
-        features = networks.normalizer.observations(batch.next_observations)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, networks.descent.targets["team"])
-        q_next = self.value(utilities, a_next, batch.next_states).mean(1)  # [K, B]
+        utilities = networks.utilities(seen.slow_next_features, networks.descent.targets["team"])
+        x_next = networks.information(batch.next_states, features)
+        q_next = self.value(utilities, a_next, x_next).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def loss(self, batch: Evaluated, y: Tensor) -> Loss:
         """Returns L_td with L_b or L_cql of the regulariser; y is a constant."""
-        q = self.value(batch.utilities, batch.weights, batch.states)  # [K, J, B]
+        q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
         td_loss = huber_error(q, y)  # [K]
         near_data = self.networks.regulariser_loss(batch)
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}

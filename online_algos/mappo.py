@@ -13,11 +13,23 @@ sees the state s:
     (5) L(pi) = -mean min(ratio A, clip(ratio, 1 - c, 1 + c) A)        PPO, equation 7
     (6) L(V)  = mean Huber(V(s, o) - R)                                PPO, equation 9, second term
 
+Two parts of MAPPO are off by default, with which the shipped policies were trained:
+- `value_clip` c_V (MAPPO, section 5.4; 0.2 in its experiments) takes for (6) the larger of
+  Huber(V - R) and Huber(V_old + clip(V - V_old, -c_V, c_V) - R), in units of standardized returns;
+- `entropy_weight` (PPO, equation 9, third term; 0.01 in MAPPO's experiments) times the entropy of
+  the actions' noise is subtracted from L(pi). It needs `learned_std`, since the entropy of a
+  deviation that follows a schedule is a constant.
+
+With `memory` gru, actors remember the running episode (recurrent MAPPO, appendix B: gated units,
+gradients through segments of `window` steps; a segment begins with the memory that it had when the
+rollout was made, which is not computed again in later epochs). The critic has no memory: it sees
+the state, where the paper's critic remembers too.
+
 Deviations, each measured on `coop_nav` or required by it:
 - K seeds are trained at once, as an axis of every tensor;
 - robots observe and act in the frame of their target (`frame`), which turns with them;
-- the standard deviation of actions follows a schedule instead of being learned (a learned one
-  collapses early and success stalls), so there is no entropy bonus;
+- the standard deviation of actions follows a schedule instead of being learned (`learned_std`: it
+  collapses early and success stalls);
 - action noise may be correlated from step to step (`noise_correlation`), since independent noise
   averages out. It is autoregressive of order 1 (Korenkevych et al., "Autoregressive policies for
   continuous control deep reinforcement learning", IJCAI 2019, section 4). A million steps of
@@ -44,9 +56,12 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
+from swarmdata.learn.memory.memory_settings import Memory
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
-from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
+from swarmdata.learn.networks.perceptrons import StackedLayers, backward
 from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.collection.input_moments import measure_moments
@@ -57,6 +72,7 @@ from swarmdata.online_algos.collection.seed_generators import (
 )
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
+from swarmdata.online_algos.ppo.learned_deviation import LearnedDeviation
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights, Critic
 from swarmdata.online_algos.ppo.rollout_samples import (
     Rollout,
@@ -65,6 +81,7 @@ from swarmdata.online_algos.ppo.rollout_samples import (
     minibatches,
     pick,
     sample_rows,
+    sample_segments,
     seed_means,
 )
 from swarmdata.online_algos.ppo.state_values import fill_values
@@ -92,23 +109,54 @@ class MAPPOConfig:
     clip: float = 0.2
     value_weight: float = 0.5
     max_grad_norm: float = 0.5
+    value_clip: float | None = None  # c_V, of (6); None: not clipped
     std: float = 0.5
-    final_std: float = 0.1
+    final_std: float = 0.1  # without `learned_std`
+    learned_std: bool = False  # from `std` on, one for each component
+    entropy_weight: float = 0.0  # of the bonus; with `learned_std`
     noise_correlation: float = 0.0  # of action noise between steps, in [0, 1)
     mean_penalty: float = 0.05  # on means outside [-1, 1]
+    memory: Memory = "none"  # of the actors
+    memory_size: int = 64  # numbers that each robot remembers
+    window: int = 16  # with a memory, steps of the segments through which gradients flow
     critic_warmup_fraction: float = 0.0  # part of training in which only the critic learns
     shaping: ShapingConfig = ShapingConfig()  # noqa: RUF009 - frozen
     start: StartConfig = StartConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
-        """Checks the correlation.
+        """Checks the correlation, that an entropy bonus can act, and the memory.
 
         Raises:
-            SpecError: it is not in [0, 1).
+            SpecError: the correlation is not in [0, 1), the entropy is a constant, or a memory does
+                not go with other settings.
         """
         if not 0.0 <= self.noise_correlation < 1.0:
             raise SpecError(
                 f"noise_correlation is {self.noise_correlation:g}, expected at least 0, below 1"
+            )
+        if self.entropy_weight and not self.learned_std:
+            raise SpecError(
+                f"entropy_weight is {self.entropy_weight:g}, but the deviation of actions follows "
+                "a schedule, so that their entropy is constant; set learned_std to true as well"
+            )
+        if self.memory != "none":
+            self._check_memory()
+
+    def _check_memory(self) -> None:
+        if self.memory_size < 1 or not 1 <= self.window <= self.minibatch:
+            raise SpecError(
+                f"got memory_size={self.memory_size} and window={self.window}, expected at least 1 "
+                f"and at most a minibatch ({self.minibatch})"
+            )
+        if self.rollout_steps % self.window:
+            raise SpecError(
+                f"rollout_steps is {self.rollout_steps}, expected a multiple of window "
+                f"({self.window}), the steps of a segment"
+            )
+        if self.start.policies or self.start.has_teacher:
+            raise SpecError(
+                f"memory is {self.memory!r} and start is set: policies and clones to start from "
+                "have no memory. Leave one of them out."
             )
 
 
@@ -138,15 +186,26 @@ class MAPPO:
         measuring = torch_generators(seeds, "cpu")
         moments = measure_moments(self.worlds, measuring, config.rollout_steps)
         sizes = self.worlds.sizes
-        self.actors = Actors(sizes, seeds, config.hidden, config.parameters, moments)
+        memory = (config.memory_size, config.window) if config.memory != "none" else (0, 1)
+        self.actors = Actors(sizes, seeds, config.hidden, config.parameters, moments, *memory)
         n_inputs = self.actors.network.shape.inputs + sizes.state
         self.critic = Critic(n_inputs, seeds, config.hidden)
-        self.actor_adam, self.critic_adam = (
-            StackedAdam(network, len(seeds), 1.0, config.max_grad_norm)
-            for network in (self.actors.network, self.critic.network)
-        )
-        shape = (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action)
-        self._carried_noise = np.zeros(shape, np.float32)  # from the step before, [K, E, N, A]
+        self.deviation: LearnedDeviation | None = None
+        trained: dict[str, StackedLayers] = {"actor": self.actors.network}
+        if config.learned_std:
+            self.deviation = LearnedDeviation(
+                len(seeds) * self.actors.n_rows, sizes.action, config.std
+            )
+            trained["deviation"] = self.deviation.network
+        self.actor_adams = {
+            name: StackedAdam(network, len(seeds), 1.0, config.max_grad_norm)
+            for name, network in trained.items()
+        }
+        self.critic_adam = StackedAdam(self.critic.network, len(seeds), 1.0, config.max_grad_norm)
+        shape = (len(seeds), self.worlds.n_copies, sizes.n_agents)
+        # from the step before, [K, E, N, A] and [K, E, N, M]
+        self._carried_noise = np.zeros((*shape, sizes.action), np.float32)
+        self._memory = torch.zeros(*shape, self.actors.memory_size)
 
     @property
     def progress(self) -> float:
@@ -154,13 +213,15 @@ class MAPPO:
         return min(1.0, self.frames / self.config.n_steps)
 
     @property
-    def std(self) -> float:
-        """Current standard deviation of the actions."""
+    def std(self) -> float | Tensor:
+        """Current standard deviation of the actions; of learned ones [K n_rows, 1, A]."""
+        if self.deviation is not None:
+            return self.deviation.std
         return self.config.std + (self.config.final_std - self.config.std) * self.progress
 
     @property
-    def innovation_std(self) -> float:
-        """Current standard deviation of the noise that is not carried over from the step before."""
+    def innovation_std(self) -> float | Tensor:
+        """That of the noise which is not carried over from the step before."""
         return self.std * math.sqrt(1 - self.config.noise_correlation**2)
 
     @property
@@ -184,7 +245,7 @@ class MAPPO:
             The losses of the last minibatches, NaN of actors that do not learn yet; the mean
             reward that was trained on; the standard deviation of the actions. Each [K].
         """
-        c, std = self.config, torch.full((len(self.seeds),), self.std)
+        c, std = self.config, self._mean_std()
         self.env.progress = self.progress
         rollout = self._collect()
         advantages = generalized_advantages(
@@ -192,8 +253,9 @@ class MAPPO:
             rollout.terminations, rollout.ended, c.discount, c.gae_lambda,
         )  # fmt: skip
         returns = advantages + rollout.values  # (3)
+        old = self.critic.scale.normalize(rollout.values)
         self.critic.scale.update(returns)
-        losses = self._descend(rollout, advantages, self.critic.scale.normalize(returns))
+        losses = self._descend(rollout, advantages, self.critic.scale.normalize(returns), old)
         self.frames += c.rollout_steps * c.n_copies
         reward = rollout.rewards.mean(axis=(0, 2, 3), dtype=np.float64)
         return {**losses, "reward": torch.from_numpy(reward), "std": std}
@@ -201,8 +263,9 @@ class MAPPO:
     def _collect(self) -> Rollout:
         """Acts for `rollout_steps` steps in all copies; those that end begin new episodes."""
         c, worlds, actors = self.config, self.worlds, self.actors
-        r = empty_rollout(c.rollout_steps, actors.network.shape.inputs, worlds)
-        std, log_std = np.float32(self.innovation_std), np.float32(np.log(self.innovation_std))
+        n_inputs, memory_size = actors.network.shape.inputs, actors.memory_size
+        r = empty_rollout(c.rollout_steps, n_inputs, memory_size, worlds)
+        std, log_std = self._innovations()
         correlation = np.float32(c.noise_correlation)
         ends = []  # the last steps of episodes, whose values are bootstrapped from
         for t in range(c.rollout_steps):
@@ -210,65 +273,121 @@ class MAPPO:
             r.actor_inputs[t] = inputs
             r.states[t] = worlds.grouped(critic_states(worlds.current_step))
             noise = standard_normal(self.generators, r.actions.shape[2:])
-            r.actions[t] = actors.means(inputs).numpy() + std * noise
+            r.memories[t] = self._memory
+            means, self._memory = actors.act(inputs, self._memory)
+            r.actions[t] = means.numpy() + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - log_std).sum(-1)  # less A log(2 pi) / 2
             step = worlds.advance(r.actions[t] + self._carried_noise)
             self._carried_noise = correlation * (self._carried_noise + std * noise)
             r.rewards[t] = worlds.grouped(step.rewards)
             r.terminations[t], r.ended[t] = map(worlds.grouped, (step.terminations, step.ended))
-            self._carried_noise[r.ended[t]] = 0
+            self._forget(r.ended[t])
             ends.append(copy_step(step, np.flatnonzero(step.ended)))
         fill_values(r, ends, worlds, actors, self.critic)
         return r
 
-    def _descend(self, r: Rollout, advantages: Float, returns: Float) -> dict[str, Tensor]:
-        """Epochs of minibatches; the actors and the critic draw their own."""
-        c, n_seeds = self.config, len(self.seeds)
-        inputs, actions, log_probs, advantage = (
-            sample_rows(torch.from_numpy(x), c.parameters)
-            for x in (r.actor_inputs, r.actions, r.log_probs, normalized(advantages))
-        )  # [K, T E N, ...] or [K N, T E, ...]
-        critic_inputs, targets = (
+    def _forget(self, copies: Bool) -> None:
+        """Clears what is carried from step to step where episodes begin, [K, E]."""
+        self._carried_noise[copies] = 0
+        self._memory[torch.from_numpy(copies)] = 0
+
+    def _descend(
+        self, r: Rollout, advantages: Float, returns: Float, old: Float
+    ) -> dict[str, Tensor]:
+        """Epochs of minibatches; the actors and the critic draw their own.
+
+        Args:
+            r: the rollout.
+            advantages: of its actions, [T, K, E, N].
+            returns: standardized, [T, K, E, N].
+            old: outputs of the critic that the values were made of, [T, K, E, N].
+        """
+        c = self.config
+        of_actors = self.actors.seen(r) + [
+            sample_segments(torch.from_numpy(x), c.parameters, self.actors.window)
+            for x in (r.actions, r.log_probs, normalized(advantages))
+        ]  # L steps each: [K, T E N / L, L, ...] or [K N, T E / L, L, ...]
+        of_critic = [
             sample_rows(torch.from_numpy(x), "shared")
-            for x in (np.concatenate([r.actor_inputs, r.states], -1), returns)
-        )  # [K, T E N, ...]
-        losses = {name: torch.full((n_seeds,), torch.nan) for name in ("policy", "kl")}
+            for x in (np.concatenate([r.actor_inputs, r.states], -1), returns, old)
+        ]  # [K, T E N, ...]
+        losses = {name: torch.full((len(self.seeds),), torch.nan) for name in ("policy", "kl")}
         for _ in range(c.n_epochs):
             if self.progress > c.critic_warmup_fraction:
-                n_samples, n_rows = inputs.shape[1], self.actors.n_rows
-                for rows in minibatches(self.generators, n_samples, n_rows, c.minibatch):
-                    means = self.actors.network(pick(inputs, rows))  # [K n_rows, B, A]
-                    objective, kl = clipped_losses(
-                        means, pick(actions, rows), pick(log_probs, rows), pick(advantage, rows),
-                        std=self.innovation_std, clip=c.clip,
-                    )  # fmt: skip
-                    loss = seed_means(objective, n_seeds)
-                    excess = seed_means((means.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
-                    self.actor_adam.step(loss + c.mean_penalty * excess, self.learning_rate)
-                    losses |= {"policy": loss.detach(), "kl": seed_means(kl, n_seeds)}
-            for rows in minibatches(self.generators, critic_inputs.shape[1], 1, c.minibatch):
-                values = self.critic.network(pick(critic_inputs, rows))[..., 0]  # [K, B]
-                loss = smooth_l1_loss(values, pick(targets, rows), reduction="none").mean(1)  # (6)
-                self.critic_adam.step(c.value_weight * loss, self.learning_rate)
-                losses["value"] = loss.detach()
+                losses |= self._actor_epoch(of_actors)
+            losses |= self._critic_epoch(of_critic)
         return losses
 
-    def policy(self, index: int) -> TorchPolicy:
+    def _actor_epoch(self, samples: Sequence[Tensor]) -> dict[str, Tensor]:
+        """One pass over what was seen, actions, their log-probabilities and advantages.
+
+        Args:
+            samples: segments of all of them, [R, segments, ...].
+
+        Returns:
+            The last losses, [K].
+        """
+        c, n_seeds, learned = self.config, len(self.seeds), self.deviation
+        networks: list[StackedLayers] = [self.actors.network]
+        networks += [] if learned is None else [learned.network]
+        size = c.minibatch // self.actors.window
+        for rows in minibatches(self.generators, samples[0].shape[1], self.actors.n_rows, size):
+            *seen, taken, old, advantage = (pick(values, rows) for values in samples)
+            actions, log_probs, advantages = (x.flatten(1, 2) for x in (taken, old, advantage))
+            means = self.actors.again(*seen)  # [K n_rows, B, A]
+            objective, kl = clipped_losses(
+                means, actions, log_probs, advantages, std=self.innovation_std, clip=c.clip
+            )
+            loss = seed_means(objective, n_seeds)
+            excess = seed_means((means.abs() - 1).clamp(min=0).square().mean(-1), n_seeds)
+            total = loss + c.mean_penalty * excess
+            if learned is not None:
+                total = total - c.entropy_weight * seed_means(learned.entropy, n_seeds)
+            backward(total.sum(), networks)
+            for adam in self.actor_adams.values():
+                adam.descend(self.learning_rate)
+        return {"policy": loss.detach(), "kl": seed_means(kl, n_seeds)}
+
+    def _critic_epoch(self, samples: Sequence[Tensor]) -> dict[str, Tensor]:
+        """One pass over inputs, standardized returns and old outputs; the last loss, [K]."""
+        c = self.config
+        for rows in minibatches(self.generators, samples[0].shape[1], 1, c.minibatch):
+            inputs, returns, old = (pick(values, rows) for values in samples)
+            values = self.critic.network(inputs)[..., 0]  # [K, B]
+            loss = value_losses(values, returns, old, c.value_clip).mean(1)  # (6)
+            self.critic_adam.step(c.value_weight * loss, self.learning_rate)
+        return {"value": loss.detach()}
+
+    def _innovations(self) -> tuple[Float, Float]:
+        """`innovation_std` and its logarithm, numbers or [K, 1, N, A]; 1 for N of shared actors."""
+        std = self.innovation_std
+        if isinstance(std, Tensor):
+            by_robot = std.detach().view(len(self.seeds), 1, self.actors.n_rows, -1).numpy()
+            return by_robot, np.log(by_robot)
+        return np.asarray(std, np.float32), np.asarray(np.log(std), np.float32)
+
+    def _mean_std(self) -> Tensor:
+        """The standard deviation of the actions, a mean over components, [K]."""
+        std = self.std
+        if isinstance(std, Tensor):
+            return seed_means(std.detach(), len(self.seeds))
+        return torch.full((len(self.seeds),), std)
+
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
         """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
-        self._carried_noise[:] = 0
+        self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
         weights = self.actors.weights
         return {
-            "actor": weights.parameters,
+            **state_of_networks(self.actor_adams),
             "critic": self.critic.network.flat.clone(),
-            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
             **{f"critic_adam.{k}": v for k, v in self.critic_adam.state_dict().items()},
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
             "input.mean": torch.from_numpy(weights.input_mean),
@@ -282,14 +401,14 @@ class MAPPO:
         """Restores what `state_dict` returned and begins new episodes."""
         moments = (state[name].numpy() for name in ("input.mean", "input.std"))
         self.actors.load(ActorWeights(state["actor"], *moments))
+        restore_networks(self.actor_adams, state)
         self.critic.network.load(state["critic"])
-        self.actor_adam.load_state_dict(part(state, "actor_adam"))
         self.critic_adam.load_state_dict(part(state, "critic_adam"))
         self.critic.scale.moments = state["scale"].numpy().copy()
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)
         self.worlds.load_state_dict(part(state, "worlds"))
-        self._carried_noise[:] = 0
+        self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
 
 def generalized_advantages(
@@ -327,7 +446,7 @@ def normalized(advantages: Float) -> Float:
 
 def clipped_losses(
     means: Tensor, actions: Tensor, old_log_probs: Tensor, advantages: Tensor,
-    *, std: float, clip: float,
+    *, std: float | Tensor, clip: float,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Returns the negative clipped objective of each sample, and its divergence, two [R, B].
 
@@ -340,12 +459,33 @@ def clipped_losses(
         old_log_probs: of them under the policies that took them, up to the constant
             A log(2 pi) / 2, which cancels, [R, B].
         advantages: normalized, [R, B].
-        std: standard deviation of the actions.
+        std: standard deviation of the actions, a number or [R, 1, A].
         clip: largest change of a ratio from 1 that is rewarded, c.
     """
     z = (actions - means) / std
-    log_ratio = (-0.5 * z * z - np.log(std)).sum(-1) - old_log_probs
+    log_std = std.log() if isinstance(std, Tensor) else np.log(std)
+    log_ratio = (-0.5 * z * z - log_std).sum(-1) - old_log_probs
     ratio = log_ratio.exp()  # (4)
     clipped = ratio.clamp(1 - clip, 1 + clip)
     losses = -torch.minimum(ratio * advantages, clipped * advantages)  # (5)
     return losses, (ratio - 1 - log_ratio).detach()
+
+
+def value_losses(values: Tensor, returns: Tensor, old: Tensor, clip: float | None) -> Tensor:
+    """Returns the loss of each value, [K, B]: (6), clipped or not.
+
+    With a clip it is the larger of the losses of the value and of what the clip leaves of its
+    change, so that a value that has moved too far has no gradient unless it moves back (the code of
+    PPO2 and MAPPO).
+
+    Args:
+        values: outputs of the critic, [K, B].
+        returns: standardized, [K, B].
+        old: outputs before the update, [K, B].
+        clip: largest change, c_V; None does not clip.
+    """
+    losses: Tensor = smooth_l1_loss(values, returns, reduction="none")
+    if clip is None:
+        return losses
+    near = old + (values - old).clamp(-clip, clip)
+    return torch.maximum(losses, smooth_l1_loss(near, returns, reduction="none"))

@@ -1,17 +1,20 @@
-"""QMIX: the team's value is a monotonic function of its robots' values that depends on the state.
+"""QMIX: the team's value is a monotonic function of its robots' values.
 
 Rashid et al., "QMIX: monotonic value function factorisation for deep multi-agent reinforcement
 learning", ICML 2018, equations 5 and 6, over choices among bins of each action dimension
 (`learn.choices.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
 
-    Q_tot(s, o, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); s)      dQ_tot / dQ_i >= 0
+    Q_tot(x, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); x)         dQ_tot / dQ_i >= 0
     u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks
-    y     = r + gamma (1 - termination) Q'_tot(s', o', u')          valued by the targets
-    L     = Huber(Q_tot(s, o, u) - y)
+    y     = r + gamma (1 - termination) Q'_tot(x', u')              valued by the targets
+    L     = Huber(Q_tot(x, u) - y)
 
-Q_i is the mean over action dimensions, and f is `mixers.MonotonicMixer`.
+Q_i is the mean over action dimensions, f is `mixers.MonotonicMixer`, and x = (state, all
+observations). Without the mixing network it is `online_algos.vdn`.
 
 Deviations:
+- The hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here
+  (`network_inputs.information`).
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
 - Feed-forward networks, no recurrent ones: observations hold velocities.
@@ -30,6 +33,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.training.exploration import LinearSchedule
@@ -72,7 +76,7 @@ class QMIXLearner:
         self.config = config
         self.team = utility_team(sizes, seeds, config)
         self.mixer = MonotonicMixer(
-            sizes.n_agents, sizes.state, seeds, MIXER_STREAM,
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device="cpu",
         )  # fmt: skip
         networks = {"team": self.team.network, "mixer": self.mixer.network}
@@ -82,7 +86,8 @@ class QMIXLearner:
 
     def value(self, features: Tensor, states: Tensor, choices: Tensor) -> Tensor:
         """Returns Q_tot, [K, B], of bins [K, B, N, D]; states are normalized, [K, B, S]."""
-        return self.mixer(bins.chosen(self.utilities(features), choices), states)
+        values = bins.chosen(self.utilities(features), choices)  # [K, B, N]
+        return self.mixer(values, information(states, features))
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
@@ -90,7 +95,7 @@ class QMIXLearner:
         o_next, slow = batch.next_observations, self.descent.targets
         choices = bins.greedy(self.utilities(o_next))
         values = bins.chosen(self.utilities(o_next, slow["team"]), choices)  # [K, B, N]
-        q_next = self.mixer(values, batch.next_states, slow["mixer"])  # [K, B]
+        q_next = self.mixer(values, information(batch.next_states, o_next), slow["mixer"])  # [K, B]
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 

@@ -6,17 +6,41 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from tests.offline_algos.toys import progress_of, trained  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    actions_of,
+    made,
+    progress_of,
+    random_batch,
+    trained,
+)
 
 
-def test_the_state_weighs_the_robots(mixture: MemoryDataset) -> None:
+def test_states_and_observations_weigh_the_robots(mixture: MemoryDataset) -> None:
     algorithm, _ = trained(QMIX, mixture, 1, hidden=(8,))
-    values, states = torch.randn(2, 2, 5, 2), torch.randn(2, 5, 8)
-    mixed = algorithm.mix(values, states)
+    values, states, observations = (
+        torch.randn(2, 2, 5, 2),
+        torch.randn(2, 5, 8),
+        torch.randn(2, 5, 8),
+    )
+    mixed = algorithm.mix(values, torch.cat([states, observations], 2))
     assert mixed.shape == (2, 2, 5)
-    assert (algorithm.mix(values + 1, states) >= mixed).all()
-    assert not torch.allclose(algorithm.mix(values, states + 1), mixed)
+    for x in ((states + 1, observations), (states, observations + 1)):
+        assert not torch.allclose(algorithm.mix(values, torch.cat(x, 2)), mixed)
+    assert (algorithm.mix(values + 1, torch.cat([states, observations], 2)) >= mixed).all()
     assert {"networks.mixer", "networks.target_mixer"} <= algorithm.state_dict().keys()
+
+
+def test_the_mixer_learns_what_only_observations_say() -> None:
+    """As obstacles: rewards depend on what the robots observe, states and actions are constant."""
+    batch = random_batch(1, 64)
+    batch.states[...], batch.next_states[...], batch.actions[...] = 0.0, 0.0, 0.0
+    batch.terminations[...] = True
+    batch.rewards[...] = batch.observations[..., :1, 0].sign()
+    algorithm = made(QMIX, hidden=(4,), mixer_hidden=32, learning_rate=1e-2)
+    with torch.no_grad():  # the robots' own values are blind
+        algorithm.networks.team.network.flat[...] = 0.0
+    td_loss = [algorithm.update(batch)["td_loss"].item() for _ in range(150)]
+    assert td_loss[-1] < 0.2 * td_loss[0]
 
 
 @pytest.mark.learns
@@ -26,7 +50,7 @@ def test_it_beats_its_data(mixture: MemoryDataset, regulariser: str) -> None:
     algorithm, _ = trained(QMIX, mixture, 500, regulariser=regulariser)
     observations = mixture.transitions["observations"]
     for seed in range(2):
-        assert progress_of(algorithm.policy(seed).actions(observations), observations) > 0.08
+        assert progress_of(actions_of(algorithm.policy(seed), observations), observations) > 0.08
 
 
 @pytest.mark.learns
@@ -38,7 +62,7 @@ def test_without_a_regulariser_it_overestimates_narrow_data(good_only: MemoryDat
         algorithm, losses = trained(QMIX, good_only, 500, regulariser=regulariser)
         value[regulariser] = losses[-1]["q"]  # 2.07 against 1.25
         policies = [algorithm.policy(seed) for seed in range(2)]
-        each = [progress_of(policy.actions(observations), observations) for policy in policies]
+        each = [progress_of(actions_of(policy, observations), observations) for policy in policies]
         progress[regulariser] = sum(each) / 2  # 0.07 against 0.12
     assert value["none"] > value["bc"] + 0.1
     assert progress["bc"] > progress["none"] + 0.015

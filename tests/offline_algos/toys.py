@@ -8,8 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
+from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
@@ -142,6 +144,12 @@ def step_of(copies: int = 6, times: int = 0) -> Step:
         layouts=np.zeros((copies, 0, 8), np.float32),
         **no_messages(copies, n_agents),
     )
+
+
+def actions_of(policy: Policy, observations: Float) -> Float:
+    """Returns the actions of a policy without memory."""
+    assert isinstance(policy, Memoryless)
+    return policy.actions(observations)
 
 
 def set_bias(network: StackedMLP, row: int, value: float) -> None:

@@ -31,8 +31,20 @@ def test_the_mixer_has_the_sizes_of_the_config() -> None:
     sizes = Sizes(n_agents=3, observation=5, action=2, state=7)
     mixer = QMIXLearner(sizes, [1, 2], QMIXConfig(mixer_embedding=4, mixer_hidden=6)).mixer
     assert len(mixer.network.flat) == 2
-    assert (mixer.network.shape.inputs, mixer.network.shape.hidden) == (7, (6,))
-    assert mixer(torch.zeros(2, 9, 3), torch.zeros(2, 9, 7)).shape == (2, 9)
+    assert (mixer.network.shape.inputs, mixer.network.shape.hidden) == (7 + 3 * 5, (6,))
+    assert mixer(torch.zeros(2, 9, 3), torch.zeros(2, 9, 22)).shape == (2, 9)
+
+
+def test_the_mixer_sees_what_the_robots_observe() -> None:
+    sizes = Sizes(n_agents=2, observation=3, action=1, state=4)
+    learner = QMIXLearner(sizes, [0], QMIXConfig(hidden=(4,), n_bins=3))
+    with torch.no_grad():  # the robots' own values are blind
+        learner.team.network.flat[...] = 0.0
+    features, states = torch.randn(1, 5, 2, 3), torch.randn(1, 5, 4)
+    choices = torch.zeros(1, 5, 2, 1, dtype=torch.long)
+    value = learner.value(features, states, choices)
+    assert not torch.allclose(learner.value(features + 1, states, choices), value)
+    assert not torch.allclose(learner.value(features, states + 1, choices), value)
 
 
 def test_a_round_trains_utilities_and_mixer(two_episodes: Any, tmp_path: Path) -> None:

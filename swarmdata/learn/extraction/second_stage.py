@@ -31,6 +31,10 @@ Extraction = Literal["joint", "anchored", "weighted", "tilted"]
 """`joint`: the actor of the first stage is the policy; the others are losses of a second stage."""
 
 
+EXTRACTION_LOSSES = ("density_loss", "extraction_loss", "extracted_q")
+"""Names of the losses that a second stage adds."""
+
+
 @dataclass(frozen=True)
 class ExtractionConfig:
     """Settings of the extraction of a policy; one setting for all datasets.
@@ -39,7 +43,7 @@ class ExtractionConfig:
         SchemaError: a number is outside its range.
     """
 
-    extraction: Extraction = "anchored"
+    extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = True  # False: critics go on learning meanwhile, for ablations
     inverse_temperature: float = 3.0  # in deviations of Q under the density
@@ -94,7 +98,6 @@ class SecondStage:
         generators: of the draws from the density, one per seed, [K].
         config: settings of the extraction.
         n_updates: of both stages.
-        hidden: sizes of the density's hidden layers.
         learning_rate: of Adam, of the density and of the second stage.
         max_norm: largest norm of one seed's gradient; None does not clip.
     """
@@ -106,7 +109,6 @@ class SecondStage:
         generators: Sequence[torch.Generator],
         config: ExtractionConfig,
         n_updates: int,
-        hidden: tuple[int, ...],
         *,
         learning_rate: float,
         max_norm: float | None,
@@ -115,7 +117,7 @@ class SecondStage:
         self.begins_at = n_updates - round(n_updates * config.extraction_share)
         self.has_frozen_critics = config.frozen_critics
         self.density = BehaviorDensity(
-            actor.online, seeds, hidden,
+            actor.online, seeds,
             floor=config.density_floor, learning_rate=learning_rate, max_norm=max_norm,
         )  # fmt: skip
         network = actor.online.network

@@ -103,9 +103,37 @@ def outputs_of(
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
+    n_beside = 0 if beside is None else beside.shape[-1]
+    features = standard_features(layers[0], framed, mean, std, parameters, n_beside)
+    if beside is not None:
+        features = torch.cat([features, beside], -1)
+    return answer(layers, features, parameters)
+
+
+def standard_features(
+    first: Layer,
+    framed: Float,
+    mean: Tensor,
+    std: Tensor,
+    parameters: Parameters,
+    n_beside: int = 0,
+) -> Tensor:
+    """Returns what one seed's networks see, float64 [E, N, O].
+
+    Args:
+        first: their first layer.
+        framed: observations in the robots' frame, [E, N, O].
+        mean: subtracted from them, float64 [O].
+        std: what they are divided by, float64 [O].
+        parameters: whether the agents share one network.
+        n_beside: inputs of the networks that are no observations.
+
+    Raises:
+        SchemaError: the observations are not those the networks were trained on.
+    """
     n_agents, size = framed.shape[1:]
-    n_rows, n_inputs = layers[0].weight.shape[:2]
-    n_inputs -= 0 if beside is None else beside.shape[-1]
+    n_rows, n_inputs = first.weight.shape[:2]
+    n_inputs -= n_beside
     expected = len(mean)
     n_known = n_inputs - expected if parameters == "shared" else n_rows
     if size != expected or n_agents != n_known:
@@ -114,7 +142,4 @@ def outputs_of(
             f"of {n_known} agents. "
             "Evaluate it on the task and observation model that it was trained on."
         )
-    features = standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)
-    if beside is not None:
-        features = torch.cat([features, beside], -1)
-    return answer(layers, features, parameters)
+    return standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)

@@ -14,11 +14,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.extraction.second_stage import ExtractionConfig, SecondStage, Valuer
-from swarmdata.learn.networks.actor import DelayedActor, StackedActor
-from swarmdata.learn.networks.critics import JointCritics
+from swarmdata.learn.networks.actor import DelayedActor, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -31,6 +30,7 @@ class ActorCriticConfig:
     n_updates: int = 8_000
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
+    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
     critic_hidden: tuple[int, ...] = (128, 128)  # of everything that estimates values
     actor_learning_rate: float = 3e-3  # see `bc`
     critic_learning_rate: float = 1e-3  # see `maddpg_bc`
@@ -59,8 +59,9 @@ def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
     sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
     return StackedActor(
-        sizes, seeds, config.actor_hidden, statistics, squash=True, device=setup.device
-    )
+        sizes, seeds, config.actor_hidden, statistics,
+        squash=True, device=setup.device, policy_network=config.policy_network,
+    )  # fmt: skip
 
 
 def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
@@ -70,18 +71,6 @@ def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
         setup.n_seeds,
         learning_rate=config.actor_learning_rate,
         max_norm=config.max_grad_norm,
-    )
-
-
-def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
-    """Makes the two joint critics of each of K seeds with their slow copies."""
-    return JointCritics(
-        setup.sizes,
-        setup.seeds,
-        config.critic_hidden,
-        learning_rate=config.critic_learning_rate,
-        max_norm=config.max_grad_norm,
-        device=setup.device,
     )
 
 
@@ -100,22 +89,8 @@ def second_stage(
         generators,
         config,
         config.n_updates,
-        config.actor_hidden,
         learning_rate=config.actor_learning_rate,
         max_norm=config.max_grad_norm,
-    )
-
-
-JointParts = tuple[DelayedActor, JointCritics, list[torch.Generator], Normalizer]
-
-
-def joint_parts(setup: Setup, config: ActorCriticConfig, *, clip_target: bool) -> JointParts:
-    """Makes actors, joint critics, generators of noise, and the normalizer with its bound R*."""
-    return (
-        delayed_actor(setup, config),
-        joint_critics(setup, config),
-        setup.generators(),
-        Normalizer(setup.statistics, setup.device, clip_target=clip_target),
     )
 
 
@@ -138,7 +113,7 @@ class Trained(Protocol):
 class Actor(Protocol):
     """Deterministic policies of K seeds."""
 
-    def policy(self, index: int) -> TorchPolicy: ...
+    def policy(self, index: int) -> TorchPolicy | SetPolicy: ...
 
 
 class HasActor(Protocol):
@@ -251,17 +226,6 @@ def follow(self: ActorCritic) -> None:
     self.critics.follow(self.config.tau)
 
 
-class HasNormalizer(Protocol):
-    """An algorithm that normalizes what its networks see."""
-
-    normalizer: Normalizer
-
-
-def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
-    """Returns what joint critics see besides actions: x, [K, B, S + N O]."""
-    return self.normalizer.information(batch.states, batch.observations)
-
-
 def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:
     """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
     config = self.config
@@ -270,7 +234,7 @@ def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:
     )
 
 
-def policy_of(self: HasActor, index: int) -> TorchPolicy:
+def policy_of(self: HasActor, index: int) -> TorchPolicy | SetPolicy:
     """The policy of seed number `index`, as it is now."""
     return self.actor.policy(index)
 

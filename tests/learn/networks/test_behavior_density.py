@@ -11,7 +11,7 @@ from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
 
 def made(floor: float = 0.01) -> BehaviorDensity:
     actor = StackedActor(SIZES, [0], (32,), statistics(), squash=True, device="cpu")
-    return BehaviorDensity(actor, [0], (32,), floor=floor, learning_rate=1e-2, max_norm=None)
+    return BehaviorDensity(actor, [0], floor=floor, learning_rate=1e-2, max_norm=None)
 
 
 @pytest.mark.learns
@@ -37,6 +37,17 @@ def test_the_loss_is_the_gaussians_without_its_constant() -> None:
     normal = torch.distributions.Normal(mean, deviation)
     expected = -(normal.log_prob(a) + 0.5 * torch.log(torch.tensor(2 * torch.pi))).sum(3).mean()
     torch.testing.assert_close(density.gradient(o, a)[0], expected)
+
+
+def test_the_mean_descends_the_squared_error_whatever_the_deviation() -> None:
+    """The head's gradient of the mean: that of 1/2 |m - a|^2, the mean over rows and robots."""
+    density = made()
+    o, a = torch.randn(1, 16, 2, 3), torch.rand(1, 16, 2, 2) - 0.5
+    mean, _ = density.moments(o, a)
+    density.gradient(o, a)
+    bias = density.network.gradient[0, -4:-2]  # of the two means before tanh
+    expected = ((mean - a) * (1 - mean.square())).mean((0, 1, 2))
+    torch.testing.assert_close(bias, expected)
 
 
 def test_deviations_have_a_floor() -> None:

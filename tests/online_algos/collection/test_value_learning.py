@@ -10,6 +10,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
+from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
 from swarmdata.online_algos.vdn import VDNConfig, VDNLearner  # noqa: E402
@@ -78,9 +79,9 @@ def test_the_online_networks_choose_and_the_targets_value(kind: str) -> None:
         picked = [target[robot, d, int(online[robot, d].argmax())] for d in range(N_DIMENSIONS)]
         values.append(torch.stack(picked).mean())
     q = torch.stack(values)[None, None].expand(2, 1, -1)
-    state = batch.next_states[:, b : b + 1]
+    x_next = information(batch.next_states[:, b : b + 1], batch.next_observations[:, b : b + 1])
     if isinstance(learner, QMIXLearner):
-        mixed = learner.mixer(q, state, learner.descent.targets["mixer"])[k, 0]
+        mixed = learner.mixer(q, x_next, learner.descent.targets["mixer"])[k, 0]
     else:
         mixed = q.mean(-1)[k, 0]
     alive = 0.0 if batch.terminations[k, b] else 1.0
