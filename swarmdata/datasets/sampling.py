@@ -115,8 +115,7 @@ def gather_windows(
     steps, mask = rows.window(index, horizon, burn_in)
     episode = rows.episode.take(steps)
     batch = _gather(arrays, steps, steps + episode, rows.ends.take(episode) - 1, mask)
-    positions = np.broadcast_to(rows.positions.take(episode), steps.shape).copy()
-    batch = replace(batch, episodes=positions)
+    batch = replace(batch, episodes=rows.positions.take(episode))
     padding = np.nonzero(~mask)
     if len(padding[0]):
         for field in fields(batch):

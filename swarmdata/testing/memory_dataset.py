@@ -89,8 +89,8 @@ class MemoryDataset:
         lengths = np.array([len(episode) for episode in self], dtype=np.int64)
         ends = lengths.cumsum()
         episode = np.repeat(np.arange(len(lengths)), lengths)
-        n = np.arange(len(lengths))
-        return Rows(episode, ends - lengths, ends, valid=np.arange(len(episode)), positions=n)
+        valid, positions = np.arange(len(episode)), np.arange(len(lengths))
+        return Rows(episode, ends - lengths, ends, valid=valid, positions=positions)
 
     def sampler(
         self,

@@ -126,7 +126,7 @@ def standard_features(
         mean: subtracted from them, float64 [O].
         std: what they are divided by, float64 [O].
         parameters: whether the agents share one network.
-        n_beside: numbers that they see besides.
+        n_beside: inputs of the networks that are no observations.
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
